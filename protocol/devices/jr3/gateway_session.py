@@ -18,7 +18,7 @@ Three sides drive it. The owner asks with `zero`, `set_filter` and `stop`. The c
 `acknowledge`, `boot_up`, `sample`, `notice` and `tell`, and encodes the order that `order_to_send` gives. Time comes
 with `handle_deadline`. What the owner is told waits in `next_event`.
 
-An acknowledge does not say what it answers. So one order is under way at a time, `_flight`; others wait in `_queue`.
+An acknowledge does not say what it answers. So one order is under way at a time, others wait: `_Orders`.
 An order that ends a stream is acknowledged only after the rest of the stream's period: `joins`, `joined_s`.
 A gateway takes its zero with the next sample. One that it has sampled before may follow the acknowledge. So `Zeroed`
 is told with the first sample after it, and takes that along.
@@ -130,6 +130,130 @@ class _Flight(Generic[Op]):
     resend: bool = False
 
 
+class _Orders(Generic[Op]):
+    """The order under way and those behind it. A pause may come before the next one."""
+
+    def __init__(self, dialect: Dialect[Op], profile: SessionProfile) -> None:
+        self._dialect, self._profile = dialect, profile
+        self._queue: deque[Op] = deque()
+        self.flight: _Flight[Op] | None = None
+        self.quiet_until: float | None = None
+        """End of the pause, s."""
+
+    @property
+    def are_idle(self) -> bool:
+        """Whether there is nothing to send and nothing to wait for."""
+        return self.flight is None and not self._queue
+
+    def add(self, op: Op) -> None:
+        """An order is to be sent, once."""
+        if op not in self._queue:
+            self._queue.append(op)
+
+    def drop(self) -> None:
+        """Forget all orders, the one under way too."""
+        self.flight = None
+        self._queue.clear()
+
+    def timeout(self, op: Op) -> float:
+        """Longest time until an acknowledge, s."""
+        joined = self._dialect.joined_s if op in self._dialect.joins else 0.0
+        return self._profile.ack_timeout_s + joined
+
+    def next(self, now: float) -> Op | None:
+        """The order whose turn it is; it counts as sent."""
+        flight = self.flight
+        if flight is None:
+            if not self._queue or (self.quiet_until is not None and now < self.quiet_until):
+                return None
+            self.quiet_until = None
+            op = self._queue.popleft()
+            flight = self.flight = _Flight(op, now + self.timeout(op))
+        elif flight.resend:
+            flight.resend = False
+            flight.tries += 1
+            flight.due = now + self.timeout(flight.op)
+        else:
+            return None
+        return flight.op
+
+    @property
+    def due(self) -> float | None:
+        """The next time-out or end of a pause, s."""
+        if self.flight is not None:
+            return None if self.flight.resend else self.flight.due
+        return self.quiet_until if self._queue else None
+
+    def overdue(self, now: float) -> _Flight[Op] | None:
+        """The order whose acknowledge has not come in time; ends a pause that is over."""
+        if self.quiet_until is not None and now >= self.quiet_until:
+            self.quiet_until = None
+        flight = self.flight
+        return flight if flight is not None and not flight.resend and now >= flight.due else None
+
+
+class _Scales:
+    """The full scales, which are known or asked for."""
+
+    def __init__(self, known: tuple[float, ...]) -> None:
+        self.known = known
+        """N and N·m; empty while they are not known."""
+        self._words: tuple[int, ...] = ()
+
+    def restart(self) -> None:
+        """They are asked for from the first one on."""
+        self._words = ()
+
+    def take(self, words: Sequence[int]) -> str:
+        """Take the next words; the axis whose full scale is 0, or an empty string."""
+        for axis, word in zip(AXES[len(self._words) :], words, strict=False):
+            if word == 0:
+                return axis
+        self._words += tuple(words)
+        if len(self._words) == len(AXES):
+            self.known = full_scales_si(self._words[:3], self._words[3:])
+        return ""
+
+
+class _Samples:
+    """The samples of a session: their counter, their range, and the zero that comes with one."""
+
+    def __init__(
+        self, counter: SampleCounter, telling: SensorTelling, still_timeout: float, now: float
+    ) -> None:
+        self._counter, self._telling, self._still_timeout = counter, telling, still_timeout
+        self._range = Range()
+        self.new_at = now
+        """When the newest sample with another counter than the one before came, s; not before READY."""
+        self.zeroing = False
+        """The next sample is the first with another zero."""
+
+    def restart(self) -> None:
+        """The gateway begins again."""
+        self.zeroing = False
+        self._counter.restart()
+        self._range.restart()
+
+    def take(self, counts: tuple[int, int, int, int, int, int], counter: int, at: float, ready: bool) -> str:
+        """Tell a sample. What has failed in a session that is `ready`, or an empty string."""
+        if (sequence := self._counter.follow(counter)) is None:
+            stood = at - self.new_at
+            if stood >= self._still_timeout and ready:
+                return f"its counter has stood at {counter} for {stood:.1f} s while samples go on"
+            return ""
+        self.new_at = at
+        if self.zeroing:
+            self.zeroing = False
+            self._range.zeroed(self._range.newest)
+            self._telling.tell(Zeroed(WrenchFrame(counts, counter, sequence, at)))
+            return ""
+        saturated = self._range.saturated(counts)
+        for warning in self._range.warnings:
+            self._telling.notice(warning)
+        self._telling.tell(WrenchFrame(counts, counter, sequence, at, saturated))
+        return ""
+
+
 class GatewaySession(Generic[Op]):
     """The state machine of a client; the client itself reads and writes what is on the wire."""
 
@@ -139,34 +263,29 @@ class GatewaySession(Generic[Op]):
         self.cutoff_hz = profile.cutoff_hz
         """Cut-off in an order; 0 is unfiltered."""
         self.statistics = SensorStatistics()
-        self._counter = SampleCounter(self.statistics, dialect.counter_step, dialect.counter_behind)
-        self._range = Range()
         self._asks_scales = frozenset(op for phase, op in dialect.steps if phase in _ASK_SCALES)
-        self._new_at = now
-        """When the newest sample with another counter than the one before came, s; not before READY."""
-        self._still_timeout = max(profile.still_timeout_s, 5 * (dialect.period or 0.0))
         self._telling = telling = SensorTelling(f"{dialect.name}: ")
         self.tell, self.notice, self.next_event = telling.tell, telling.notice, telling.next_event
-        self._queue: deque[Op] = deque()
+        counter = SampleCounter(self.statistics, dialect.counter_step, dialect.counter_behind)
+        still_timeout = max(profile.still_timeout_s, 5 * (dialect.period or 0.0))
+        self._samples = _Samples(counter, telling, still_timeout, now)
+        self._orders = _Orders(dialect, profile)
         self._zero_wanted = False
         self._begin(now)
 
     def _begin(self, now: float) -> None:
         self._ready_by = self._settled_at = now + self._profile.ready_timeout_s
-        self._full_scales = self._profile.full_scales
+        self._scales = _Scales(self._profile.full_scales)
         self._answered = False
-        self._quiet_until: float | None = None
+        self._orders.quiet_until = None
         self._foreign_acknowledges = 0
-        self._zeroing = False
-        self._counter.restart()
-        self._range.restart()
-        self._enqueue(self._first_step())
+        self._samples.restart()
+        self._orders.add(self._first_step())
 
     def _first_step(self) -> Op:
         """Forget what is under way and go back to ASKING, whose order this is."""
-        self._flight: _Flight[Op] | None = None
-        self._queue.clear()
-        self._words: tuple[int, ...] = ()
+        self._orders.drop()
+        self._scales.restart()
         self._steps: Iterator[tuple[Phase, Op]] = iter(self._dialect.steps)
         self.phase, order = next(self._steps)
         return order
@@ -174,16 +293,12 @@ class GatewaySession(Generic[Op]):
     @property
     def stop_patience(self) -> float:
         """How long SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
-        return 2 * self._ack_timeout(self._dialect.stop)
-
-    def _ack_timeout(self, op: Op) -> float:
-        joined = self._dialect.joined_s if op in self._dialect.joins else 0.0
-        return self._profile.ack_timeout_s + joined
+        return 2 * self._orders.timeout(self._dialect.stop)
 
     @property
     def scales_expected(self) -> bool:
         """Whether the next acknowledge may hold full scales: they are asked for, or were when the stop went out."""
-        flight = self._flight
+        flight = self._orders.flight
         return flight is not None and (flight.op in self._asks_scales or self._foreign_acknowledges > 0)
 
     # --- requests of the owner
@@ -192,7 +307,7 @@ class GatewaySession(Generic[Op]):
         """Make the present wrench the origin, once settled. Raises LocalProtocolError after the end."""
         self._require_running("zero")
         if self.phase is Phase.READY:
-            self._enqueue(self._dialect.zero)
+            self._orders.add(self._dialect.zero)
         else:
             self._zero_wanted = True
 
@@ -205,7 +320,7 @@ class GatewaySession(Generic[Op]):
             raise LocalProtocolError(str(error)) from error
         self.cutoff_hz = cutoff_hz
         if self.phase not in _BEFORE_START:  # the start carries the cut-off too
-            self._enqueue(self._dialect.set_filter)
+            self._orders.add(self._dialect.set_filter)
 
     def stop(self) -> None:
         """End the session; SensorStopped tells that the gateway knows. Harmless when called again.
@@ -216,31 +331,16 @@ class GatewaySession(Generic[Op]):
         if self.phase in (Phase.STOPPING, Phase.STOPPED):
             return
         # Orders under way may still be acknowledged: that must not be taken for the stop's acknowledge.
-        self._foreign_acknowledges = int(self._flight is not None)
+        self._foreign_acknowledges = int(self._orders.flight is not None)
         self._end(Phase.STOPPING)
-        self._enqueue(self._dialect.stop)
+        self._orders.add(self._dialect.stop)
 
     # --- calls of the client
 
     def sample(self, counts: tuple[int, int, int, int, int, int], counter: int, at: float) -> None:
         """A sample came, complete at this time; to be told only when READY."""
-        if (sequence := self._counter.follow(counter)) is None:
-            if at - self._new_at >= self._still_timeout and self.phase is _READY:
-                stood = (
-                    f"its counter has stood at {counter} for {at - self._new_at:.1f} s while samples go on"
-                )
-                self._fail(stood, "sensor unplugged? plug it in, then switch the gateway off and on")
-            return
-        self._new_at = at
-        if self._zeroing:
-            self._zeroing = False
-            self._range.zeroed(self._range.newest)
-            self.tell(Zeroed(WrenchFrame(counts, counter, sequence, at)))
-            return
-        saturated = self._range.saturated(counts)
-        for warning in self._range.warnings:
-            self.notice(warning)
-        self.tell(WrenchFrame(counts, counter, sequence, at, saturated))
+        if stood := self._samples.take(counts, counter, at, self.phase is _READY):
+            self._fail(stood, "sensor unplugged? plug it in, then switch the gateway off and on")
 
     def boot_up(self, now: float) -> None:
         """The gateway has begun again and knows nothing of this session."""
@@ -252,9 +352,9 @@ class GatewaySession(Generic[Op]):
 
     def acknowledge(self, state: int, words: Sequence[int] | None, now: float) -> None:
         """An acknowledge came, with the words of full scales where it has them."""
-        flight = self._flight
+        flight = self._orders.flight
         if self._dialect.pause_s is not None:
-            self._quiet_until = now + self._dialect.pause_s
+            self._orders.quiet_until = now + self._dialect.pause_s
         if flight is None:
             return  # late answer to an order that was repeated
         if self._foreign_acknowledges:
@@ -266,63 +366,46 @@ class GatewaySession(Generic[Op]):
         if flight.op in self._asks_scales and words is None:
             self.statistics.malformed += 1  # it understood another order; asked again when the time is up
             return
-        self._flight = None
+        self._orders.flight = None
         if self._dialect.pause_s is None and flight.tries > 1:
-            self._quiet_until = now + self._profile.ack_timeout_s
+            self._orders.quiet_until = now + self._profile.ack_timeout_s
         self._advance(flight.op, words or (), now)
 
     def order_to_send(self, now: float) -> Op | None:
         """The order whose turn it is; it counts as sent."""
-        flight = self._flight
-        if flight is None:
-            if not self._queue or (self._quiet_until is not None and now < self._quiet_until):
-                return None
-            self._quiet_until = None
-            op = self._queue.popleft()
-            flight = self._flight = _Flight(op, now + self._ack_timeout(op))
-        elif flight.resend:
-            flight.resend = False
-            flight.tries += 1
-            flight.due = now + self._ack_timeout(flight.op)
-        else:
-            return None
-        return flight.op
+        return self._orders.next(now)
 
     # --- endpoint
 
     def next_deadline(self) -> float | None:
         """The next time-out or end of a pause."""
-        if self.phase is _READY and self._flight is None and not self._queue:
+        orders = self._orders
+        if self.phase is _READY and orders.are_idle:
             return None
-        due: list[float] = []
-        if self._flight is not None and not self._flight.resend:
-            due.append(self._flight.due)
-        if self._quiet_until is not None and self._flight is None and self._queue:
-            due.append(self._quiet_until)
-        if self.phase is _ASKING:
-            due.append(self._ready_by)
-        if self.phase is _SETTLING:
-            due.append(self._settled_at)
-        return min(due, default=None)
+        due = [
+            orders.due,
+            self._ready_by if self.phase is _ASKING else None,
+            self._settled_at if self.phase is _SETTLING else None,
+        ]
+        return min([moment for moment in due if moment is not None], default=None)
 
     def handle_deadline(self, now: float) -> None:
         """Ask again, give up, or become ready."""
-        if self._quiet_until is not None and now >= self._quiet_until:
-            self._quiet_until = None
+        overdue = self._orders.overdue(now)
         if self.phase is _ASKING and now >= self._ready_by:
             waited = f"{self._profile.ready_timeout_s:g} s"
             answered = Trouble(f"acknowledges but not ready after {waited}", "sensor unplugged?")
             self._fail(*(answered if self._answered else self._dialect.explain_silence(waited)))
-        elif self._flight is not None and not self._flight.resend and now >= self._flight.due:
-            self._on_timeout(self._flight)
+        elif overdue is not None:
+            self._on_timeout(overdue)
         if self.phase is _SETTLING and now >= self._settled_at:
-            self.phase, self._new_at = _READY, now
+            self.phase, self._samples.new_at = _READY, now
             self._tell_facts()
             if not self.cutoff_hz:
                 self.notice(UNFILTERED)
             if self._zero_wanted:
                 self._zero_wanted = False
-                self._enqueue(self._dialect.zero)
+                self._orders.add(self._dialect.zero)
 
     # --- transitions
 
@@ -330,13 +413,9 @@ class GatewaySession(Generic[Op]):
         if self.phase in _ENDED:
             raise LocalProtocolError(f"cannot {wish}: the session is {self.phase.value}")
 
-    def _enqueue(self, op: Op) -> None:
-        if op not in self._queue:
-            self._queue.append(op)
-
     def _end(self, phase: Phase) -> None:
-        self.phase, self._flight, self._quiet_until = phase, None, None
-        self._queue.clear()
+        self.phase, self._orders.quiet_until = phase, None
+        self._orders.drop()
 
     def _fail(self, text: str, remedy: str = "") -> None:
         self._end(Phase.FAILED)
@@ -358,15 +437,15 @@ class GatewaySession(Generic[Op]):
             return
         order = self._first_step()
         if self._dialect.pause_s is not None:
-            self._enqueue(order)
+            self._orders.add(order)
         else:
             # Asked again when the acknowledge time-out of this order ends: neither answers nor asks pile up.
-            self._flight = _Flight(order, max(flight.due, now), tries=0)
+            self._orders.flight = _Flight(order, max(flight.due, now), tries=0)
 
     def _advance(self, answered: Op, words: Sequence[int], now: float) -> None:
         """The next step of the session after the acknowledge of an order."""
         if answered is self._dialect.zero:
-            self._zeroing = True
+            self._samples.zeroing = True
         elif answered is self._dialect.stop:
             self.phase = Phase.STOPPED
             self._telling.stop()
@@ -374,29 +453,21 @@ class GatewaySession(Generic[Op]):
             if self.phase is _READY:
                 self._tell_facts()
         else:
-            if answered in self._asks_scales and not self._accept_scales(words):
-                return
-            self._next_step(now)
+            zero_axis = self._scales.take(words) if answered in self._asks_scales else ""
+            if zero_axis:
+                self._fail(f"full scale of {zero_axis} is 0", "calibration not read?")
+            else:
+                self._next_step(now)
 
     def _tell_facts(self) -> None:
         delay = first_order_delay(self.cutoff_hz)
-        self.tell(SensorReady(facts_of(self._full_scales, self._dialect.period, delay)))
-
-    def _accept_scales(self, words: Sequence[int]) -> bool:
-        for axis, word in zip(AXES[len(self._words) :], words, strict=False):
-            if word == 0:
-                self._fail(f"full scale of {axis} is 0", "calibration not read?")
-                return False
-        self._words += tuple(words)
-        if len(self._words) == len(AXES):
-            self._full_scales = full_scales_si(self._words[:3], self._words[3:])
-        return True
+        self.tell(SensorReady(facts_of(self._scales.known, self._dialect.period, delay)))
 
     def _next_step(self, now: float) -> None:
         for phase, order in self._steps:
-            if not (self._full_scales and phase in _ASK_SCALES):
+            if not (self._scales.known and phase in _ASK_SCALES):
                 self.phase = phase
-                self._enqueue(order)
+                self._orders.add(order)
                 return
         self.phase, self._settled_at = Phase.SETTLING, now + self._profile.settle_s
 
