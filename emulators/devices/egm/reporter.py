@@ -1,4 +1,4 @@
-"""Datagrams of an emulated controller with EGM: what it measures and feels, as its faults let it tell."""
+"""Datagrams of an emulated controller with EGM: measured pose, joints and force, altered by its faults."""
 
 import math
 from collections.abc import Mapping
@@ -83,7 +83,7 @@ class Reporter:
         return tuple(joints) if self._profile.joints_in == "radians" else tuple(map(math.degrees, joints))
 
     def _altered(self, message: RobotMessage, at: float) -> RobotMessage:
-        """A message as faults let it be told."""
+        """A message with the faults that are active."""
         if (wrong := self._faults.under_way(_NUMBER, at)) is not None:
             message = message._replace(seqno=message.seqno + int(wrong.number("by")))
         if self._faults.under_way(_NO_OWN_FORCE, at) is not None:
@@ -91,5 +91,5 @@ class Reporter:
         return message
 
     def _measured_force(self, measured: Pose, at: float) -> tuple[float, ...]:
-        """The measured force along the tool's axes, N; it tells no moments."""
+        """Measured force along the tool's axes, N, and zero moments."""
         return *rotate(inverse(measured.quaternion), self._force.at(at)[:3]), 0.0, 0.0, 0.0

@@ -33,7 +33,7 @@ class SampleFilter:
         self.number = profile.filter
         """Number of the filter, as its page has it."""
         self._ahead: deque[tuple[int, list[float]]] = deque()
-        """Outputs that records will tell without a filter, by the numbers of their samples."""
+        """Unfiltered outputs for the records that come next, by the numbers of their samples."""
         self.restart(0)
 
     def restart(self, first: int) -> None:
@@ -42,10 +42,10 @@ class SampleFilter:
         """Number of the newest sample that was read."""
         self.output: list[float] | None = None
         self.saturated_until = -1
-        """Number of the last sample that is told as saturated."""
+        """Number of the last sample that is reported as saturated."""
 
     def read(self, number: int, step: int) -> list[float]:
-        """Read every sample up to this number; the output. Outputs that are told lie `step` apart."""
+        """Read every sample up to this number and return the output. Records are `step` samples apart."""
         weight = _weight(self.number)
         # After a pause the filter has long forgotten: it begins where it would have come to.
         most = step if weight == 1.0 else math.ceil(20.0 / weight)
@@ -58,15 +58,15 @@ class SampleFilter:
             state = outputs[-1].tolist()
             if self.output is not None:
                 share = 1.0 - weight
-                seen = weight * (_powers(share, len(outputs)) @ outputs)
-                state = (share ** len(outputs) * np.array(self.output) + seen).tolist()
+                newer = weight * (_powers(share, len(outputs)) @ outputs)
+                state = (share ** len(outputs) * np.array(self.output) + newer).tolist()
         if (at_end := self._measured.last_at_end(first, number)) is not None:
             self.saturated_until = at_end + self._hold
         self.newest, self.output = number, state
         return state
 
     def _unfiltered(self, first: int, number: int, step: int) -> list[float]:
-        """Output of a sample; those from `first` on are read. With it come those that are told next, as they are."""
+        """Return the output of a sample; those from `first` on are read. Outputs of the next records are kept."""
         ahead = self._ahead
         if not (ahead and ahead[0][0] == number):
             rows = self._measured.outputs_ahead(first, number)[number - first :: step].tolist()

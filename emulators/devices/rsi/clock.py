@@ -1,4 +1,4 @@
-"""The clock of an emulated KUKA controller: its beats, and the number that its telegrams tell."""
+"""The clock of an emulated KUKA controller: its beats, and the IPOC of its telegrams."""
 
 import math
 
@@ -13,20 +13,20 @@ class Clock:
 
     def __init__(self, profile: RsiProfile, now: float) -> None:
         self._profile, self._powered_at, self._beats = profile, now, 0
-        self.begin_anew()
+        self.restart()
 
-    def begin_anew(self) -> None:
-        """The next telegram is the first."""
+    def restart(self) -> None:
+        """Number the next telegram as the first."""
         self.ipoc = self._profile.ipoc_start - self._profile.cycle_ms
-        """Clock of the newest telegram, ms."""
+        """IPOC of the newest telegram, ms."""
 
     @property
     def next_beat(self) -> float:
-        """s"""
+        """Time of the next beat, s."""
         return self._powered_at + self._beats * self._profile.period
 
     def take_beat(self, now: float) -> float:
-        """The newest beat that is due at `now`, s. Those before are skipped."""
+        """Return the time of the newest beat that is due at `now`, s, and skip those before."""
         missed = math.floor((now - self.next_beat) / self._profile.period + _ROUNDING_S)
         self._beats += missed
         self.advance(missed)
@@ -35,9 +35,9 @@ class Clock:
         return beat
 
     def advance(self, cycles: int) -> None:
-        """Count cycles on."""
+        """Advance the IPOC by a number of cycles."""
         self.ipoc = (self.ipoc + cycles * self._profile.cycle_ms) & LARGEST_IPOC
 
     def jump(self, time_ms: int) -> None:
-        """Go wrong by a time."""
+        """Shift the IPOC, not below zero."""
         self.ipoc = max(0, self.ipoc + time_ms)

@@ -218,7 +218,7 @@ class RsiController:
         self.state, self.error = State.ON, ""
         self._session = self._make_session(now)
         if self.profile.ipoc_restart == "anew":
-            self._clock.begin_anew()
+            self._clock.restart()
 
     def _make_session(self, now: float) -> Session:
         """A session that corrects from where the robot stands."""

@@ -14,7 +14,7 @@ from protocol.endpoint import RemoteProtocolError
 
 
 class OrderReader:
-    """Reads the corrections that a client orders, taken or not."""
+    """Reads the corrections that a client orders, accepted or not."""
 
     def __init__(self, profile: RsiProfile, arm: CorrectedArm, desk: Desk) -> None:
         self._profile, self._kinematics, self._desk = profile, arm.kinematics, desk

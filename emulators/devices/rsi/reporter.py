@@ -29,7 +29,7 @@ class Reporter:
     def __init__(self, profile: RsiProfile, arm: CorrectedArm, desk: Desk) -> None:
         self._profile, self._arm, self._desk = profile, arm, desk
         self.pose = ToldPose(arm.pose)
-        """The measured pose, as faults let it be told."""
+        """The measured pose, altered by faults."""
 
     def make_telegram(self, session: Session, ipoc: int, runs: bool, now: float) -> bytes:
         """The next telegram of a session; `runs` says whether the program does."""

@@ -65,7 +65,7 @@ class Controller:
     def advance(self, now: float) -> None:
         """Let all cycles up to `now` happen. A process that was late has not heard its clients meanwhile."""
         if (late := now - self.now - self.period) > ROUNDING_S:
-            self.force.delay_watchdog(late)
+            self.force.watchdog.last += late
             self.player.delay_watchdogs(late)
         self.path.advance(now)
 
@@ -160,7 +160,7 @@ class Controller:
         self.motions.hear_package(names)
         self.player.feed_watchdogs(names, self.now)
         if EXTERNAL_FORCE in names:
-            self.force.refresh_external(self.now)
+            self.force.watchdog.last = self.now
 
     # --- for a judge of a client
 

@@ -17,6 +17,7 @@ from emulators.devices.rtde.force_mode import about_tool, external_wrench
 from emulators.devices.rtde.io import EXTERNAL_FORCE
 from emulators.devices.rtde.manipulator import Manipulator
 from emulators.devices.rtde.profile import RtdeProfile
+from emulators.devices.rtde.running import Watchdog
 from emulators.devices.rtde.state import Registers
 from protocol.devices.rtde.fields import Value
 from protocol.devices.rtde.force import GRAVITY
@@ -54,11 +55,11 @@ class ForceReading:
     """The force of one controller, cycle by cycle: base axes, N and N·m."""
 
     def __init__(self, profile: RtdeProfile, seed: int, now: float) -> None:
-        self._profile = profile
+        self._max_force_n = profile.max_force_n
         self.external = False
         """Whether `external_force_torque` is its force sensor."""
-        self._external_at = now
-        """Time of the last external force, s."""
+        rate = profile.force_watchdog_hz
+        self.watchdog = Watchdog(EXTERNAL_FORCE, 1.0 / rate if rate else math.inf, "pause", now)
         self.payload: tuple[float, ...] = (0.0,) * 4
         """Mass, kg, and its centre, m, as the controller takes them to be."""
         self.own = OwnForce(own_errors(profile), seed)
@@ -82,24 +83,15 @@ class ForceReading:
 
     def enable_external(self, enable: bool, now: float) -> None:
         """Take `external_force_torque` for the force sensor, or the arm's own."""
-        self.external, self._external_at = enable, now
-
-    def refresh_external(self, now: float) -> None:
-        """An external force came."""
-        self._external_at = now
-
-    def delay_watchdog(self, time: float) -> None:
-        """Leave out a time, s, in which no force could be read."""
-        self._external_at += time
+        self.external, self.watchdog.last = enable, now
 
     def is_overdue(self, now: float) -> bool:
         """Whether an external force has not come for too long."""
-        rate = self._profile.force_watchdog_hz
-        return self.external and bool(rate) and now - self._external_at > 1.0 / rate + 1e-9
+        return self.external and self.watchdog.is_overdue(now)
 
     def problem(self) -> str:
         """Reason of a protective stop for an external force, or an empty string."""
-        too_large = self.external and math.hypot(*self.felt[:3]) > self._profile.max_force_n
+        too_large = self.external and math.hypot(*self.felt[:3]) > self._max_force_n
         return "the force is too large" if too_large else ""
 
     def zero(self) -> None:

@@ -100,7 +100,7 @@ class Player:
     def check_watchdogs(self, now: float) -> None:
         """Stop or pause a program whose input is overdue."""
         for watchdog in self._watchdogs:
-            if now - watchdog.last > watchdog.period + 1e-9:
+            if watchdog.is_overdue(now):
                 self._counts[f"watchdog {watchdog.action}"] += 1
                 self._end(now) if watchdog.action == "stop" else self.pause()
                 return

@@ -28,6 +28,11 @@ class Watchdog:
         """`period` is the longest time between two packages with the input, s; `action` is pause or stop."""
         self.name, self.period, self.action = name, period, action
         self.last = now
+        """Time of the newest package, s."""
+
+    def is_overdue(self, now: float) -> bool:
+        """Whether the input has not come for too long."""
+        return now - self.last > self.period + 1e-9
 
 
 class Saying(NamedTuple):

@@ -60,7 +60,7 @@ class RobotState:
 
     @property
     def takes_programs(self) -> bool:
-        """Whether text on the script port is taken."""
+        """Whether the script port accepts programs."""
         return self.remote and self.may_move
 
     def hindrance(self, now: float) -> Hindrance | None:

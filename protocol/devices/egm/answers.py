@@ -1,4 +1,4 @@
-"""Which datagrams of a robot are answered, and when: no answer too many may stay in its queue."""
+"""Which datagrams of a robot are answered, and when. A surplus answer would stay in the robot's queue."""
 
 from collections import deque
 
@@ -22,7 +22,7 @@ class Answers:
         self._waiting_since: float | None = None
         """When the answer left that may still be in the robot's queue, s; None where there is none."""
         self._ends = False
-        """A movement has ended on its way: its speed is taken back at once, for no other datagram may be answered."""
+        """A movement has ended on its way: its speed is withdrawn at once, for no other datagram may be answered."""
         self._left_out = False
         """The next datagram has had its answer so."""
         self.count = 0
@@ -48,7 +48,7 @@ class Answers:
             self._waiting_since = None
 
     def end_movement(self, moving: bool) -> None:
-        """Take a speed back at once, if the robot is `moving` by one."""
+        """Withdraw a speed at once, if the robot is `moving` by one."""
         self._ends = moving and self._has_speed
 
     def begin_answer(self, now: float) -> bool:

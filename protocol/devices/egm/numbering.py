@@ -55,16 +55,16 @@ class Numbering:
         return at - self._arrived_at > _SILENCE_S
 
     def is_stray(self, message: RobotMessage, guided: bool, at: float) -> bool:
-        """Whether a datagram that does not follow is not to be heeded: the robot has not been seen to count anew.
+        """Whether to ignore a datagram that does not follow, because the robot has not restarted its numbers.
         `guided` says whether it is of a robot that is guided where the newest reference is.
         """
         if self.seqno is None or self.is_silent(at):
             self.guided_on = False
             return False
         first = not self._strays.waits
-        anew = self._strays.take(message.seqno, at)
+        restarted = self._strays.take(message.seqno, at)
         self.guided_on = (first or self.guided_on) and guided
-        return not anew
+        return not restarted
 
     def ahead(self, message: RobotMessage) -> int:
         """By how much the number of a datagram is larger than the newest one."""

@@ -39,7 +39,7 @@ _HEALTHY = frozenset(product(*(good for _, good, _ in _FAULTS)))
 
 
 def find_trouble(message: RobotMessage) -> Trouble:
-    """Reason for which a robot that tells this cannot move."""
+    """Return the reason for which a robot with this message cannot move."""
     if (message.motors, message.rapid, message.guidance) in _HEALTHY:
         return NO_TROUBLE
     if message.guidance == Guidance.ERROR:

@@ -12,9 +12,9 @@ from protocol.kinematics import Joints
 from protocol.numbering import AHEAD_MAX, NewNumbers
 
 SESSION_MS = 1000
-"""Chosen: a clock that jumps by more, either way, is that of a program that was begun anew."""
+"""Chosen: a clock that jumps by more, either way, is that of a restarted program."""
 PLANNED_MM = 0.1
-"""Chosen: a set position that moves by more is that of a program that was begun anew, or that moves by itself."""
+"""Chosen: a set position that moves by more is that of a program that was restarted, or that moves by itself."""
 PLANNED_DEG = 0.02
 """Chosen: the same of a set axis, where the axes are corrected."""
 
@@ -26,7 +26,7 @@ class Arrival(Enum):
     RENUMBERED = auto()
     """The next one, of a clock that jumped."""
     RESTARTED = auto()
-    """The first of a program that was begun anew, or moves by itself."""
+    """The first of a program that was restarted, or moves by itself."""
     RESUMED = auto()
     """The first after a silence, or at all."""
     OLD = auto()
@@ -60,9 +60,9 @@ class Continuity:
         self._sequence = 0
         self._received_at = -math.inf
         self._planned: Pose | None = None
-        """Set position of the newest telegram that told one."""
+        """Set position of the newest telegram with one."""
         self._planned_axes: Joints | None = None
-        """Set axes of the newest telegram that told them."""
+        """Set axes of the newest telegram with them."""
 
     def place(self, telegram: RobotTelegram, at: float, total: Correction) -> Place:
         """Place a telegram that came at a time, s, of a robot with this correction. It is the newest then, unless it is
@@ -104,7 +104,7 @@ class Continuity:
         return offset is not None and math.dist(offset[:3], total[:3]) <= self._link.stray_mm
 
     def _is_restarted(self, telegram: RobotTelegram) -> bool:
-        """Whether the count of late answers begins anew, or the set position is another."""
+        """Whether the count of late answers has restarted, or the set position is another."""
         if telegram.late is not None and self.late is not None and telegram.late < self.late:
             return True
         if telegram.planned_axes is not None and self._planned_axes is not None:

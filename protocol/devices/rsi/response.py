@@ -31,7 +31,7 @@ class Response:
         self.offset: Correction | None = None
         """Correction that the newest telegram shows; None where it shows none."""
         self.missed = 0
-        """Answers in a row that the robot has not taken."""
+        """Consecutive answers that the robot has not accepted."""
         self.strayed = False
         """The robot has not come along with its correction in this movement."""
         self.halted = False

@@ -17,7 +17,7 @@ _STATUS = "ProgStatus.R"
 _ACTUAL, _SET, _LATE = pose_tags("RIst"), pose_tags("RSol"), "Delay.D"
 _ACTUAL_AXES, _SET_AXES = axis_tags("AIPos"), axis_tags("ASPos")
 NO_POSE = Pose((math.nan,) * 3, (1.0, 0.0, 0.0, 0.0))
-"""Stands for a position that is told as something else than numbers: nothing moves with it."""
+"""Pose of a telegram whose position is not numeric; nothing moves with it."""
 
 
 class RobotTelegram(NamedTuple):
@@ -26,16 +26,16 @@ class RobotTelegram(NamedTuple):
     ipoc: int
     pose: Pose
     planned: Pose | None
-    """Set position, without any correction; None where the robot does not tell it."""
+    """Set position, without any correction; None if the telegram has none."""
     late: int | None
-    """Answers that came late or not at all, since the program began; None where it is not told."""
+    """Answers that came late or not at all, since the program began; None if the telegram has no count."""
     status: float | None
     axes: Joints | None = None
-    """Actual axes, degrees; None where they are not told, or no numbers."""
+    """Actual axes, degrees; None if they are missing or not numeric."""
     planned_axes: Joints | None = None
     """Set axes, without any correction."""
     missing: str = ""
-    """Element that a correction of the axes needs and that is not told; empty for none."""
+    """Missing element that a correction of the axes needs; empty if none is missing."""
 
     @property
     def offset(self) -> Correction | None:

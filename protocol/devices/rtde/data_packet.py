@@ -44,7 +44,7 @@ _SPEED, _TARGET, STATES = 7, 19, 25
 _FORCE = slice(13, 16)
 """Place of the force of `actual_TCP_force`."""
 APART_M, APART_RAD = 1e-3, math.radians(1.0)
-"""Chosen: an arm that stands farther from its own target tells another pose than it is ordered to; some times what its
+"""Chosen: an arm that stands farther from its own target reports another pose than was ordered; a few times what its
 joints give way by when the tool presses.
 """
 STANDS_M_S = 1e-3
@@ -70,7 +70,7 @@ def read_pose(values: Values) -> Pose:
 
 
 def read_force(values: Values) -> Vector | None:
-    """The robot's own force, N; None from an arm that has no idea, which tells zeros."""
+    """The robot's own force, N; None from an arm without a force estimate, which reports zeros."""
     a, b, c = force = values[_FORCE]
     return (a, b, c) if math.isfinite(a + b + c) and any(force) else None
 
@@ -109,7 +109,7 @@ def find_trouble(values: Values, moving: bool) -> Trouble:
 
 
 def find_misplacement(values: Values) -> Trouble:
-    """Reason for which a pose that is told while the arm stands is none to begin a movement at."""
+    """Return the reason for which no movement may begin at the reported pose of a standing arm."""
     actual, target = values[1:7], values[_TARGET : _TARGET + 6]
     if not math.hypot(*values[_SPEED : _SPEED + 3]) <= STANDS_M_S:
         return NO_TROUBLE

@@ -7,7 +7,7 @@ from protocol.devices.rtde.profile import ClientProfile
 
 
 class PacketClock:
-    """Counts the packets of a stream, and tells when each was sent."""
+    """Counts the packets of a stream, and estimates when each was sent."""
 
     def __init__(self, profile: ClientProfile) -> None:
         self._cycle, self._silent = profile.cycle_s, profile.silent_ms / 1000.0
@@ -27,7 +27,7 @@ class PacketClock:
     def sent_at(self, now: float) -> float:
         """When the newest packet was sent, s: one that this computer reads late is as much older.
 
-        A clock of the controller that jumps, and a packet older than the longest silence, begin the comparison anew.
+        A clock of the controller that jumps, and a packet older than the longest silence, restart the comparison.
         """
         if self.stamp is None:
             return now

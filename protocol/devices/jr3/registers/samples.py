@@ -16,7 +16,7 @@ _SEEN_S = 0.03
 _STOOD_S = 0.02
 """Chosen: longer than a command of another client keeps the board busy, shorter than it reads a calibration."""
 _QUIET_S = 1.0
-"""Chosen: saturation is told again once it has been away for so long."""
+"""Chosen: saturation is reported again after it was absent for so long."""
 # plain numbers: an operation on flags costs as much as the rest of a sample
 _TROUBLE, _NEW = int(DEAF | NEW), int(NEW)
 _BUSY = int(Errors.SYSTEM_BUSY)
@@ -39,13 +39,13 @@ class SampleLayout:
 
 
 class Saturations:
-    """Axes that are saturated or nearly, each told once, and again only after a quiet time: a contact at the limit
-    rattles.
+    """Axes that are saturated or nearly so. Each is reported once, and again only after a quiet time, because a contact
+    at the limit rattles.
     """
 
     def __init__(self, now: float) -> None:
         self.known = 0
-        """Bits of those that were told."""
+        """Bits of the axes that were reported."""
         self._known_until = now
 
     def note(self, errors: int, warnings: int, now: float) -> str:
@@ -67,7 +67,7 @@ class Saturations:
 
 
 class SampleReader:
-    """Makes frames of bursts, and tells them."""
+    """Makes frames of bursts, and reports them."""
 
     def __init__(
         self,

@@ -7,7 +7,7 @@ from protocol.devices.jr3.registers.telegrams import RESPONSE, Op, Response, Sta
 
 
 class Sampling:
-    """The samples that a session has asked for."""
+    """Requests for the samples of one session."""
 
     def __init__(
         self, profile: BoardClientProfile, layout: SampleLayout, writer: RequestWriter, now: float
@@ -30,7 +30,7 @@ class Sampling:
         self.waits = False
         """A poll is not answered yet."""
         self.check_at: float | None = None
-        """When to look whether samples come, s; seldom, so that a sample costs no timer."""
+        """Time of the next check that samples arrive, s. It is rare, so that a sample costs no timer."""
 
     def begin(self, now: float) -> None:
         """Ask for the stream, or begin to poll."""
