@@ -101,7 +101,9 @@ def figures_of(case: Case) -> Mapping[str, Any]:
     ).config
     run = run_emulated(config)
     track = [cycle for cycle in run.cycles if cycle.phase == "track"]
-    settled = [cycle.force for cycle in track if cycle.sensor_at >= track[0].sensor_at + case.settled_s]
+    settled = [
+        cycle.force for cycle in track if cycle.sample.sensor_at >= track[0].sensor_at + case.settled_s
+    ]
     return {
         "cause": run.result.text,
         "period_ms": statistics.fmean(1e3 * (b.started_at - a.started_at) for a, b in pairwise(track)),

@@ -107,6 +107,7 @@ def export(results: Path, formats: tuple[str, ...], out: Path | None, as_json: b
     places = {folder / f"{results.stem}.{name}": FORMATS[name] for name in dict.fromkeys(formats)}
     with Store.open(results) as store:
         table = run_table(store)
+    runs = len(table["key"])
     made = {place: encode(table) for place, encode in places.items()}
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -117,9 +118,9 @@ def export(results: Path, formats: tuple[str, ...], out: Path | None, as_json: b
     for place, data in made.items():
         write_whole(place, data, overwrite)
         if not as_json:
-            click.echo(f"{place}: {len(table.rows)} runs")
+            click.echo(f"{place}: {runs} runs")
     if as_json:
-        tell_json({"files": [str(place) for place in made], "runs": len(table.rows)})
+        tell_json({"files": [str(place) for place in made], "runs": runs})
 
 
 @click.command()

@@ -202,7 +202,7 @@ class ControlLoop:
             else self.following.fault(state.trail, case.observation, guard.limits)
         )
         if strayed:
-            supervisor, stop = guard.stop(supervisor, Cause.OFF_PATH, strayed)
+            supervisor, stop = guard.stop(supervisor, Reason(Cause.OFF_PATH, strayed))
             return Ruling(proposal.program, proposal.intent, supervisor, stop, stop)
         if proposal.advice is not None and proposal.advice.factor < 1.0:
             lowered = Reason(Cause.GAIN, f"the force swings: gain lowered to {proposal.advice.factor:g}")
@@ -346,7 +346,7 @@ def _stop_failure(case: Case) -> Ruling:
     """A controller or step that failed stops the run."""
     failure = case.proposal.failure
     assert failure is not None
-    return _stopped(case, failure.cause, failure.text)
+    return _stopped(case, failure)
 
 
 def _stop_oscillation(case: Case) -> Ruling:
@@ -354,11 +354,11 @@ def _stop_oscillation(case: Case) -> Ruling:
     advice = case.proposal.advice
     assert advice is not None
     text = f"the force goes on swinging by ±{advice.amplitude:.1f} N at the lowest gain"
-    return _stopped(case, Cause.OSCILLATION, text)
+    return _stopped(case, Reason(Cause.OSCILLATION, text))
 
 
-def _stopped(case: Case, cause: Cause, text: str) -> Ruling:
-    supervisor, stop = case.guard.stop(case.state.supervisor, cause, text)
+def _stopped(case: Case, reason: Reason) -> Ruling:
+    supervisor, stop = case.guard.stop(case.state.supervisor, reason)
     return Ruling(case.proposal.program, case.proposal.intent, supervisor, stop, stop)
 
 

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from hil_bridge.errors.causes import Cause
+from hil_bridge.errors.causes import Reason
 from protocol.geometry import Quaternion, Vector
 
 
@@ -29,8 +29,8 @@ class Sample(Struct, frozen=True):
     """An axis is at the end of its range."""
     dead_axis: str = ""
     """Which axis of the controlled force does not live, in words; empty while all do."""
-    fault: str = ""
-    """Fault of a device, in words; empty while there is none."""
+    fault: Reason | None = None
+    """Fault of a device; None while there is none."""
     force_travel: float = 0.0
     """Contact force along the travel direction, N, positive where the surface pushes against the travel."""
     wrench: Annotated[tuple[float, ...], Meta(max_length=6)] = ()
@@ -65,10 +65,6 @@ class Sample(Struct, frozen=True):
     """Why a touch that shows now must be proven: a number of `Doubt`."""
     overdue: float = 0.0
     """Time by which the next frame comes later than the facts of the sensor say, s; 0 while it does not."""
-    fault_cause: Cause | None = None
-    """Row of the table of causes for `fault`; None while there is none."""
-    fault_remedy: str = ""
-    """Further facts about `fault`, and its remedy, in words."""
     force_across: float | None = None
     """Contact force along the third direction of the work frame, N, positive where the tool presses that way. None
     where it is not told, as in recordings of earlier versions: the wrench has it.

@@ -26,9 +26,9 @@ from hil_bridge.record.recorder import DEVICES_NAME, END_NAME, METADATA_NAME
 from hil_bridge.record.removed_map import REMOVED_NAME, RemovedMap, from_json
 from hil_bridge.record.topics import CYCLE, EVENT, LINK, SENSOR, STEP, TRUTH, WIRE, Record, Topic
 
-FIRST_OF_FORM = (0, 6)
+FIRST_OF_FORM = (0, 7)
 """The version since which recordings have this form."""
-LAST_READER = "0.5"
+LAST_READER = "0.6"
 """The last version that reads recordings of the form before this one."""
 CLOCK_LIMIT_S = 1e10
 """A time of a run's clock lies below this. Chosen: three centuries."""
@@ -166,6 +166,7 @@ def _contents(path: Path, topics: Sequence[Topic]) -> _Contents:
                     raise ConfigError(f"{path} is a bag of ROS 2 and no recording of a run; {_BAG_READERS}")
                 case Metadata() if item.name in found.metadata:
                     found.metadata[item.name] = item.metadata
+                    _refuse_older(path, found.metadata[METADATA_NAME].get("version", ""))
                 case Attachment() if item.name == REMOVED_NAME:
                     found.removed = _read_removed(item)
                 case int():
@@ -181,17 +182,16 @@ def _contents(path: Path, topics: Sequence[Topic]) -> _Contents:
         raise refusal(path, error, "is it damaged, or no recording of a run?") from error
     except Damage:
         pass  # what came before is there
-    if _is_older(recorder := found.metadata[METADATA_NAME].get("version", "")):
-        raise ConfigError(
-            f"{path} was recorded by version {recorder}; {LAST_READER} is the last version that reads it"
-        )
     return found
 
 
-def _is_older(version: str) -> bool:
-    """Whether a version of this program made recordings of the form before this one."""
+def _refuse_older(path: Path, version: str) -> None:
+    """Raise ConfigError for a version of this program that made recordings of the form before this one."""
     number = _VERSION.match(version)
-    return number is not None and (int(number[1]), int(number[2])) < FIRST_OF_FORM
+    if number is not None and (int(number[1]), int(number[2])) < FIRST_OF_FORM:
+        raise ConfigError(
+            f"{path} was recorded by version {version}; {LAST_READER} is the last version that reads it"
+        )
 
 
 def _read_removed(item: Attachment) -> RemovedMap:

@@ -10,7 +10,7 @@ from msgspec import Meta, Struct
 
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.sample import Sample
-from hil_bridge.errors.causes import Cause
+from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import BUG_EVENT, TRACEBACK_EVENT, last_line
 from hil_bridge.record.ending import Check
 from protocol.faults import FaultStage
@@ -36,10 +36,6 @@ class CycleRecord(Struct, frozen=True):
     # --- times of the hops
     started_at: float
     """Cycle begins: a robot that is asked is asked where it is, the report of one that streams is taken, s."""
-    status_at: float
-    """The robot's report of where it is is complete, s."""
-    sensor_at: float
-    """Arrival of the sensor frame that the controller was given, s."""
     controlled_at: float
     """Controller and supervisor are done, s."""
     sent_at: float
@@ -47,18 +43,12 @@ class CycleRecord(Struct, frozen=True):
     answered_at: float
     """The robot has taken the order, or the stream has its target: the cycle ends, s."""
     # --- inputs
-    sensor_sequence: int
-    """Frame counter of the sensor frame used, unwrapped."""
+    sample: Sample
+    """All measurements that the decision was made from."""
     force: float
     """N along the approach direction, positive while pressing."""
     force_reference: float
     """Wanted force, N."""
-    wrench: Six
-    """fx fy fz mx my mz on the tool in the tool frame, N and N·m, after bias and gravity."""
-    position: Vector
-    """Reported tool position in the robot base frame, m."""
-    quaternion: Quaternion
-    """Reported orientation, tool in base, w x y z."""
     depth: float
     """Reported position along the approach direction from the start point, m."""
     # --- answer of the controller and verdict of the supervisor
@@ -87,12 +77,8 @@ class CycleRecord(Struct, frozen=True):
     """Tool position that the supervisor allowed, robot base frame, m; ordered in whole device steps."""
     start: Vector = (0.0, 0.0, 0.0)
     """Reported tool position at the start point, robot base frame, m."""
-    asked: str = ""
-    """Why the run was asked to finish before this decision; empty in all other cycles."""
-    asked_cause: Cause | None = None
-    """Row of the table of causes for `asked`; left out of all other cycles."""
-    sample: Sample | None = None
-    """Complete input of the decision; None where it was not kept."""
+    asked: Reason | None = None
+    """Why the run was asked to finish before this decision; None in all other cycles."""
     # --- more times of the hops; NaN for a time without a stamp
     status_transmitted_at: float = math.nan
     """The last character of the question where the robot is has left the line, calculated at the line's rate, s."""

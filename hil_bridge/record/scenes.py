@@ -225,16 +225,16 @@ class Scenes:
 
     def _of_cycle(self, cycle: CycleRecord) -> Iterator[tuple[SceneTopic, Struct]]:
         at = cycle.controlled_at
-        if not _finite(*cycle.position, *cycle.quaternion, at):
+        if not _finite(*cycle.sample.position, *cycle.sample.quaternion, at):
             return
         if self._is_due("tool", at, math.inf):
             yield TOOL, self._body(at, "tool", _REPORTED)
         if self._is_due("cycle", at, PERIOD_S):
-            yield TRANSFORMS, self._transform(at, "tool", cycle.position, cycle.quaternion)
-            if _finite(*cycle.wrench[:3]):
-                yield FORCE, self._arrow(at, "tool", (0.0, 0.0, 0.0), cycle.wrench[:3], _REPORTED)
+            yield TRANSFORMS, self._transform(at, "tool", cycle.sample.position, cycle.sample.quaternion)
+            if _finite(*cycle.sample.wrench[:3]):
+                yield FORCE, self._arrow(at, "tool", (0.0, 0.0, 0.0), cycle.sample.wrench[:3], _REPORTED)
         if cycle.in_contact:
-            self._extend(cycle.position)
+            self._extend(cycle.sample.position)
             if len(self._trail) > 1 and self._is_due("trail", at, TRAIL_S):
                 strip = _Line(_LINE_STRIP, _Pose(_Vector3()), 2.0, True, tuple(self._trail), _PATH)
                 yield TRAIL, self._update(at, "base", "trail", lines=(strip,))

@@ -16,14 +16,13 @@ import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import msgspec
 from msgspec import inspect, structs
 
 from hil_bridge.record import records
 from hil_bridge.record.field_docstrings import field_docstrings
-from hil_bridge.record.stored_cycle import STORED, pack, unpack
 
 Record: TypeAlias = (
     records.CycleRecord
@@ -36,16 +35,6 @@ Record: TypeAlias = (
 )
 
 
-class Form(NamedTuple):
-    """A record as it stands in the file."""
-
-    type: type[msgspec.Struct]
-    pack: Callable[[Any], Any]
-    """A record to what is written."""
-    unpack: Callable[[Any], Any]
-    """Values that were read as a record, which may be of this type."""
-
-
 @dataclass(frozen=True)
 class Topic:
     """One stream of records of one type."""
@@ -54,8 +43,6 @@ class Topic:
     record: type[Record]
     time: str = "at"
     """The field that places a message on the time axis."""
-    form: Form | None = None
-    """Its form in the file, where that is another one."""
 
     @property
     def schema_name(self) -> str:
@@ -75,11 +62,7 @@ class Topic:
 
     @cached_property
     def _type(self) -> inspect.Type:
-        return inspect.type_info(self._stored)
-
-    @property
-    def _stored(self) -> Any:
-        return self.record if self.form is None else self.form.type
+        return inspect.type_info(self.record)
 
     @cached_property
     def time_of(self) -> Callable[[Any], float]:
@@ -88,7 +71,7 @@ class Topic:
 
     @cached_property
     def _decoder(self) -> msgspec.json.Decoder[Any]:
-        return msgspec.json.Decoder(self._stored)
+        return msgspec.json.Decoder(self.record)
 
     def timed(self, record: Record, at: float) -> Record:
         """The same record with this for its time, s on the run's clock."""
@@ -96,11 +79,10 @@ class Topic:
 
     def encode(self, record: Record) -> bytes:
         """A record as compact strict JSON. Its time must be finite, or its message is not valid by the schema."""
-        told = record if self.form is None else self.form.pack(record)
         try:
-            data = _to_json(told)
+            data = _to_json(record)
         except UnicodeEncodeError:
-            data = _to_json(_whole(msgspec.to_builtins(told, enc_hook=_plain)))
+            data = _to_json(_whole(msgspec.to_builtins(record, enc_hook=_plain)))
         if _NULL not in data:  # as of nearly all messages
             return data
         message = _drop_nulls(msgspec.json.decode(data), self._type)
@@ -112,20 +94,16 @@ class Topic:
 
         Raises ValueError naming the field that is missing or wrong.
         """
-        stored = self._decoded(data)
-        record: Record = stored if self.form is None else self.form.unpack(stored)
-        return record
-
-    def _decoded(self, data: bytes) -> Any:
         try:
             if _NAMED not in data:
-                return self._decoder.decode(data)
-            return msgspec.convert(_with_nan(msgspec.json.decode(data), self._type), self._stored)
+                record: Record = self._decoder.decode(data)
+                return record
+            return msgspec.convert(_with_nan(msgspec.json.decode(data), self._type), self.record)
         except msgspec.ValidationError:  # or a number is missing, or null, that stands for NaN
             found = msgspec.json.decode(data)
             if isinstance(found, dict) and self.time not in found:
                 raise
-            return msgspec.convert(_with_nan(found, self._type), self._stored)
+            return msgspec.convert(_with_nan(found, self._type), self.record)
 
 
 def schema_of(message: type[msgspec.Struct]) -> dict[str, object]:
@@ -147,17 +125,13 @@ def _schema(kind: inspect.Type) -> dict[str, object]:
             described = {
                 field.name: {
                     **_schema(field.type),
-                    "description": texts.get(field.name, "") + _LEFT_OUT * _may_be_missing(field),
+                    "description": texts.get(field.name, ""),
                 }
                 for field in fields
             }
             if any(map(_has_finite_default, fields)):
                 described[NOT_FINITE] = _NAMES
-            required = [
-                field.name
-                for field in fields
-                if not _may_be_unknown(field.type) and not _may_be_missing(field)
-            ]
+            required = [field.name for field in fields if not _may_be_unknown(field.type)]
             return {"type": "object", "properties": described, "required": required}
         case inspect.DictType(value_type=item):
             return {"type": "object", "properties": {}, "additionalProperties": _item(item)}
@@ -189,13 +163,7 @@ def _item(kind: inspect.Type) -> dict[str, object]:
 
 def _has_finite_default(field: inspect.Field) -> bool:
     """Whether it is a number that an older message may lack, and that then has a value all the same."""
-    optional = not field.required and not _may_be_missing(field)
-    return isinstance(field.type, inspect.FloatType) and optional and math.isfinite(field.default)
-
-
-def _may_be_missing(field: inspect.Field) -> bool:
-    """Whether messages leave it out where another field tells the same."""
-    return not field.required and field.default is field.default_factory is msgspec.NODEFAULT
+    return isinstance(field.type, inspect.FloatType) and not field.required and math.isfinite(field.default)
 
 
 def _may_be_unknown(kind: inspect.Type) -> bool:
@@ -287,7 +255,6 @@ def _whole(value: Any) -> object:
             return value
 
 
-_LEFT_OUT = " Left out where the message tells it beside."
 NOT_FINITE = "not_finite"
 _NAMED = f'"{NOT_FINITE}"'.encode()
 _NAMES: dict[str, object] = {
@@ -299,7 +266,7 @@ _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _NULL = b"null"
 _to_json = msgspec.json.Encoder(enc_hook=_plain).encode
 
-CYCLE = Topic("/cycle", records.CycleRecord, "controlled_at", Form(STORED, pack, unpack))
+CYCLE = Topic("/cycle", records.CycleRecord, "controlled_at")
 SENSOR = Topic("/sensor", records.SensorRecord)
 LINK = Topic("/link", records.LinkRecord)
 WIRE = Topic("/wire", records.WireRecord)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from hil_bridge.control import Command, Decision, Sample, TaskParameters, numeric_explanation
 from hil_bridge.devices.robots.seam import ANSWER, PACKET, QUESTION_LEFT, RobotReport
-from hil_bridge.errors.causes import Cause
+from hil_bridge.errors.causes import Reason
 from hil_bridge.record import CycleRecord
 from protocol.geometry import Vector
 
@@ -21,8 +21,7 @@ class Course(NamedTuple):
     answered_at: float
     sensor_counter: int
     start: Vector
-    asked: str
-    asked_cause: Cause | None
+    asked: Reason | None
     step: int
     correction: float
     sent_at: float
@@ -39,14 +38,8 @@ def cycle_record(
     return CycleRecord(
         **course._asdict(),
         phase=output.phase,
-        status_at=sample.now,
-        sensor_at=sample.sensor_at,
-        sensor_sequence=sample.sensor_sequence,
         force=decision.force,
         force_reference=task.force_n if output.reference is None else output.reference,
-        wrench=sample.wrench,
-        position=report.pose.position,
-        quaternion=report.pose.quaternion,
         status_transmitted_at=stamps.get(QUESTION_LEFT, math.nan),
         answer_s=stamps[ANSWER] - stamps[PACKET] if ANSWER in stamps else math.nan,
         depth=decision.depth,

@@ -230,15 +230,14 @@ class WayOut:
         except BridgeError as error:
             fault = error.reason(Cause.SENSOR_FAILED)
         sample = Sample(
-            now,
-            UNKNOWN,
-            force,
-            resultant,
-            sensor.newest_at,
-            0 if newest is None else newest.sequence,
+            now=now,
+            position=UNKNOWN,
+            force=force,
+            resultant=resultant,
+            sensor_at=sensor.newest_at,
+            sensor_sequence=0 if newest is None else newest.sequence,
             saturated=bool(sensor.saturated),
-            fault="" if fault is None else str(fault),
-            fault_cause=Cause.SENSOR_FAILED if fault is None else fault.cause,
+            fault=fault,
         )
         return Observation(sample, depth, pressing=state.program.in_contact)
 

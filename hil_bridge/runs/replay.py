@@ -16,7 +16,7 @@ from hil_bridge.control import Decision
 from hil_bridge.control.controllers import controller_names
 from hil_bridge.control.steps.kinds import step_words
 from hil_bridge.control.types import Controller
-from hil_bridge.errors import Cause, ConfigError, Reason
+from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import parse_json
 from hil_bridge.record import CycleRecord, Recording
 from hil_bridge.runs.run_log import PACKAGE_NAME, STEP_PACKAGES
@@ -157,10 +157,10 @@ def replay(recording: Recording, config: Config, forced: bool) -> Iterator[Repla
         return
     state = loop.initial(_vector(cycles[0].start))
     for number, record in enumerate(cycles):
-        if record.sample is None or record.cycle != number:
+        if record.cycle != number:
             raise ConfigError(f"the inputs of cycle {number} are not in the recording: replay ends there")
         if record.asked:
-            state = loop.finish(state, Reason(record.asked_cause or Cause.INTERRUPTED, record.asked))
+            state = loop.finish(state, record.asked)
         state, decision = loop.step(state, record.sample)
         replayed = ReplayedCycle(record, decision)
         if forced and replayed.differences:

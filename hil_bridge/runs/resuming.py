@@ -101,7 +101,7 @@ def _start(recording: Recording) -> tuple[float, float, float]:
 
 
 def _quaternion(recording: Recording) -> tuple[float, float, float, float]:
-    return normalise(recording.cycles[0].quaternion)
+    return normalise(recording.cycles[0].sample.quaternion)
 
 
 def describe_resume(config: Config) -> str:

@@ -90,7 +90,7 @@ class Sampler:
             repeated_frames=sensor.repeated,
             saturated=saturated or bool(sensor.saturated),
             dead_axis=dead_axis_text(self._wrist, self._config.frame.approach, quaternion, sensor.dead),
-            fault="" if fault is None else fault.text,
+            fault=fault,
             force_travel=wrist.force_along(_TRAVEL, wrench),
             wrench=wrench,
             position_at=report.pose_at,
@@ -107,8 +107,6 @@ class Sampler:
             witness=self._zeroing.own_force.along(report),
             doubt=int(self._zeroing.doubt(force)),
             overdue=max(now - frame.at - self._due_after, 0.0),
-            fault_cause=None if fault is None else fault.cause,
-            fault_remedy="" if fault is None else fault.remedy,
             force_across=wrist.force_along(_ACROSS, wrench),
             hidden=self._zeroing.axes.hidden(wrist, wrench, force),
         )

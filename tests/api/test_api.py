@@ -149,7 +149,7 @@ def test_arrays_hold_the_records_by_field(result: api.Result) -> None:
     arrays, cycles = result.arrays, result.cycles
     assert arrays.force.tolist() == [cycle.force for cycle in cycles]
     assert arrays.position.shape == (len(cycles), 3)
-    assert arrays.wrench[-1].tolist() == list(cycles[-1].wrench)
+    assert arrays.wrench[-1].tolist() == list(cycles[-1].sample.wrench)
     assert arrays.in_contact.dtype == bool
     assert arrays.phase[-1] == "retract"
     assert math.isnan(arrays.stiffness[0])

@@ -79,7 +79,7 @@ def test_frames_of_pandas_and_polars_have_a_column_each(result: api.Result) -> N
     assert list(pandas.columns) == list(polars.columns)
     assert len(pandas) == len(polars) == len(result.cycles)
     assert pandas["force"].tolist() == result.arrays.force.tolist()
-    assert polars["position_2"].to_list() == result.arrays.position[:, 2].tolist()
+    assert polars["position_z"].to_list() == result.arrays.position[:, 2].tolist()
     assert pandas["explanation_feedback_m"].notna().any()
     for other in (result.arrays.truths, result.arrays.sensors, result.arrays.events, result.arrays.steps):
         assert len(other.to_pandas()) == other.count

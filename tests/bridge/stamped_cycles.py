@@ -8,6 +8,7 @@ from hil_bridge.record import CycleRecord, Recording, TruthRecord
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import dump, read_config
 from protocol.devices.jr3 import facts_of
+from tests.bridge.written_recordings import cycle_of
 
 CHARACTER = 11 / 9600
 MOVE_ANSWER = (8 + 5 + 4) * CHARACTER
@@ -35,15 +36,8 @@ def cycle(number: int, at: float, **changes: Any) -> CycleRecord:
         "sensor_sequence": 100 + number,
         "force": 10.0,
         "force_reference": 10.0,
-        "wrench": (0.0,) * 6,
-        "position": (0.0,) * 3,
-        "quaternion": (1.0, 0.0, 0.0, 0.0),
-        "depth": 0.0,
-        "depth_commanded": 0.0,
-        "travel_commanded": 0.0,
-        "correction": 0.0,
     }
-    return CycleRecord(**(values | changes))
+    return cycle_of(**(values | changes))
 
 
 def truth(of: CycleRecord, motion: float = 0.030, sample: float = 0.001) -> TruthRecord:
@@ -51,7 +45,7 @@ def truth(of: CycleRecord, motion: float = 0.030, sample: float = 0.001) -> Trut
     return TruthRecord(
         of.cycle,
         of.answered_at,
-        of.sensor_at - sample,
+        of.sample.sensor_at - sample,
         of.transmitted_at + motion,
         (0.0,) * 3,
         (0.0,) * 3,

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.record import CycleRecord, EventRecord, Recording
+from hil_bridge.record import EventRecord, Recording
 from hil_bridge.show.report.compare import BEGIN, compare_page, names_of
+from tests.bridge.written_recordings import cycle_of
 
 EVIL = "</script><script>alert(1)</script>"
 
@@ -18,7 +19,7 @@ EVIL = "</script><script>alert(1)</script>"
 def run(force_n: float, touch: int, settings: dict[str, Any]) -> Recording:
     """A hundred cycles of 0.1 s; the first `touch` of them approach."""
     cycles = tuple(
-        CycleRecord(
+        cycle_of(
             cycle=k,
             phase="track" if k >= touch else "approach",
             started_at=100.0 + 0.1 * k,
@@ -31,12 +32,8 @@ def run(force_n: float, touch: int, settings: dict[str, Any]) -> Recording:
             force=force_n if k >= touch else 0.0,
             force_reference=10.0,
             wrench=(3.0, 4.0, -force_n if k >= touch else 0.0, 0.0, 0.0, 0.0),
-            position=(0.0, 0.0, 0.0),
-            quaternion=(1.0, 0.0, 0.0, 0.0),
             depth=0.001 * k,
             depth_commanded=0.001 * k,
-            travel_commanded=0.0,
-            correction=0.0,
         )
         for k in range(100)
     )

@@ -190,7 +190,8 @@ def test_joints_in_radians_are_read_where_they_are_set(
     code, record, _ = run(tmp_path, egm='joints_in = "radians"', client='joints_in = "radians"')
     assert code == 0
     pairs = zip(record.cycles, usual[1].cycles, strict=True)
-    assert all(one.position == other.position and one.wrench == other.wrench for one, other in pairs)
+    for one, other in pairs:
+        assert (one.sample.position, one.sample.wrench) == (other.sample.position, other.sample.wrench)
 
 
 def test_a_robot_that_is_guided_by_joints_is_refused_before_anything_moves(tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ def test_the_face_of_the_step_is_found_and_pressed(recorded: Recorded) -> None:
     assert found[1] == pytest.approx(0.0125, abs=0.4e-3)
     stroke = [cycle for cycle in record.cycles if cycle.step == 3]
     second_half = stroke[len(stroke) // 2 :]
-    pressed = sum(cycle.position[1] for cycle in second_half) / len(second_half) - 0.012
+    pressed = sum(cycle.sample.position[1] for cycle in second_half) / len(second_half) - 0.012
     assert pressed * 5000.0 == pytest.approx(4.0, abs=0.5)
 
 
@@ -92,8 +92,8 @@ def test_the_flat_tool_lies_down_on_the_panel(recorded: Recorded) -> None:
     assert names == ["near left", "near right", "pressed near right", "far"]
     for step in (2, 6):
         last = [cycle for cycle in record.cycles if cycle.step == step][-1]
-        _, x, y, _ = last.quaternion
-        w, z = last.quaternion[0], last.quaternion[3]
+        _, x, y, _ = last.sample.quaternion
+        w, z = last.sample.quaternion[0], last.sample.quaternion[3]
         assert 1.0 - 2.0 * (w * w + z * z) == pytest.approx(1.0, abs=4e-5), "within half a degree"
         assert x * x + y * y > 0.99
 

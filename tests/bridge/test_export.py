@@ -17,8 +17,10 @@ import cantools
 import pytest
 from click.testing import CliRunner
 
+import hil_bridge
 from hil_bridge.cli import cli
 from hil_bridge.cli.export import FORMAT_NAMES
+from hil_bridge.control.sample import Sample
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import (
     CycleRecord,
@@ -282,13 +284,24 @@ def test_a_table_of_cycles_holds_every_field_of_the_record(on_can: Path, tmp_pat
         assert row["reasons"] == "; ".join(cycle.reasons)
         assert (float(row["force"]), row["held"]) == (cycle.force, str(cycle.held))
         assert (float(row["stiffness"]) if row["stiffness"] else None) == cycle.stiffness
-        assert tuple(float(row[f"wrench_{axis}"]) for axis in AXES) == cycle.wrench
-        assert tuple(float(row[f"quaternion_{axis}"]) for axis in "wxyz") == cycle.quaternion
-        assert cycle.sample is not None
-        assert tuple(float(row[f"sample.position_{axis}"]) for axis in "xyz") == cycle.sample.position
-        assert float(row["explanation.feedback_m"]) == cycle.explanation["feedback_m"]
-    names = {name.split("_")[0].split(".")[0] for name in told[0]}
-    assert {name.split("_")[0] for name in CycleRecord.__struct_fields__} <= names
+        assert tuple(float(row[f"wrench_{axis}"]) for axis in AXES) == cycle.sample.wrench
+        assert tuple(float(row[f"quaternion_{axis}"]) for axis in "wxyz") == cycle.sample.quaternion
+        assert tuple(float(row[f"position_{axis}"]) for axis in "xyz") == cycle.sample.position
+        assert (float(row["sample_force"]), row["sample_held"]) == (
+            cycle.sample.force,
+            str(cycle.sample.held),
+        )
+        assert float(row["explanation_feedback_m"]) == cycle.explanation["feedback_m"]
+    fields = {*CycleRecord.__struct_fields__, *Sample.__struct_fields__} - {"sample"}
+    assert {name.split("_")[0] for name in fields} <= {name.split("_")[0] for name in told[0]}
+
+
+def test_table_of_cycles_has_the_columns_of_the_arrays(on_can: Path) -> None:
+    recording = hil_bridge.read(on_can)
+    assert list(cycle_table(recording.cycles)) == [
+        "time_s",
+        *(name for name in recording.arrays.flat() if name != "time"),
+    ]
 
 
 def test_a_table_of_the_sensor_holds_raw_values_and_newtons(on_can: Path, tmp_path: Path) -> None:
@@ -300,16 +313,15 @@ def test_a_table_of_the_sensor_holds_raw_values_and_newtons(on_can: Path, tmp_pa
     assert len(told) == len(recording.sensors) > 500
     for row, sample in zip(told, recording.sensors, strict=True):
         assert (float(row["time_s"]), int(row["sequence"])) == (sample.at, sample.sequence)
-        assert tuple(int(row[f"{axis}_raw"]) for axis in AXES) == sample.counts
+        assert tuple(int(row[f"counts_{axis}"]) for axis in AXES) == sample.counts
         wanted = tuple(value * scale for value, scale in zip(sample.counts, facts.scales, strict=True))
-        units = ("n", "n", "n", "nm", "nm", "nm")
-        assert tuple(float(row[f"{axis}_{unit}"]) for axis, unit in zip(AXES, units, strict=True)) == wanted
+        assert tuple(float(row[f"wrench_{axis}"]) for axis in AXES) == wanted
 
 
 def test_what_is_not_known_is_an_empty_cell() -> None:
     table = sensor_table([SensorRecord(1.0, 2, (math.nan, 1, 2, 3, 4, -5))], None)
     assert as_csv(table).decode().splitlines() == [
-        "time_s,sequence,fx_raw,fy_raw,fz_raw,mx_raw,my_raw,mz_raw",
+        "time_s,sequence,counts_fx,counts_fy,counts_fz,counts_mx,counts_my,counts_mz",
         "1.0,2,,1,2,3,4,-5",
     ]
 
@@ -383,7 +395,7 @@ def test_a_sensor_that_is_not_on_can_has_no_can_log(on_bytes: Path, tmp_path: Pa
 
 
 def test_a_recording_of_version_0_1_0_is_refused_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"^[^\n]+; 0\.5 is the last version that reads it$"):
+    with pytest.raises(ConfigError, match=r"^[^\n]+; 0\.6 is the last version that reads it$"):
         export(OLD, (), tmp_path)
     assert not [*tmp_path.iterdir()]
 

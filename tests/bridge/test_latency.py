@@ -91,7 +91,7 @@ def test_each_hop_begins_where_the_one_before_it_ends(truths: tuple[TruthRecord,
 
 def test_without_the_truth_the_chain_ends_with_the_answer() -> None:
     """Frames arrive 4 ms after their time at least, every fourth one 2 ms later: the 4 ms are not known."""
-    frames = tuple(SensorRecord(of.sensor_at, of.sensor_sequence, (0,) * 6) for of in CYCLES)
+    frames = tuple(SensorRecord(of.sample.sensor_at, of.sample.sensor_sequence, (0,) * 6) for of in CYCLES)
     late = tuple(structs.replace(f, at=f.at + 0.002 * (f.sequence % 4 == 3)) for f in frames)
     cycles = tuple(structs.replace(c, sensor_at=f.at) for c, f in zip(CYCLES, late, strict=True))
     found = latency_of(recording(cycles, sensors=late))

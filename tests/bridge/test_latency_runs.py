@@ -71,9 +71,9 @@ def test_an_emulated_run_measures_what_its_profile_says(tmp_path: Path) -> None:
 def test_the_truth_of_a_cycle_is_what_its_devices_tell(tmp_path: Path, sensor: str, within_s: float) -> None:
     recorded = run(tmp_path / "run.mcap", run={"duration_s": 5.0}, sensor={"emulated": sensor})
     for cycle_, truth_ in zip(recorded.cycles, recorded.truths, strict=True):
-        assert truth_.sampled_at <= cycle_.sensor_at <= truth_.sampled_at + within_s
+        assert truth_.sampled_at <= cycle_.sample.sensor_at <= truth_.sampled_at + within_s
         assert cycle_.transmitted_at < truth_.motion_at < cycle_.transmitted_at + 0.06
-        assert np.abs(np.subtract(truth_.position, cycle_.position)).max() < 2e-3
+        assert np.abs(np.subtract(truth_.position, cycle_.sample.position)).max() < 2e-3
     steady = list(zip(recorded.cycles, recorded.truths, strict=True))[-20:-10]
     assert all(t.force[2] == pytest.approx(c.force, abs=1.0) for c, t in steady if c.phase == "track")
 

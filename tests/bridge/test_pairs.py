@@ -41,7 +41,9 @@ def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) ->
     run = run_emulated(config)
     assert (run.result.outcome, run.result.text) == (Outcome.COMPLETED, "")
     tracked = [record for record in run.cycles if record.phase == "track"]
-    steady = [record.force for record in tracked if record.sensor_at > tracked[0].sensor_at + 0.5]
+    steady = [
+        record.force for record in tracked if record.sample.sensor_at > tracked[0].sample.sensor_at + 0.5
+    ]
     # a Universal Robot leaves its targets by 0.1 mm in half a second, which is 0.5 N here
     assert statistics.fmean(steady) == pytest.approx(10.0, abs=1.0 if robot == "rtde" else 0.5)
     assert max(abs(force - 10.0) for force in steady) < 2.0

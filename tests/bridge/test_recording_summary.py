@@ -27,6 +27,7 @@ from hil_bridge.record import (
 from hil_bridge.record.analysis.summary import end_of, phases, summarise
 from hil_bridge.record.analysis.times import times_of
 from hil_bridge.record.files import write_whole
+from tests.bridge.written_recordings import cycle_of
 
 PERIOD, LSB = 0.25, 0.000125
 END = RunEnd(
@@ -45,7 +46,7 @@ END = RunEnd(
 def cycles(forces: Sequence[float], phase: str = "track", first: int = 0) -> tuple[CycleRecord, ...]:
     """One cycle a force, every PERIOD, lasting 0.1 s and 1 ms more each; the command moves 1 LSB."""
     return tuple(
-        CycleRecord(
+        cycle_of(
             cycle=k,
             phase=phase,
             started_at=50.0 + k * PERIOD,
@@ -57,13 +58,7 @@ def cycles(forces: Sequence[float], phase: str = "track", first: int = 0) -> tup
             sensor_sequence=k,
             force=force,
             force_reference=50.0,
-            wrench=(0.0,) * 6,
-            position=(0.0,) * 3,
-            quaternion=(1.0, 0.0, 0.0, 0.0),
-            depth=0.0,
             depth_commanded=LSB * (k % 2),
-            travel_commanded=0.0,
-            correction=0.0,
             held=k % 10 == 0,
             in_contact=force > 1.0,
             verdict="clamp" if k == 1 else "allow",

@@ -18,7 +18,6 @@ from hil_bridge.devices.facts import MISSING, Devices, Sensor
 from hil_bridge.devices.robots.streamed import STALE
 from hil_bridge.errors import Cause, ConfigError, Reason
 from hil_bridge.record import (
-    CycleRecord,
     EventRecord,
     Outcome,
     Recording,
@@ -36,6 +35,7 @@ from hil_bridge.show.report.page import page
 from hil_bridge.show.report.plots import draw
 from protocol.faults import FaultStage
 from protocol.wrench import SensorFacts
+from tests.bridge.written_recordings import cycle_of
 
 EVIL = "<script>alert('1')</script> & $x^"
 END = RunEnd(
@@ -59,7 +59,7 @@ def run(seconds: float = 8.0) -> Recording:
         if k % 80 == 79:
             at = sensors[-1].at
             cycles.append(
-                CycleRecord(
+                cycle_of(
                     cycle=k // 80,
                     phase="track" if k > 500 else "approach",
                     started_at=at - 0.07,
@@ -71,12 +71,8 @@ def run(seconds: float = 8.0) -> Recording:
                     sensor_sequence=k,
                     force=-(z - BIAS_COUNTS) * NEWTON_PER_COUNT,
                     force_reference=50.0,
-                    wrench=(0.0,) * 6,
-                    position=(0.0,) * 3,
-                    quaternion=(1.0, 0.0, 0.0, 0.0),
                     depth=pressed / 2e4,
                     depth_commanded=pressed / 2e4,
-                    travel_commanded=0.0,
                     correction=1e-4,
                     stiffness=2e4 if k > 900 else None,
                     held=k > 2000,
@@ -138,7 +134,7 @@ def test_the_charts_hold_what_the_recording_holds() -> None:
         TruthRecord(
             cycle=cycle.cycle,
             at=cycle.answered_at,
-            sampled_at=cycle.sensor_at,
+            sampled_at=cycle.sample.sensor_at,
             motion_at=math.nan,
             position=(0.0, 0.0, cycle.depth + 1e-5),
             force=(0.0, 0.0, -cycle.force - 1.0),

@@ -35,6 +35,7 @@ from hil_bridge.show.report.stability import Analysis, LinearLoop, analyse, domi
 from protocol.devices.jr3 import facts_of
 from protocol.devices.s3.adlp import LinkProfile
 from protocol.geometry import Pose
+from tests.bridge.written_recordings import cycle_of
 
 PERIOD, WAIT = 0.2, 0.1
 STEP = 0.125e-3
@@ -65,17 +66,12 @@ def cycle(k: int, force: float = 10.0, **others: Any) -> CycleRecord:
         "sensor_sequence": k,
         "force": force,
         "force_reference": 10.0,
-        "wrench": (0.0,) * 6,
-        "position": (0.0,) * 3,
-        "quaternion": (1.0, 0.0, 0.0, 0.0),
         "depth": 0.01,
         "depth_commanded": 0.01,
-        "travel_commanded": 0.0,
-        "correction": 0.0,
         "stiffness": 5000.0,
         "in_contact": True,
     }
-    return CycleRecord(**(whole | others))
+    return cycle_of(**(whole | others))
 
 
 def record(

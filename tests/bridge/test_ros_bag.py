@@ -80,7 +80,7 @@ def test_wrenches_are_those_of_the_recording(made: Path, reader: str) -> None:
         (stamp(recording, one.at), wrench_of(one.counts, facts.scales)) for one in recording.sensors
     ]
     assert sorted((at, six(one)) for at, one in told["/contact/wrench"]) == sorted(
-        (stamp(recording, one.sensor_at), one.wrench) for one in recording.cycles
+        (stamp(recording, one.sample.sensor_at), one.sample.wrench) for one in recording.cycles
     )
     assert [(at, six(one)[:3]) for at, one in told["/truth/wrench"]] == [
         (stamp(recording, one.at), one.force) for one in recording.truths
@@ -95,9 +95,10 @@ def test_wrenches_are_those_of_the_recording(made: Path, reader: str) -> None:
 def test_poses_joints_and_frames_are_those_of_the_recording(made: Path, reader: str) -> None:
     recording = read(made)
     told = messages(made.parent / "run.rosbag2", reader)
-    start = recording.cycles[0].quaternion
+    start = recording.cycles[0].sample.quaternion
     reported = [
-        (stamp(recording, one.status_at), (*one.position, *one.quaternion)) for one in recording.cycles
+        (stamp(recording, one.sample.now), (*one.sample.position, *one.sample.quaternion))
+        for one in recording.cycles
     ]
     commanded = [
         (stamp(recording, one.sent_at), (*one.target, *(one.quaternion_commanded or start)))

@@ -230,7 +230,9 @@ def test_a_network_that_loses_and_repeats_a_little_is_borne(
     forces = [cycle.force for cycle in run.cycles if cycle.phase == "track"][-10:]
     assert statistics.fmean(forces) == pytest.approx(10.0, abs=0.5)
     # set point and robot stay together, whatever was lost
-    stands = [math.dist(cycle.position, cycle.target) for cycle in run.cycles if cycle.phase == "track"][-20:]
+    stands = [
+        math.dist(cycle.sample.position, cycle.target) for cycle in run.cycles if cycle.phase == "track"
+    ][-20:]
     assert max(stands) == pytest.approx(0.35e-3, abs=0.05e-3)  # the way of the travel in the robot's lag
 
 

@@ -103,7 +103,7 @@ def test_the_tool_moves_a_millimetre_along_the_surface_each_cycle(plain: Bench) 
     track = plain.tracked()
     travel = [record.travel_commanded for record in track]
     assert travel == pytest.approx([k * 1e-3 for k in range(1, len(track) + 1)])
-    assert track[-1].position[1] - track[0].position[1] == pytest.approx(travel[-2], abs=0.003)
+    assert track[-1].sample.position[1] - track[0].sample.position[1] == pytest.approx(travel[-2], abs=0.003)
 
 
 def test_a_cycle_takes_the_line_and_two_turnarounds(plain: Bench) -> None:
@@ -148,9 +148,15 @@ def test_the_bid_for_an_order_is_out_while_it_is_decided(
 
 def test_hops_are_stamped_in_order(plain: Bench) -> None:
     for record in plain.cycles:
-        hops = (record.started_at, record.status_at, record.controlled_at, record.sent_at, record.answered_at)
+        hops = (
+            record.started_at,
+            record.sample.now,
+            record.controlled_at,
+            record.sent_at,
+            record.answered_at,
+        )
         assert list(hops) == sorted(hops)
-        assert 0.0 <= record.status_at - record.sensor_at <= 0.0102
+        assert 0.0 <= record.sample.now - record.sample.sensor_at <= 0.0102
 
 
 def test_a_fixed_period_skips_the_cycles_that_it_misses(bench: RunBench) -> None:
@@ -247,7 +253,7 @@ def test_the_workspace_holds_the_tool_back(bench: RunBench) -> None:
         task={"approach_depth_limit_mm": 20.0, "retract_mm": 20.0},
         cell={"start_position_mm": (900.0, -100.0, 600.0)},
     )
-    lowest = min(record.position[2] for record in run.cycles)
+    lowest = min(record.sample.position[2] for record in run.cycles)
     assert lowest >= 0.595 - 0.0625e-3
     assert run.result.text == "no contact found: the approach leaves the workspace"
     assert run.result.cause is Cause.HELD_APPROACH
@@ -327,7 +333,7 @@ def test_a_force_axis_that_dies_while_pressing_does_not_press_on(bench: RunBench
         if record.phase == "track" and not seen:
             freeze_fz(bench, None)
         if record.phase == "track":
-            seen.append(bench.cell.true_state(record.status_at).contact_force[2])
+            seen.append(bench.cell.true_state(record.sample.now).contact_force[2])
 
     run = bench(meddle, task={"force_n": 30.0}, run={"duration_s": 20.0})
     assert run.result.outcome is Outcome.STOPPED
@@ -365,6 +371,6 @@ def test_the_orientation_of_the_start_is_ordered_not_the_reported_one(bench: Run
     """A robot that reports its orientation wrong by one degree must not be turned by it, cycle after cycle."""
     turn = after(3, lambda bench: bench.cell.inject("pose", "turned", bench.clock.now(), degrees=1.0))
     run = bench(turn)
-    reported = [record.quaternion for record in run.tracked()]
+    reported = [record.sample.quaternion for record in run.tracked()]
     assert math.degrees(angle_between(reported[0], reported[-1])) == pytest.approx(1.0, abs=0.02)
     assert run.result.outcome is Outcome.COMPLETED

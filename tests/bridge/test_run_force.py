@@ -174,7 +174,7 @@ def test_on_a_contour_force_and_speed_follow_the_surfaces_normal(bench: RunBench
         def look(bench: Bench, record: CycleRecord) -> None:
             if record.phase != "track":
                 return
-            state = bench.cell.true_state(record.status_at)
+            state = bench.cell.true_state(record.sample.now)
             slope = amplitude * math.tau / period * math.cos(math.tau * state.position[1] / period)
             angle = math.atan(slope)
             _, along, up = state.contact_force

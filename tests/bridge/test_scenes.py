@@ -15,12 +15,13 @@ from rosbags.interfaces import Nodetype
 from scipy.spatial.transform import Rotation
 
 from hil_bridge.cli import cli
-from hil_bridge.record import CycleRecord, TruthRecord
+from hil_bridge.record import TruthRecord
 from hil_bridge.record.export.layouts import LAYOUTS, content
 from hil_bridge.record.ros.messages import TOPICS as ROS_TOPICS
 from hil_bridge.record.ros.messages import message_store
 from hil_bridge.record.scenes import PERIOD_S, TRAIL_POINTS, Scenes, SceneUpdate
 from hil_bridge.record.topics import TOPICS
+from tests.bridge.written_recordings import cycle
 from tests.near_surface import STREAMED, merged
 from tests.recordings import Recordings
 
@@ -42,7 +43,7 @@ def in_ns(time: dict[str, int]) -> int:
 
 def test_the_frames_are_the_poses_of_the_records(messages: dict[str, list[tuple[int, Any]]]) -> None:
     for frame, topic in (("tool", "/cycle"), ("tool_true", "/truth")):
-        poses = dict(messages[topic])
+        poses = {at: one.get("sample", one) for at, one in messages[topic]}
         moved = [
             (at, one)
             for at, message in messages["/scene/frames"]
@@ -93,10 +94,7 @@ def test_events_are_in_the_log_by_their_weight(messages: dict[str, list[tuple[in
 def test_a_trail_keeps_its_size_on_a_long_way() -> None:
     scenes, longest = Scenes(lambda at: round(at * 1e9)), 0
     for k in range(20_000):
-        one = CycleRecord(
-            k, "track", *(k * 0.1,) * 6, k, 10.0, 10.0, (0.0,) * 6, (k * 1e-3, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0),
-            0.0, 0.0, 0.0, 0.0, in_contact=True,
-        )  # fmt: skip
+        one = cycle(k, k * 0.1, position=(k * 1e-3, 0.0, 0.0), quaternion=(1.0, 0.0, 0.0, 0.0))
         for topic, message in scenes.of(one):
             if topic.name == "/scene/trail":
                 assert isinstance(message, SceneUpdate)

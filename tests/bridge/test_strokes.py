@@ -9,6 +9,7 @@ from hil_bridge.record import CycleRecord, Outcome, Recording, RunEnd, StepRecor
 from hil_bridge.record.analysis.strokes import merit_of, strokes_of
 from hil_bridge.record.analysis.summary import summarise, wanted_force
 from hil_bridge.runs.outputs import figures
+from tests.bridge.written_recordings import cycle_of
 
 PERIOD = 0.1
 END = RunEnd(Outcome.COMPLETED)
@@ -24,7 +25,7 @@ def cycles(
 ) -> list[CycleRecord]:
     """One cycle a force, every PERIOD."""
     return [
-        CycleRecord(
+        cycle_of(
             cycle=k,
             phase=phase,
             started_at=k * PERIOD,
@@ -36,13 +37,6 @@ def cycles(
             sensor_sequence=k,
             force=force,
             force_reference=wanted,
-            wrench=(0.0,) * 6,
-            position=(0.0,) * 3,
-            quaternion=(1.0, 0.0, 0.0, 0.0),
-            depth=0.0,
-            depth_commanded=0.0,
-            travel_commanded=0.0,
-            correction=0.0,
             in_contact=touching,
             step=step,
         )

@@ -26,8 +26,9 @@ from hil_bridge.show.terminal.chart import SCALE_WIDTH, chart
 from hil_bridge.show.terminal.live import LiveView, line
 from hil_bridge.show.terminal.panel import panel
 from protocol.devices.s3.adlp import Count, LinkProfile, NoticeKind
+from tests.bridge.written_recordings import cycle_of
 
-CYCLE = CycleRecord(
+CYCLE = cycle_of(
     cycle=42,
     phase="track",
     started_at=110.0,
@@ -39,12 +40,8 @@ CYCLE = CycleRecord(
     sensor_sequence=1,
     force=48.73,
     force_reference=50.0,
-    wrench=(0.0,) * 6,
-    position=(0.0,) * 3,
-    quaternion=(1.0, 0.0, 0.0, 0.0),
     depth=0.002625,
     depth_commanded=0.00275,
-    travel_commanded=0.0,
     correction=-0.000125,
     stiffness=20_100.0,
     gain=0.5,
@@ -189,7 +186,7 @@ def test_the_panel_names_what_went_wrong_on_the_link() -> None:
 
 STAMPED = structs.replace(
     CYCLE,
-    sensor_at=110.064,
+    sample=structs.replace(CYCLE.sample, sensor_at=110.064),
     decoded_at=110.064,
     proposed_at=110.0704,
     controlled_at=110.0708,
@@ -267,7 +264,8 @@ def test_the_panel_of_every_size_tells_what_matters_most(width: int, height: int
     )
     made = ViewModel(scene)
     made.snapshot(100.0, Health())
-    made.update(structs.replace(CYCLE, wrench=(3.0, 4.0, 48.73, 0.0, 1.0, 0.0), travel_commanded=0.0125))
+    sample = structs.replace(CYCLE.sample, wrench=(3.0, 4.0, 48.73, 0.0, 1.0, 0.0))
+    made.update(structs.replace(CYCLE, sample=sample, travel_commanded=0.0125))
     running = text_of(made.snapshot(110.0, Health()), width, height)
     for part in (
         "REAL  s3, gateway",

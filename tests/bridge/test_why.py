@@ -216,12 +216,12 @@ def test_an_interrupt_is_told_when_it_came_and_not_when_the_tool_was_back(
     (ended,) = (cycle for cycle in recording.cycles if cycle.asked)
     before = recording.cycles[ended.cycle - 1]
     values = why_values(recording)
-    assert values.after_s == ended.status_at - recording.events[0].at
+    assert values.after_s == ended.sample.now - recording.events[0].at
     assert 0.0 <= values.after_s - asked_s <= cycle_s
     assert (values.phase, values.step, values.first_symptom) == ("track", "", None)
     assert values.last_good is not None
     assert values.last_good.cycle == before.cycle
-    assert values.last_good.before_s == ended.status_at - before.answered_at
+    assert values.last_good.before_s == ended.sample.now - before.answered_at
     assert before.phase == "track"
     assert values.text.startswith(
         f"The run was interrupted {values.after_s:.2f} s after its start, in the phase track. "

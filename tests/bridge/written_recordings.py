@@ -1,7 +1,10 @@
 """Recordings that tests write record by record, without a run."""
 
+import math
 from pathlib import Path
+from typing import Any
 
+from hil_bridge.control.sample import Sample
 from hil_bridge.record import CycleRecord, EventRecord, Recorder, SensorRecord, Writing
 from hil_bridge.record.topics import Record
 
@@ -10,6 +13,29 @@ METADATA = {"seed": "7", "controller": "fuzzy-pi", "configuration": '{"force_n":
 
 def wall_ns(loop_time: float) -> int:
     return 1_700_000_000_000_000_000 + round(loop_time * 1e9)
+
+
+def cycle_of(**values: Any) -> CycleRecord:
+    """A cycle with these values; those of its sample stand beside them. The tool stands still where nothing else is
+    said.
+    """
+    still: dict[str, Any] = {
+        "position": (0.0,) * 3,
+        "wrench": (0.0,) * 6,
+        "quaternion": (1.0, 0.0, 0.0, 0.0),
+        "depth": 0.0,
+        "depth_commanded": 0.0,
+        "travel_commanded": 0.0,
+        "correction": 0.0,
+    }
+    values = still | values
+    force, wrench = values["force"], values["wrench"]
+    sample = {
+        name: values.pop(name)
+        for name in ("position", "wrench", "quaternion", "sensor_at", "sensor_sequence")
+    }
+    sample |= {"now": values.pop("status_at"), "force": force, "resultant": math.hypot(*wrench[:3])}
+    return CycleRecord(sample=Sample(**sample), **values)
 
 
 def cycle(number: int, at: float, **changes: object) -> CycleRecord:
@@ -40,7 +66,7 @@ def cycle(number: int, at: float, **changes: object) -> CycleRecord:
         "reasons": ("step",),
         "explanation": {"error_level": -1.0},
     }
-    return CycleRecord(**(values | changes))  # type: ignore[arg-type]
+    return cycle_of(**(values | changes))
 
 
 def stream(seconds: float = 3.0) -> list[Record]:

@@ -105,9 +105,9 @@ def test_a_controller_that_fails_ends_in_a_retraction_that_names_it(act, why):
     state, decisions = drive(Broken(act))
     failed = next(i for i, d in enumerate(decisions) if isinstance(d.verdict, Stop))
     verdict = decisions[failed].verdict
-    assert verdict.cause is Cause.CONTROLLER
-    assert verdict.text.startswith("controller broken failed: ")
-    assert why in verdict.text
+    assert verdict.reason.cause is Cause.CONTROLLER
+    assert verdict.reason.text.startswith("controller broken failed: ")
+    assert why in verdict.reason.text
     # From that very cycle on the tool moves out, to the end, and the cause stays.
     depths = [d.target.depth for d in decisions[failed - 1 :]]
     assert all(after < before for before, after in pairwise(depths[:-1]))
@@ -115,8 +115,8 @@ def test_a_controller_that_fails_ends_in_a_retraction_that_names_it(act, why):
     assert decisions[-1].ended
     assert {d.intent.phase for d in decisions[failed:]} == {Phase.RETRACT}
     assert state.program.course.failed
-    assert str(state.program.course.reason) == verdict.text
-    assert state.supervisor.stopped == verdict
+    assert str(state.program.course.reason) == verdict.reason.text
+    assert state.supervisor.stopped == verdict.reason
     assert all(math.isfinite(value) for d in decisions for value in d.position)
 
 
@@ -300,7 +300,7 @@ def test_zero_of_a_program_hides_no_force_and_adds_its_own(force, zero, stops):
     _, decision = loop.step(state, sample)
     assert decision.force == pytest.approx(force - zero)
     assert isinstance(decision.verdict, Stop) is stops
-    assert not stops or decision.verdict.cause is Cause.FORCE
+    assert not stops or decision.verdict.reason.cause is Cause.FORCE
 
 
 @pytest.mark.parametrize(
@@ -324,4 +324,4 @@ def test_zero_of_a_program_hides_no_resultant_and_adds_its_own(across, zero, sto
     )
     _, decision = loop.step(state, sample)
     assert isinstance(decision.verdict, Stop) is stops
-    assert not stops or decision.verdict.cause is Cause.RESULTANT_FORCE
+    assert not stops or decision.verdict.reason.cause is Cause.RESULTANT_FORCE

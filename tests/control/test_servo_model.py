@@ -105,7 +105,7 @@ def held(**parameters: float) -> tuple[float, str]:
     config = read_config(merged(CLOSE, settings))
     run = run_emulated(config)
     track = [cycle for cycle in run.cycles if cycle.phase == "track"]
-    settled = [cycle.force for cycle in track if cycle.sensor_at >= track[0].sensor_at + 0.5]
+    settled = [cycle.force for cycle in track if cycle.sample.sensor_at >= track[0].sample.sensor_at + 0.5]
     return math.sqrt(fmean((force - FORCE) ** 2 for force in settled)), run.result.text
 
 

@@ -224,13 +224,13 @@ FAR = 10.0
 def test_what_is_no_answer_is_the_steps_failure_and_the_tool_is_retracted(answer: Answer, says: str) -> None:
     decisions, forces = run(answer)
     stop = next(each.verdict for each in decisions if isinstance(each.verdict, Stop))
-    assert stop.cause is Cause.STEP_CODE
-    assert stop.text.startswith("step 2 (takes) failed: ")
-    assert says in stop.text
-    assert "tests/control/test_step_answers.py:" in stop.text
+    assert stop.reason.cause is Cause.STEP_CODE
+    assert stop.reason.text.startswith("step 2 (takes) failed: ")
+    assert says in stop.reason.text
+    assert "tests/control/test_step_answers.py:" in stop.reason.text
     last = decisions[-1].intent.reason
     assert last is not None
-    assert (last.step, str(last)) == ("2 (takes)", stop.text), "the step is named once, as a value too"
+    assert (last.step, str(last)) == ("2 (takes)", stop.reason.text), "the step is named once, as a value too"
     assert forces[-1] == 0.0
     assert all(math.isfinite(part) for each in decisions for part in each.position)
 

@@ -312,8 +312,8 @@ def test_a_stiffness_that_is_no_number_is_the_controllers_failure(stiffness: flo
         lambda state, time, way: {"force": press(way)},
     )
     stop = stop_of(decisions)
-    assert stop.cause is Cause.CONTROLLER
-    assert f"learns a stiffness of {stiffness} N/m" in stop.text
+    assert stop.reason.cause is Cause.CONTROLLER
+    assert f"learns a stiffness of {stiffness} N/m" in stop.reason.text
 
 
 @pytest.mark.parametrize("answer", [math.nan, math.inf, -math.inf])
@@ -330,8 +330,8 @@ def test_an_answer_across_the_path_that_is_no_number_is_the_controllers_failure(
         lambda state, time, way: {"force": press(way), "force_across": 3.0},
     )
     stop = stop_of(decisions)
-    assert stop.cause is Cause.CONTROLLER
-    assert f"it commands {answer} m across the path" in stop.text
+    assert stop.reason.cause is Cause.CONTROLLER
+    assert f"it commands {answer} m across the path" in stop.reason.text
     assert all(math.isfinite(part) for each in decisions for part in each.position)
 
 
@@ -354,4 +354,4 @@ def test_a_force_from_the_side_that_is_no_number_orders_no_place_that_is_none(
 
     decisions = walk(guarded((Approach(), track, Retract()), stroke_of(), Limits()), tell)
     assert all(math.isfinite(part) for each in decisions for part in each.position)
-    assert stop_of(decisions).cause is Cause.FORCE_NOT_A_NUMBER
+    assert stop_of(decisions).reason.cause is Cause.FORCE_NOT_A_NUMBER

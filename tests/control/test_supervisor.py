@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from hil_bridge.control import Allow, Clamp, Limits, Request, Stop, Supervisor
-from hil_bridge.errors import Cause, ConfigError, Part
+from hil_bridge.errors import Cause, ConfigError, Part, Reason
 from hil_bridge.errors.cause_table import ROWS
 from tests.observed import observation, observed
 
@@ -146,7 +146,7 @@ def test_a_tool_that_stands_a_little_outside_may_stay_and_come_back_and_goes_no_
         ({"now": 100.21}, Cause.FORCE_TOO_OLD),
         ({"sensor_at": 100.1}, Cause.FORCE_TOO_OLD),
         ({"unchanged": 4.0}, Cause.SAME_COUNTS),
-        ({"fault": "the sensor restarted"}, Cause.ROBOT_STATE),
+        ({"fault": Reason(Cause.ROBOT_STATE, "the sensor restarted")}, Cause.ROBOT_STATE),
         ({"dead_axis": "fz did not change"}, Cause.DEAD_AXIS),
         ({"depth": math.inf}, Cause.POSE_NOT_A_NUMBER),
     ],
@@ -154,7 +154,7 @@ def test_a_tool_that_stands_a_little_outside_may_stay_and_come_back_and_goes_no_
 def test_each_cause_stops_and_just_inside_does_not(observed, cause):
     _, verdict = step(request(0.5), **observed)
     assert isinstance(verdict, Stop)
-    assert verdict.cause is cause
+    assert verdict.reason.cause is cause
     inside = {"force": 50.0, "resultant": 100.0, "now": 100.18, "unchanged": 3.99}
     assert isinstance(step(request(0.5), **inside)[1], Allow)
     assert isinstance(step(request(0.5), **inside | {"force": -10.0})[1], Allow)
@@ -163,7 +163,7 @@ def test_each_cause_stops_and_just_inside_does_not(observed, cause):
 def test_an_age_just_beyond_its_limit_is_told_so_that_it_differs_from_it():
     for now, told in ((100.1904, "is 200.40 ms old"), (100.24, "is 250 ms old")):
         _, verdict = step(request(0.5), now=now)
-        assert told in verdict.text
+        assert told in verdict.reason.text
 
 
 def test_counter_that_stands_still_or_goes_back_stops():
@@ -172,9 +172,9 @@ def test_counter_that_stands_still_or_goes_back_stops():
         state, verdict = step(request(0.0), state)
         verdicts.append(verdict)
     assert [type(v) for v in verdicts] == [Allow, Allow, Allow, Stop]
-    assert verdicts[-1].cause is Cause.NO_NEW_FRAME
+    assert verdicts[-1].reason.cause is Cause.NO_NEW_FRAME
     state, _ = step(request(0.0))
-    assert step(request(0.0), state, sensor_sequence=6)[1].cause is Cause.SEQUENCE
+    assert step(request(0.0), state, sensor_sequence=6)[1].reason.cause is Cause.SEQUENCE
 
 
 def deepen(depths_mm, force=lambda k: 5.0, **observed):
@@ -184,7 +184,7 @@ def deepen(depths_mm, force=lambda k: 5.0, **observed):
         state, verdict = step(
             request(0.0), state, depth=depth * 1e-3, force=force(k), sensor_sequence=10 + k, **observed
         )
-        causes.append(verdict.cause if isinstance(verdict, Stop) else None)
+        causes.append(verdict.reason.cause if isinstance(verdict, Stop) else None)
     return causes
 
 
@@ -209,8 +209,8 @@ def test_a_dead_force_that_a_jittering_orientation_turns_is_dead_all_the_same():
 
 def test_depth_that_does_not_match_the_position_stops():
     lying = Request(0.0, (0.0, 0.0, -1e-3), DOWN)
-    assert step(lying)[1].cause is Cause.INCONSISTENT
-    assert step(Request(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, -2.0)))[1].cause is Cause.INCONSISTENT
+    assert step(lying)[1].reason.cause is Cause.INCONSISTENT
+    assert step(Request(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, -2.0)))[1].reason.cause is Cause.INCONSISTENT
 
 
 @given(st.floats(), st.floats(allow_nan=True), MM, MM)
@@ -242,7 +242,7 @@ def test_not_a_number_anywhere_stops(where, value):
     of_sensor = where in ("force", "resultant", "sensor_at")
     part = Part.SENSOR if of_sensor else Part.POSE if where == "now" else Part.CONTROLLER
     if where == "depth" or isinstance(where, int) or of_sensor:
-        assert ROWS[verdict.cause].part is part
+        assert ROWS[verdict.reason.cause].part is part
 
 
 @given(st.lists(st.tuples(MM, st.floats(-20, 20)), min_size=1, max_size=30))
@@ -271,7 +271,7 @@ def test_stop_is_latched(later):
     state, stop = step(request(0.0), force=60.0)
     for k, (depth, force) in enumerate(later):
         state, verdict = step(request(depth), state, force=force, sensor_sequence=k)
-        assert verdict is stop
+        assert verdict == stop
 
 
 @pytest.mark.parametrize(

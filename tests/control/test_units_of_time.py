@@ -150,10 +150,10 @@ def test_a_sensor_that_stands_still_stops_a_run_after_the_same_time(dt: float) -
         seen = observed(QUIET, dt=dt)
         state, verdict = SUPERVISOR.step(state, seen, Request(0.0, (0.0, 0.0, 0.0), DOWN))
         cycles += 1
-    assert verdict.cause is Cause.NO_NEW_FRAME
+    assert verdict.reason.cause is Cause.NO_NEW_FRAME
     still = (cycles - 1) * dt
     assert 0.45 - 1e-9 <= still < 0.45 + dt + 1e-9
-    assert verdict.text == f"no new force for {still * 1e3:.0f} ms"
+    assert verdict.reason.text == f"no new force for {still * 1e3:.0f} ms"
     assert dt < 0.17 or cycles == 4, "three cycles of the slow link, as ever"
 
 

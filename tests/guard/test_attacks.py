@@ -78,7 +78,7 @@ def test_a_border_beside_the_way_holds_neither_depth_nor_retraction(
     assert run.largest <= 50.0 + stiffness * 0.5e-3 * 3
     assert run.last == 0.0
     assert run.result.left == "retracted, 0.0 N"
-    assert max(record.position[1] for record in run.cycles) <= -0.085 + 0.2e-3
+    assert max(record.sample.position[1] for record in run.cycles) <= -0.085 + 0.2e-3
 
 
 def test_a_tool_that_is_to_stand_still_forgets_its_orders(guarded: Run, configured: Configured) -> None:

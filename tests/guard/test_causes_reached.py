@@ -56,7 +56,7 @@ def judged(request: Request, **seen: Any) -> Any:
 def test_an_order_that_is_no_number_is_the_commands() -> None:
     verdict = judged(asked(math.nan))
     assert isinstance(verdict, Stop)
-    assert verdict.cause is Cause.COMMAND_NOT_A_NUMBER
+    assert verdict.reason.cause is Cause.COMMAND_NOT_A_NUMBER
 
 
 def test_a_late_frame_holds_the_way_deeper() -> None:
@@ -88,7 +88,7 @@ def test_a_retraction_that_is_held_tells_by_which() -> None:
     border, blind = (Clamp(0.0, ORIGIN, (hold,)) for hold in (LEAVES, SLOWLY))
     assert explain_halt(border, QUIET).cause is Cause.RETRACT_BORDER
     assert explain_halt(blind, QUIET).cause is Cause.RETRACT_BLIND
-    failed = observed(QUIET, fault="it failed", fault_cause=Cause.SENSOR_FAILED)
+    failed = observed(QUIET, fault=Reason(Cause.SENSOR_FAILED, "it failed"))
     assert explain_halt(blind, failed) == Reason(Cause.SENSOR_FAILED, "it failed")
 
 

@@ -30,7 +30,9 @@ def test_two_processes_hold_ten_newtons(tmp_path: Path, near: str) -> None:
     assert "completed" in lines
     assert json.loads(summary.read_text())["sensor_frames_lost"] == 0
     tracked = [cycle for cycle in read(record).cycles if cycle.phase == "track"]
-    steady = [cycle.force for cycle in tracked if cycle.sensor_at > tracked[0].sensor_at + SETTLED_S]
+    steady = [
+        cycle.force for cycle in tracked if cycle.sample.sensor_at > tracked[0].sample.sensor_at + SETTLED_S
+    ]
     assert len(steady) > 5
     assert sum(steady) / len(steady) == pytest.approx(10.0, abs=0.6)
 

@@ -91,7 +91,7 @@ def test_policy_decides_alike_in_a_run(robot: str, sensor: str, axes: Any) -> No
     assert info["truncated"]
     if axes[-1] == "turn":
         commanded = result.cycles[-1].quaternion_commanded
-        assert angle_between(commanded, result.cycles[0].quaternion) > math.radians(0.5)
+        assert angle_between(commanded, result.cycles[0].sample.quaternion) > math.radians(0.5)
     if axes[-1] == "across":
         assert result.cycles[-1].across_commanded > 1e-4
 
@@ -113,8 +113,8 @@ def test_observation_is_what_the_client_decoded() -> None:
         assert values["force_n"] == np.float32(cycle.force)
         assert values["error_n"] == np.float32(cycle.force_reference - cycle.force)
         assert values["force_age_s"] == np.float32(sample.now - sample.sensor_at)
-        assert values["x_m"] == np.float32(cycle.position[0])
-        assert values["moment_x_nm"] == np.float32(cycle.wrench[3])
+        assert values["x_m"] == np.float32(cycle.sample.position[0])
+        assert values["moment_x_nm"] == np.float32(cycle.sample.wrench[3])
         assert values["in_contact"] == cycle.in_contact
 
 

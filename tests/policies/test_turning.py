@@ -31,7 +31,7 @@ def run(robot: str, controller: Any, seconds: float = 2.0, **more: Any) -> Resul
 
 def leaned_deg(result: Result) -> list[float]:
     """Angle of the ordered tool axis from that of the start, in each cycle with an order to turn, °."""
-    home = tool_axis(result.cycles[0].quaternion)
+    home = tool_axis(result.cycles[0].sample.quaternion)
     ordered = [cycle.quaternion_commanded for cycle in result.cycles if cycle.quaternion_commanded]
     return [math.degrees(angle_of_vectors(home, tool_axis(one))) for one in ordered]
 
@@ -48,11 +48,11 @@ def test_the_tool_tips_towards_the_travel_as_the_action_says(robot: str, share: 
     seconds = tracked[-1].started_at - tracked[0].started_at
     expected = math.radians(4.0 * share * seconds)
     period = seconds / (len(tracked) - 1)
-    home, ordered = result.cycles[0].quaternion, tracked[-1].quaternion_commanded
+    home, ordered = result.cycles[0].sample.quaternion, tracked[-1].quaternion_commanded
     about = rotation_vector(product(ordered, inverse(home)))
     assert about == pytest.approx((expected, 0.0, 0.0), abs=math.radians(4.0) * 2.0 * period)
     assert about[1:] == pytest.approx((0.0, 0.0), abs=1e-9)  # about no other direction
-    followed = rotation_vector(product(result.cycles[-1].quaternion, inverse(home)))
+    followed = rotation_vector(product(result.cycles[-1].sample.quaternion, inverse(home)))
     assert followed == pytest.approx(about, abs=math.radians(1.0))
     result.save(tmp_path / "run.mcap")
     assert not any(cycle.differences for cycle in replay_policy(tmp_path / "run.mcap", policy))

@@ -29,7 +29,7 @@ def commands(record: Any) -> tuple[object, ...]:
     """All that the run ordered in a cycle, and why. A program tells the orientation of the start where a plain run
     tells none.
     """
-    assert record.quaternion_commanded in ((), record.quaternion)
+    assert record.quaternion_commanded in ((), record.sample.quaternion)
     return (
         record.cycle,
         record.started_at,

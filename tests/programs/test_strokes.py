@@ -131,7 +131,7 @@ def test_it_turns_at_a_corner_no_faster_than_it_may(play: Play) -> None:
     )
     assert run.result.outcome == "completed"
     assert yaw(run.of(2)[-1].quaternion) == pytest.approx(90.0, abs=3.0)
-    at = {record.cycle: (record.started_at, yaw(record.quaternion)) for record in run.of(2)}
+    at = {record.cycle: (record.started_at, yaw(record.sample.quaternion)) for record in run.of(2)}
     for cycle, (time, angle) in at.items():
         if cycle + 20 in at:
             later, turned = at[cycle + 20]

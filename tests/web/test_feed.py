@@ -16,6 +16,7 @@ from hil_bridge.show.terminal import Health
 from hil_bridge.show.web import feed as feeding
 from hil_bridge.show.web import wire
 from hil_bridge.show.web.feed import BATCH_RECORDS, BATCH_S, WAITING_RECORDS, Feed, WebOptions
+from tests.bridge.written_recordings import cycle as written_cycle
 
 
 @dataclass
@@ -70,8 +71,7 @@ def event(number: int) -> EventRecord:
 
 def cycle(at: float) -> CycleRecord:
     """A cycle that ended at this time."""
-    values = dict.fromkeys(CycleRecord.__struct_fields__, 0.0) | {"answered_at": at}
-    return CycleRecord(**values)  # type: ignore[arg-type]
+    return written_cycle(0, at - 0.16)
 
 
 async def pause() -> None:

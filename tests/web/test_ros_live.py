@@ -67,10 +67,10 @@ async def test_a_client_decodes_the_values_of_the_run(web_run: Callable[..., Web
     assert {name: found["channels"][name]["schemaName"] for name in TOPICS} == dict(TOPICS)
     assert set(told) == set(TOPICS)
 
-    cycles = {stamp(recording, one.sensor_at): one for one in recording.cycles}
+    cycles = {stamp(recording, one.sample.sensor_at): one for one in recording.cycles}
     contact = told["/contact/wrench"]
     assert len(contact) > 10
-    assert all(six(one) == cycles[at].wrench for at, one in contact)
+    assert all(six(one) == cycles[at].sample.wrench for at, one in contact)
     assert max(-one.wrench.force.z for _, one in contact) > 5.0
     assert {one.header.frame_id for _, one in contact} == {"tool0"}
     assert contact[-1][0] == max(cycles)
@@ -83,7 +83,7 @@ async def test_a_client_decodes_the_values_of_the_run(web_run: Callable[..., Web
     assert sensed == frames[-len(sensed) :]
     assert min(wrench[2] for _, wrench in sensed) < -5.0
 
-    places = {stamp(recording, one.status_at): one.position for one in recording.cycles}
+    places = {stamp(recording, one.sample.now): one.sample.position for one in recording.cycles}
     for at, one in told["/pose_broadcaster/pose"]:
         assert (one.pose.position.x, one.pose.position.y, one.pose.position.z) == places[at]
         assert one.header.stamp.sec * 10**9 + one.header.stamp.nanosec == at

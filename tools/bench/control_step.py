@@ -49,8 +49,7 @@ def steps_us(config: Config, cycles: tuple[CycleRecord, ...]) -> list[float]:
         for record in cycles:
             if record.asked:
                 state = loop.finish(state, record.asked)
-            sample, quaternion = record.sample, record.quaternion
-            assert sample is not None
+            sample, quaternion = record.sample, record.sample.quaternion
             began = time.perf_counter_ns()
             if at_orientation is None or turned != quaternion:  # as a run does, only when the tool has turned
                 turned, at_orientation = (

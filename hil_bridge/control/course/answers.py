@@ -20,8 +20,6 @@ def explain_halt(verdict: Verdict, seen: Observation) -> Reason:
     """Why a retraction goes on no farther."""
     if not isinstance(verdict, Clamp) or verdict.is_for(Cause.WORKSPACE):
         return Reason(Cause.RETRACT_BORDER, "the workspace ends before the tool is retracted")
-    if seen.sample.fault:
-        return Reason(
-            (seen.sample.fault_cause or Cause.ROBOT_STATE), seen.sample.fault, seen.sample.fault_remedy
-        )
-    return Reason(Cause.RETRACT_BLIND, "the sensor tells no force to retract the tool by")
+    return seen.sample.fault or Reason(
+        Cause.RETRACT_BLIND, "the sensor tells no force to retract the tool by"
+    )

@@ -12,9 +12,9 @@ from msgspec import Struct
 
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.sideways import HIDDEN_N
-from hil_bridge.control.course.verdict import Observation, Request, Stop, SupervisorState
+from hil_bridge.control.course.verdict import Observation, Request, SupervisorState
 from hil_bridge.control.course.wall import beyond_friction
-from hil_bridge.errors.causes import Cause
+from hil_bridge.errors.causes import Cause, Reason
 from protocol.geometry import Vector
 
 STANDS_M = 1e-3
@@ -47,7 +47,7 @@ class Cycle(Struct, frozen=True, gc=False):
     """The tool may press against what is beside its way."""
 
 
-def check_input(cycle: Cycle) -> Stop | None:
+def check_input(cycle: Cycle) -> Reason | None:
     """Stop for a value that is not finite, and for a fault that a device reports."""
     seen, sample = cycle.seen, cycle.seen.sample
     # A sum is finite only if all its parts are. The places are in the slip.
@@ -67,27 +67,25 @@ def check_input(cycle: Cycle) -> Stop | None:
             cause = Cause.FORCE_NOT_A_NUMBER
         elif not math.isfinite(of_pose):
             cause = Cause.POSE_NOT_A_NUMBER
-        return Stop(cause, "a measurement or command is no number")
-    if sample.fault:
-        return Stop(sample.fault_cause or Cause.ROBOT_STATE, sample.fault, sample.fault_remedy)
-    return None
+        return Reason(cause, "a measurement or command is no number")
+    return sample.fault
 
 
-def check_forces(cycle: Cycle) -> Stop | None:
+def check_forces(cycle: Cycle) -> Reason | None:
     """Stop for a force or moment beyond its limit."""
     limits, seen, sample = cycle.limits, cycle.seen, cycle.seen.sample
     force, peak = sample.force, sample.peak_force
     if abs(force) > limits.force_limit_n or abs(peak) > limits.force_limit_n:
         most = force if abs(force) >= abs(peak) else peak
         size = f"of at least {abs(most):.1f}" if sample.saturated else f"{most:.1f}"
-        return Stop(Cause.FORCE, f"contact force {size} N is beyond {limits.force_limit_n:g} N")
+        return Reason(Cause.FORCE, f"contact force {size} N is beyond {limits.force_limit_n:g} N")
     if sample.resultant > limits.resultant_limit_n or sample.peak_resultant > limits.resultant_limit_n:
         resultant = max(sample.resultant, sample.peak_resultant)
         text = f"resultant force {resultant:.1f} N is beyond {limits.resultant_limit_n:g} N"
-        return Stop(Cause.RESULTANT_FORCE, text)
+        return Reason(Cause.RESULTANT_FORCE, text)
     if sample.peak_moment > limits.moment_limit_nm:
         text = f"moment {sample.peak_moment:.2f} N·m is beyond {limits.moment_limit_nm:g} N·m"
-        return Stop(Cause.MOMENT, text)
+        return Reason(Cause.MOMENT, text)
     if (
         seen.against > limits.against_travel_n
         and (wall := beyond_friction(seen.against, force, limits.friction_share)) > limits.against_travel_n
@@ -96,26 +94,26 @@ def check_forces(cycle: Cycle) -> Stop | None:
             f"a force of {seen.against:.1f} N against the travel is {wall:.1f} N more than friction, allowed are "
             f"{limits.against_travel_n:g} N: something stands in the way"
         )
-        return Stop(Cause.WALL, text)
+        return Reason(Cause.WALL, text)
     if seen.aside and (stop := _check_aside(cycle)):
         return stop
     if sample.saturated:
-        return Stop(Cause.SATURATED, "the force sensor is at the end of its range")
+        return Reason(Cause.SATURATED, "the force sensor is at the end of its range")
     if -force > limits.pull_limit_n:
         text = (
             f"a pull of {-force:.1f} N is beyond {limits.pull_limit_n:g} N: "
             "a surface does not pull, so the sensor or its zero is wrong, or the tool hangs on to something"
         )
-        return Stop(Cause.PULL, text)
+        return Reason(Cause.PULL, text)
     return None
 
 
-def _check_aside(cycle: Cycle) -> Stop | None:
+def _check_aside(cycle: Cycle) -> Reason | None:
     """Stop for a force across the approach on axes that nothing verified."""
     limits, seen, hidden = cycle.limits, cycle.seen, cycle.seen.sample.hidden or 0.0
     if hidden > HIDDEN_N:
         text = f"the moments show {hidden:.1f} N across the approach, the force axes do not: one is dead or wrong"
-        return Stop(Cause.DEAD_AXIS, text)
+        return Reason(Cause.DEAD_AXIS, text)
     allowed = limits.force_limit_n if cycle.presses_aside else limits.against_travel_n
     if (
         seen.aside > allowed
@@ -125,29 +123,29 @@ def _check_aside(cycle: Cycle) -> Stop | None:
             f"a force of {seen.aside:.1f} N across the approach is {beyond:.1f} N more than friction, allowed are "
             f"{allowed:g} N; no weight has verified its direction"
         )
-        return Stop(Cause.WALL, text)
+        return Reason(Cause.WALL, text)
     return None
 
 
-def check_sensor(cycle: Cycle) -> Stop | None:
+def check_sensor(cycle: Cycle) -> Reason | None:
     """Stop for a force that is too old, does not change, or comes from a dead axis."""
     limits, sample = cycle.limits, cycle.seen.sample
     age_ms = (sample.now - sample.sensor_at) * 1e3
     if not 0.0 <= age_ms <= limits.stale_after_ms:
         digits = 0 if age_ms - limits.stale_after_ms >= 1.0 else 2
         text = f"the newest force is {age_ms:.{digits}f} ms old, allowed are {limits.stale_after_ms:g} ms"
-        return Stop(Cause.FORCE_TOO_OLD, text)
+        return Reason(Cause.FORCE_TOO_OLD, text)
     if sample.unchanged * 1e3 >= limits.frozen_after_ms:
         text = f"the force sensor repeated the same counts for {sample.unchanged:.1f} s"
-        return Stop(Cause.SAME_COUNTS, text)
+        return Reason(Cause.SAME_COUNTS, text)
     if cycle.still * 1e3 >= limits.still_after_ms:
-        return Stop(Cause.NO_NEW_FRAME, f"no new force for {cycle.still * 1e3:.0f} ms")
+        return Reason(Cause.NO_NEW_FRAME, f"no new force for {cycle.still * 1e3:.0f} ms")
     if sample.dead_axis:
-        return Stop(Cause.DEAD_AXIS, sample.dead_axis)
+        return Reason(Cause.DEAD_AXIS, sample.dead_axis)
     return None
 
 
-def check_pose(cycle: Cycle) -> Stop | None:
+def check_pose(cycle: Cycle) -> Reason | None:
     """Stop for a reported pose that cannot be true, or is not where it was ordered to be."""
     limits, state, sample, tilt = cycle.limits, cycle.state, cycle.seen.sample, cycle.seen.sample.tilt
     if tilt is None:
@@ -161,26 +159,26 @@ def check_pose(cycle: Cycle) -> Stop | None:
                 f"the reported position jumped by {moved * 1e3:.1f} mm in {(sample.now - at) * 1e3:.0f} ms, "
                 f"the robot moves at {cycle.speed * 1e3:g} mm/s"
             )
-            return Stop(Cause.JUMP, text)
+            return Reason(Cause.JUMP, text)
     apart = math.dist(position, state.position)
     if apart * 1e3 > limits.following_error_mm:
         text = (
             f"the reported position is {apart * 1e3:.1f} mm from the commanded one, "
             f"allowed are {limits.following_error_mm:g} mm"
         )
-        return Stop(Cause.FOLLOWING, text)
+        return Reason(Cause.FOLLOWING, text)
     tilt_deg = math.degrees(tilt) if tilt else 0.0
     if tilt_deg > limits.tilt_deg and tilt_deg > limits.tilt_deg + math.degrees(state.lag):
         where = "start" if state.quaternion is None else "ordered orientation"
         text = f"the robot reports a tool turned by {tilt_deg:.1f}° from the {where}, allowed are {limits.tilt_deg:g}°"
-        return Stop(Cause.TILT, text)
+        return Reason(Cause.TILT, text)
     if not (is_inside(limits, position) or is_nearly_inside(limits, position)):
         text = f"the robot reports {position} m, outside the box of limits.workspace_…_m"
-        return Stop(Cause.OUTSIDE, text)
+        return Reason(Cause.OUTSIDE, text)
     return None
 
 
-def check_course(cycle: Cycle) -> Stop | None:
+def check_course(cycle: Cycle) -> Reason | None:
     """Stop for what contradicts the cycle before: a force that does not answer a tool that goes deeper, a counter that
     goes back, a decision that took too long, and a request that is not where its depth is.
     """
@@ -188,29 +186,29 @@ def check_course(cycle: Cycle) -> Stop | None:
     gap, slip, (a, b, c) = seen.sample.gap, cycle.slip, cycle.request.direction
     if pressed is not None and (deeper_mm := (seen.depth - pressed[1]) * 1e3) > limits.unanswered_mm:
         text = f"the force stayed at {seen.sample.force:.2f} N while the tool went {deeper_mm:.1f} mm deeper"
-        return Stop(Cause.UNANSWERED, text)
+        return Reason(Cause.UNANSWERED, text)
     if before is not None and seen.sample.sensor_sequence < before:
         text = f"the sensor's frame counter went back from {before} to {seen.sample.sensor_sequence}"
-        return Stop(Cause.SEQUENCE, text)
+        return Reason(Cause.SEQUENCE, text)
     if gap * 1e3 > limits.cycle_deadline_ms:
         text = (
             f"no decision for {gap * 1e3:.0f} ms, allowed are {limits.cycle_deadline_ms:g} ms: "
             "the computer or the controller stood still"
         )
-        return Stop(Cause.DEADLINE, text)
+        return Reason(Cause.DEADLINE, text)
     if abs(slip) > _CONSISTENT or abs(math.hypot(a, b, c) - 1.0) > 1e-6:
         text = (
             f"requested depth and position differ by {abs(slip) * 1e3:.3f} mm, "
             "or the direction is no unit vector"
         )
-        return Stop(Cause.INCONSISTENT, text)
+        return Reason(Cause.INCONSISTENT, text)
     return None
 
 
 class Check(NamedTuple):
     """One group of checks, and the causes that it can find."""
 
-    find: Callable[[Cycle], Stop | None]
+    find: Callable[[Cycle], Reason | None]
     causes: tuple[Cause, ...]
 
 
@@ -247,7 +245,7 @@ CHECKS = (
 _FINDERS = tuple(check.find for check in CHECKS)
 
 
-def find_stop(cycle: Cycle) -> Stop | None:
+def find_stop(cycle: Cycle) -> Reason | None:
     """Return the first stop of a cycle; None while there is none."""
     for find in _FINDERS:
         if (stop := find(cycle)) is not None:

@@ -73,7 +73,7 @@ class Supervisor:
     ) -> tuple[SupervisorState, Verdict]:
         """Judge one cycle. After the first stop every answer is that stop."""
         if state.stopped is not None:
-            return state, state.stopped
+            return state, Stop(state.stopped)
         sample = observation.sample
         still = state.still + observation.dt if sample.sensor_sequence == state.sensor_sequence else 0.0
         pressed = _find_press(state.pressed, observation)
@@ -102,12 +102,12 @@ class Supervisor:
                 f"the tool is {deeper * 1e3:.1f} mm deeper than a force of {sample.force:.1f} N explains: "
                 f"the sensor may not tell {deeper * contact.stiffness:.0f} N"
             )
-            stop = Stop(Cause.UNANSWERED, text)
+            stop = Reason(Cause.UNANSWERED, text)
         if stop is None and observation.free_force is not None:
             free, stop = self._in_free_space(state, observation)
         if stop is not None:
             known = {"still": still, "pressed": pressed, "disagreed": disagreed, "contact": contact}
-            return replace(state, stopped=stop, **known), stop
+            return replace(state, stopped=stop, **known), Stop(stop)
         verdict, quaternion, home, lag = self._bound(state, observation, request)
         return (
             SupervisorState(
@@ -143,7 +143,7 @@ class Supervisor:
 
     def _in_free_space(
         self, state: SupervisorState, seen: Observation
-    ) -> tuple[FreeSpace | None, Stop | None]:
+    ) -> tuple[FreeSpace | None, Reason | None]:
         """The watch over the sensor while the tool moves through free space, and its stop."""
         if seen.position is None or seen.free_force is None:
             return None, None
@@ -151,10 +151,9 @@ class Supervisor:
         free = watch_sample(
             state.free, self.limits, seen.sample.now, -seen.free_force, (changed, seen.position)
         )
-        lost = lifeless(
+        return free, lifeless(
             free, self.limits, seen.sample.now, -seen.free_force, (seen.sample.unchanged, seen.position)
         )
-        return free, None if lost is None else Stop(lost.cause, lost.text)
 
     def _turn(
         self, state: SupervisorState, seen: Observation, wanted: Quaternion, verdict: Allow | Clamp
@@ -169,10 +168,10 @@ class Supervisor:
             verdict = Clamp(verdict.depth, verdict.position, (*holds, *reasons), goes_on)
         return verdict, given, home, lag
 
-    def stop(self, state: SupervisorState, cause: Cause, text: str) -> tuple[SupervisorState, Stop]:
+    def stop(self, state: SupervisorState, reason: Reason) -> tuple[SupervisorState, Stop]:
         """End the motion for a reason that was found elsewhere. The first stop stays."""
-        stop = state.stopped or Stop(cause, text)
-        return replace(state, stopped=stop), stop
+        stopped = state.stopped or reason
+        return replace(state, stopped=stopped), Stop(stopped)
 
     def retreat(
         self, state: SupervisorState, observation: Observation, request: Request
@@ -189,8 +188,7 @@ class Supervisor:
         if known:
             after, reason = retreat.watch(limits, before, seen, state.contact)
             if reason is not None:
-                stop = Stop(reason.cause, reason.text)
-                return replace(state, retreat=after, stopped=state.stopped or stop), stop
+                return replace(state, retreat=after, stopped=state.stopped or reason), Stop(reason)
             held = SLOWLY if after.pull and after.stage in (Stage.GOES, Stage.TRUSTED) else WAITS
             highest = state.depth - retreat.longest_way(after, seen.dt)
         else:

@@ -96,14 +96,7 @@ class Stop(Struct, frozen=True):
     """Send nothing more: end the motion."""
 
     kind: ClassVar[str] = "stop"
-    cause: Cause
-    text: str
-    remedy: str = ""
-
-    @property
-    def reason(self) -> Reason:
-        """The same as it goes through the run."""
-        return Reason(self.cause, self.text, self.remedy)
+    reason: Reason
 
 
 LEAVES = Reason(Cause.WORKSPACE, "leaves the workspace")
@@ -170,7 +163,7 @@ class SupervisorState(Struct, frozen=True, gc=False):
     """Time of the cycles without a new sensor frame, s."""
     pressed: tuple[float, float] | None = None
     """Contact force that has not changed since, N, and the reported depth when it was new, m; None without contact."""
-    stopped: Stop | None = None
+    stopped: Reason | None = None
     reported: tuple[float, Vector] | None = None
     """When a position was judged last, s, and that position, base frame, m; None before the first."""
     retreat: Retreat | None = None

@@ -9,8 +9,8 @@ import math
 from dataclasses import dataclass
 
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.course.verdict import Observation, Stop
-from hil_bridge.errors.causes import Cause
+from hil_bridge.control.course.verdict import Observation
+from hil_bridge.errors.causes import Cause, Reason
 
 SHARE = 0.5
 """Share of the larger force that may always be missing in the other. Chosen: a touch that both see 25 ms apart stays
@@ -42,8 +42,8 @@ class Witness:
             return None
         return 0.0 if before is None else before + seen.dt * apart / allowed
 
-    def find_stop(self, disagreed: float | None, seen: Observation) -> Stop | None:
-        """Return the stop of a difference that has lasted too long; None for another."""
+    def find_stop(self, disagreed: float | None, seen: Observation) -> Reason | None:
+        """Return the reason to stop for a difference that has lasted too long; None for another."""
         if disagreed is None or disagreed < self.lasting_s:
             return None
         force, witness = seen.sample.force, seen.sample.witness
@@ -51,7 +51,7 @@ class Witness:
             f"the force sensor tells {force:.1f} N, the robot itself feels {witness:.1f} N: look whether the "
             "sensor reads what presses on the tool, and whether anything else touches the robot"
         )
-        return Stop(Cause.WITNESS, text)
+        return Reason(Cause.WITNESS, text)
 
 
 def witness_of(limits: Limits, ordinary_n: float, delay_s: float) -> Witness | None:

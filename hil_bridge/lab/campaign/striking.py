@@ -57,7 +57,7 @@ def causes_of(recording: Recording) -> Iterator[Cause]:
     """Causes of a run, more than once where they came so: its stop, what followed, what was asked for, its end."""
     told = (
         *(event.cause for event in recording.events),
-        *(cycle.asked_cause for cycle in recording.cycles),
+        *(cycle.asked.cause for cycle in recording.cycles if cycle.asked),
     )
     yield from (cause for cause in told if cause is not None)
     reason = reason_of(recording.end)

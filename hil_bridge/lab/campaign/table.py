@@ -1,5 +1,6 @@
 """The results of a campaign as a table: a row a run."""
 
+import math
 from collections.abc import Callable, Mapping
 
 from hil_bridge.lab.campaign.criteria import Figures, figure_text
@@ -40,15 +41,15 @@ def run_table(store: Store) -> Table:
             "; ".join(run.failed),
             run.cause,
         )
-        rows.append(
-            {
-                **dict(zip(_COLUMNS, (*facts, run.wall_s, run.recording, code), strict=True)),
-                **_plain(run.figures),
-            }
-        )
-    return Table((*_COLUMNS, *JUDGED), tuple(rows))
+        figures = (_figure(run.figures, name) for name in JUDGED)
+        rows.append((*facts, run.wall_s, run.recording, code, *figures))
+    names = (*_COLUMNS, *JUDGED)
+    return dict(zip(names, zip(*rows, strict=True) if rows else [()] * len(names), strict=True))
 
 
-def _plain(figures: Figures) -> dict[str, object]:
-    """Figures with those in words as one text."""
-    return {name: figure_text(value) if isinstance(value, dict) else value for name, value in figures.items()}
+def _figure(figures: Figures, name: str) -> object:
+    """A figure of a run, one in words as one text; None where it has none."""
+    value = figures.get(name)
+    if isinstance(value, dict):
+        return figure_text(value)
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -132,7 +132,7 @@ class CellJob:
         def column(name: str) -> Floats:
             return np.array([getattr(cycle, name) for cycle in cycles], dtype=np.float64)
 
-        time = column("status_at")
+        time = np.array([cycle.sample.now for cycle in cycles], dtype=np.float64)
         time -= time[0] if len(time) else 0.0
         merit = None
         if cycles:

@@ -15,17 +15,18 @@ def table_of_bag(bag: Recording) -> Table:
 
     Moments that it does not tell are left out, and so is all but the first sample of a time. Raises ConfigError.
     """
-    times = np.array([sample.controlled_at for sample in bag.cycles])
+    times = np.array([cycle.controlled_at for cycle in bag.cycles])
     new = np.concatenate([[True], np.diff(times) > 0.0])
-    samples = [sample for sample, taken in zip(bag.cycles, new, strict=True) if taken]
-    if len(samples) < LEAST_SAMPLES:
-        raise ConfigError(f"the bag has {len(samples)} samples; at least {LEAST_SAMPLES} are compared")
+    cycles = [cycle for cycle, taken in zip(bag.cycles, new, strict=True) if taken]
+    if len(cycles) < LEAST_SAMPLES:
+        raise ConfigError(f"the bag has {len(cycles)} samples; at least {LEAST_SAMPLES} are compared")
+    samples = [cycle.sample for cycle in cycles]
     rotations = np.array([rotation_rows(sample.quaternion) for sample in samples]).reshape(len(samples), 9)
     values = {
         WRENCH: np.array([sample.wrench for sample in samples]),
         FAMILIES["position"]: np.array([sample.position for sample in samples]),
         ROTATION: rotations,
-        ("depth", "press"): np.array([(sample.depth, sample.force) for sample in samples]),
+        ("depth", "press"): np.array([(cycle.depth, cycle.force) for cycle in cycles]),
     }
     columns = {name: rows[:, k] for names, rows in values.items() for k, name in enumerate(names)}
     told = {name: column for name, column in columns.items() if np.isfinite(column).all()}

@@ -33,9 +33,9 @@ def places_of(run: Recording) -> Table:
         )
     # A robot that streams is answered with the target of the cycle before its report.
     late = 1 if devices_of(run).robot.pacing is Pacing.STREAMED else 0
-    times = np.array([cycle.status_at for cycle in cycles[late:]])
+    times = np.array([cycle.sample.now for cycle in cycles[late:]])
     targets = np.array([cycle.target for cycle in cycles[: len(cycles) - late]])
-    places = np.array([cycle.position for cycle in cycles[late:]])
+    places = np.array([cycle.sample.position for cycle in cycles[late:]])
     columns = {axis: places[:, k] for k, axis in enumerate(FAMILIES["position"])}
     columns |= {name: targets[:, k] for k, name in enumerate(FAMILIES["order_position"])}
     return Table(times - times[0], columns, at_arrival=True)
@@ -46,7 +46,7 @@ def wrench_before_contact(run: Recording) -> Table:
     facts = devices_of(run).sensor.facts
     if facts is None:
         raise ConfigError("the recording does not tell the scales of its sensor")
-    touch = next((cycle.sensor_at for cycle in run.cycles if cycle.in_contact), np.inf)
+    touch = next((cycle.sample.sensor_at for cycle in run.cycles if cycle.in_contact), np.inf)
     begin = run.cycles[0].started_at if run.cycles else np.inf  # the zero has been taken then
     frames = [frame for frame in run.sensors if begin < frame.at < touch - _BEFORE_TOUCH_S]
     if len(frames) < LEAST_SAMPLES:

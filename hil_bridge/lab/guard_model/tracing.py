@@ -110,7 +110,7 @@ def _shown(recording: Recording, behind: bool) -> Iterator[Shown]:
     causes, next_cause = _causes(recording.events), 0
     before, away = None, True
     for cycle in recording.cycles:
-        found = [] if cycle.asked_cause is None else [cycle.asked_cause]
+        found = [] if cycle.asked is None else [cycle.asked.cause]
         until = cycle.answered_at
         if behind and cycle is recording.cycles[-1]:
             until = math.nextafter(until, -math.inf)

@@ -27,7 +27,7 @@ def given_orders(run: Recording, cycle_s: float, speed: float, acceleration: flo
     places = places_of(run)
     count = len(places.times) + 1
     cycles = run.cycles[:count]
-    origin = cycles[1].status_at  # where the times of `places_of` begin
+    origin = cycles[1].sample.now  # where the times of `places_of` begin
     times = np.arange(0.0, places.times[-1], cycle_s)
     sent = np.array([cycle.sent_at for cycle in cycles]) - origin
     newest = np.searchsorted(sent, times - 1e-9) - 1

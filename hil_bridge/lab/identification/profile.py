@@ -134,7 +134,7 @@ def _cell(identified: Identified) -> Sections:
             "reference_depth_mm": _rounded(depth * _MM),
         }
     if seen.cycles:
-        first = seen.cycles[0]
+        first = seen.cycles[0].sample
         found["cell"] = {
             "start_position_mm": [round(part * _MM, 4) for part in first.position],
             "start_quaternion": [round(part, 9) for part in first.quaternion],

@@ -157,11 +157,11 @@ def _stream_of(run: Recording, facts: SensorFacts | None, alignment: Floats) -> 
     times = np.array([frame.at for frame in frames])
     wrench = np.array([wrench_of(frame.counts, facts.scales) for frame in frames])
     begin = run.cycles[0].started_at
-    touched = [cycle.sensor_at for cycle in run.cycles if cycle.in_contact]
+    touched = [cycle.sample.sensor_at for cycle in run.cycles if cycle.in_contact]
     free: tuple[Span, ...] = ()
     if touched:
         free = (begin, touched[0] - _SETTLED_S), (touched[-1] + _SETTLED_S, run.cycles[-1].answered_at)
-    in_tool = rotate(inverse(run.cycles[0].quaternion), approach_of(run))
+    in_tool = rotate(inverse(run.cycles[0].sample.quaternion), approach_of(run))
     x, y, z = (alignment.T @ np.array(in_tool)).tolist()
     return Stream(times, wrench, np.array(facts.scales), (float(times[0]), begin), free, facts, (x, y, z))
 
@@ -173,8 +173,8 @@ def _contact_of(run: Recording, approach: Vector, alignment: Floats) -> Contact 
     stretch, before = 0, ""
     for cycle in run.cycles:
         sample = cycle.sample
-        force = cycle.force if sample is None or sample.paired_force is None else sample.paired_force
-        at = cycle.status_at if sample is None or sample.position_at is None else sample.position_at
+        force = cycle.force if sample.paired_force is None else sample.paired_force
+        at = cycle.sample.now if sample.position_at is None else sample.position_at
         pressing = cycle.in_contact or cycle.phase == Phase.RETRACT
         if not math.isfinite(force + at):
             continue
@@ -182,10 +182,10 @@ def _contact_of(run: Recording, approach: Vector, alignment: Floats) -> Contact 
             stretch, before = stretch + 1, cycle.phase
         elif not pressing:
             before = ""
-        x, y, z = rotate(cycle.quaternion, cycle.wrench[:3])
+        x, y, z = rotate(cycle.sample.quaternion, cycle.sample.wrench[:3])
         number = stretch if pressing else 0
-        rows.append((at, cycle.depth, force, *cycle.position, x, y, z, number))
-        arrivals.append((cycle.sensor_at, cycle.force))
+        rows.append((at, cycle.depth, force, *cycle.sample.position, x, y, z, number))
+        arrivals.append((cycle.sample.sensor_at, cycle.force))
     if len(rows) < LEAST_PRESSING:
         return None
     table = np.array(rows)
@@ -238,7 +238,7 @@ def _forces_on_the_way(run: Recording, table: Floats, approach: Vector, alignmen
         low, high = np.searchsorted(times, starts[row : row + 2])
         if high - low < 3:
             continue
-        base = np.array([rotate(cycle.quaternion, force) for force in wrench[low:high].tolist()])
+        base = np.array([rotate(cycle.sample.quaternion, force) for force in wrench[low:high].tolist()])
         across = base - np.outer(base @ np.array(approach), approach)
         sizes = np.linalg.norm(across, axis=1)
         order = np.argsort(sizes)

@@ -8,8 +8,6 @@ from hil_bridge.runs.replay import replay
 
 def other_decisions(evidence: Evidence) -> Iterator[Violation]:
     """The first cycle that is decided otherwise, with the number of all of them."""
-    if not evidence.recording.cycles or evidence.recording.cycles[0].sample is None:
-        return
     others = [
         cycle.record
         for cycle in replay(evidence.recording, evidence.config, forced=False)

@@ -1,13 +1,16 @@
-"""Records as NumPy arrays: a row a record, an array by the name of each field.
+"""Records as NumPy arrays: a row a record, an array by the name of each field. The names of columns are made here.
 
 Numbers become an array of their type, with NaN for a number that is not known. Vectors, quaternions and wrenches become
 an array with a column for each part. Values by name (`explanation`) become a mapping from the name to an array. What is
-no number becomes an array of objects.
+no number becomes an array of objects. The fields of a cycle's sample are among those of the cycle; `sample_` stands
+before the name of one that the cycle has too.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from importlib import import_module
+from operator import attrgetter
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,12 +18,43 @@ from msgspec import Struct, inspect
 from numpy.typing import NDArray
 
 from hil_bridge.errors import ConfigError
+from protocol.wrench import AXES
 
 Column: TypeAlias = Any
 """NDArray, or a mapping from names to NDArray."""
 _NAN = float("nan")
 _HTML_ROWS, _HTML_COLUMNS = 4, 10
 """Chosen: rows at each end, and columns, that a notebook has room for."""
+_PARTS: Mapping[int, Sequence[str]] = {3: ("x", "y", "z"), 4: ("w", "x", "y", "z"), 6: AXES}
+"""Names of the parts of a vector, a quaternion and a wrench, by their number."""
+_UNITS: Mapping[str, str] = {
+    **dict.fromkeys(("force", "force_reference", "paired_force", "witness", "hidden", "resultant"), "N"),
+    **dict.fromkeys(("force_travel", "force_across", "peak_force", "peak_resultant"), "N"),
+    **dict.fromkeys(("position", "target", "start", "depth", "depth_commanded", "correction"), "m"),
+    **dict.fromkeys(("travel_commanded", "across_commanded"), "m"),
+    **dict.fromkeys(("now", "answer_s", "gap", "unchanged", "overdue"), "s"),
+    "peak_moment": "N·m",
+    "stiffness": "N/m",
+    "joints_deg": "deg",
+    "tilt": "rad",
+}
+"""Unit of a field, as its docstring tells."""
+_ENDING_UNITS: Mapping[str, str] = {"n": "N", "nm": "N·m", "m": "m", "at": "s", "s": "s", "deg": "deg"}
+"""Unit of another column by the end of its name."""
+
+
+def column_names(field: str, parts: int) -> Sequence[str]:
+    """Names of the columns of an array with so many parts: by axes, and of joints by number, from 1."""
+    ends = range(1, parts + 1) if field.startswith("joints") else _PARTS.get(parts, range(parts))
+    return [f"{field}_{end}" for end in ends]
+
+
+def unit_of(column: str) -> str:
+    """Unit of a column; empty where it has none."""
+    field, _, part = column.rpartition("_")
+    if field == "wrench":
+        return "N" if part.startswith("f") else "N·m"
+    return _UNITS.get(column) or _UNITS.get(field) or _ENDING_UNITS.get(part, "")
 
 
 class Columns(Mapping[str, Column]):
@@ -31,8 +65,12 @@ class Columns(Mapping[str, Column]):
 
     def __init__(self, records: Sequence[Struct], kind: type[Struct]) -> None:
         self._records = records
-        self._widths = {field.name: _width(field.type) for field in inspect.type_info(kind).fields}  # type: ignore[attr-defined]
+        self._widths: dict[str, int] = {}
         """Columns of each field: of a vector, its parts; 0 for one that is no row of numbers."""
+        self._paths: dict[str, str] = {}
+        """Where each field is in its record."""
+        for name, path, field in _fields(inspect.type_info(kind)):
+            self._widths[name], self._paths[name] = _width(field.type), path
         self._made: dict[str, Column] = {}
 
     @property
@@ -62,16 +100,23 @@ class Columns(Mapping[str, Column]):
         return f"{table}<p>{self.count} records{left}</p>"
 
     def flat(self) -> dict[str, NDArray[Any]]:
-        """One array (n,) a column: `position` becomes `position_0` and so on, a value by name `explanation_NAME`."""
-        found: dict[str, NDArray[Any]] = {}
-        for name, column in self.items():
+        """One array (n,) a column: `position` becomes `position_x` and so on, a value by name `explanation_NAME`."""
+        return {name: values for _, name, values in self.named()}
+
+    def named(self) -> Iterator[tuple[str, str, NDArray[Any]]]:
+        """Field, name and values of each column."""
+        for field, column in self.items():
             if isinstance(column, Mapping):
-                found |= {f"{name}_{key}": values for key, values in column.items()}
+                yield from ((field, f"{field}_{key}", values) for key, values in column.items())
             elif column.ndim == 2:
-                found |= {f"{name}_{part}": column[:, part] for part in range(column.shape[1])}
+                names = column_names(field, column.shape[1])
+                yield from ((field, name, column[:, part]) for part, name in enumerate(names))
             else:
-                found[name] = column
-        return found
+                yield field, field, column
+
+    def path(self, name: str) -> str:
+        """Where a field is in its record, as `sample.now`."""
+        return self._paths[name]
 
     def to_pandas(self) -> Any:
         """A pandas DataFrame of `flat`. Raises ConfigError where pandas is not installed."""
@@ -81,11 +126,9 @@ class Columns(Mapping[str, Column]):
         """A polars DataFrame of `flat`; what is no number or text is told as text. Raises ConfigError where polars is
         not installed.
         """
-        plain = {
-            name: list(map(_plain, values)) if values.dtype == object else values
-            for name, values in self.flat().items()
-        }
-        return _library("polars").DataFrame(plain, strict=False)
+        return _library("polars").DataFrame(
+            {name: plain(values.tolist()) for name, values in self.flat().items()}, strict=False
+        )
 
     def __iter__(self) -> Iterator[str]:
         """Names of the arrays."""
@@ -99,9 +142,8 @@ class Columns(Mapping[str, Column]):
         if name not in self._widths:
             raise KeyError(f"no field is called {name!r}; there are {', '.join(self._widths)}")
         if name not in self._made:
-            self._made[name] = _column(
-                [getattr(record, name) for record in self._records], self._widths[name]
-            )
+            read = attrgetter(self._paths[name])
+            self._made[name] = _column([read(record) for record in self._records], self._widths[name])
         return self._made[name]
 
     def __getattr__(self, name: str) -> Column:
@@ -121,8 +163,32 @@ def _library(name: str) -> Any:
         raise ConfigError(f"{name} is not installed here: pip install {name}") from None
 
 
-def _plain(value: object) -> str | None:
-    return None if value is None else str(value)
+def plain(column: Sequence[Any]) -> list[Any]:
+    """The values of a column as numbers, texts, and None for what is not known."""
+    return [_plain(value) for value in column]
+
+
+def _plain(value: Any) -> Any:
+    match value:
+        case float():
+            return value if math.isfinite(value) else None
+        case tuple():
+            return "; ".join(map(str, value))
+        case None | bool() | int() | str():
+            return value
+        case _:
+            return str(value)
+
+
+def _fields(kind: Any) -> Iterator[tuple[str, str, inspect.Field]]:
+    """Name, place and field of each column of a record; the fields of its sample in their place."""
+    own = {field.name for field in kind.fields}
+    for field in kind.fields:
+        if field.name != "sample":
+            yield field.name, field.name, field
+            continue
+        for name, path, inner in _fields(field.type):
+            yield f"sample_{name}" if name in own else name, f"sample.{path}", inner
 
 
 def _cell(value: object) -> str:
@@ -154,12 +220,16 @@ def _numbers(values: list[Any]) -> NDArray[Any]:
 
 def _width(kind: inspect.Type) -> int:
     """Numbers in each value of a field; 0 where it is no row of so many numbers."""
-    parts = kind.item_type if isinstance(kind, inspect.VarTupleType) else None
-    numbers = parts.types if isinstance(parts, inspect.UnionType) else (parts,)
-    if not all(isinstance(part, (inspect.FloatType, inspect.IntType)) for part in numbers):
-        return 0
-    assert isinstance(kind, inspect.VarTupleType)
-    return kind.max_length or 0
+    match kind:
+        case inspect.TupleType(item_types=parts):
+            width = len(parts)
+        case inspect.VarTupleType(item_type=inspect.UnionType(types=parts), max_length=most):
+            width = most or 0
+        case inspect.VarTupleType(item_type=part, max_length=most):
+            parts, width = (part,), most or 0
+        case _:
+            return 0
+    return width if all(isinstance(part, (inspect.FloatType, inspect.IntType)) for part in parts) else 0
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:

@@ -21,8 +21,8 @@ def contact_figures(recording: Recording) -> Mapping[str, float | None]:
     touches = forces > threshold
     if not touches.any():
         return dict.fromkeys(one.key for one in CONTACT) | {"contacts": 0.0, "contact_s": 0.0}
-    at = np.array([cycle.controlled_at if foreign else cycle.sensor_at for cycle in cycles])
-    wrenches = np.array([cycle.wrench for cycle in cycles])[touches]
+    at = np.array([cycle.controlled_at if foreign else cycle.sample.sensor_at for cycle in cycles])
+    wrenches = np.array([cycle.sample.wrench for cycle in cycles])[touches]
     pressed = forces[touches]
     resultants = np.linalg.norm(wrenches[:, :3], axis=1)
     lateral = np.sqrt(np.maximum(resultants**2 - pressed**2, 0.0))

@@ -3,10 +3,10 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import TypeAlias
 
 import numpy as np
-from msgspec import inspect
 from numpy.typing import NDArray
 
 from hil_bridge.devices.facts import Devices, Hop, RobotHops
@@ -18,12 +18,12 @@ from hil_bridge.record.records import CycleRecord, SensorRecord, TruthRecord
 
 Floats: TypeAlias = NDArray[np.float64]
 
-_STAMPS = frozenset(
-    field.name
-    for field in inspect.type_info(CycleRecord).fields  # type: ignore[attr-defined]
-    if isinstance(field.type, inspect.FloatType) and field.name.endswith("_at")
-)
-"""Moments of a cycle: names that a recording's facts may use."""
+_STAMPS: Mapping[str, Callable[[CycleRecord], float]] = {
+    **{name: attrgetter(name) for name in CycleRecord.__struct_fields__ if name.endswith("_at")},
+    "status_at": attrgetter("sample.now"),
+    "sensor_at": attrgetter("sample.sensor_at"),
+}
+"""Moments of a cycle by the names that a recording's facts may use."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,9 +197,9 @@ def timestamps(
             case "sampled_at" | "motion_at":
                 values = [getattr(of_cycle.get(cycle.cycle), name, math.nan) for cycle in cycles]
             case "earliest_at":
-                values = [arrivals.get(cycle.sensor_sequence, math.nan) for cycle in cycles]
+                values = [arrivals.get(cycle.sample.sensor_sequence, math.nan) for cycle in cycles]
             case _ if name in _STAMPS:
-                values = [getattr(cycle, name) for cycle in cycles]
+                values = [_STAMPS[name](cycle) for cycle in cycles]
             case _:
                 values = [math.nan] * len(cycles)
         return np.array(values, dtype=np.float64)

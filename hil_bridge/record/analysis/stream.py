@@ -54,9 +54,9 @@ def stream_force(recording: Recording) -> tuple[Floats, Floats, Floats] | None:
     along = _along(recording) if recording.cycles else None
     used = {sensor.sequence: sensor.counts[:3] for sensor in recording.sensors}
     pairs = [
-        (used[cycle.sensor_sequence], cycle.force)
+        (used[cycle.sample.sensor_sequence], cycle.force)
         for cycle in recording.cycles
-        if cycle.sensor_sequence in used and math.isfinite(cycle.force)
+        if cycle.sample.sensor_sequence in used and math.isfinite(cycle.force)
     ]
     if along is None or len(pairs) < _FEWEST_CYCLES:
         return None
@@ -83,6 +83,6 @@ def _along(recording: Recording) -> Floats | None:
     sensor = told.sensor
     turned = turn_about((0.0, 0.0, 1.0), math.radians(sensor.mounting_deg))
     wrist = Wrist(product(sensor.quaternion, turned), flip=sensor.flip_fx_mx)
-    seen = wrist.seen_by_sensor(told.frame.approach, recording.cycles[0].quaternion)
+    seen = wrist.seen_by_sensor(told.frame.approach, recording.cycles[0].sample.quaternion)
     along: Floats = -seen * np.array(facts.scales[:3])
     return along

@@ -171,7 +171,7 @@ class _Ending:
         events, cause = self._recording.events, self._end.cause
         moments = [event.at for event in events if event.kind == STOP_EVENT]
         if not self._is_cut:
-            moments += [cycle.status_at for cycle in self._cycles if cycle.asked]
+            moments += [cycle.sample.now for cycle in self._cycles if cycle.asked]
             moments += [event.at for event in events if event.cause is not None and event.cause is cause]
         lasts = [event.at for event in events]
         lasts += [cycle.answered_at for cycle in self._cycles[-1:] if math.isfinite(cycle.answered_at)]

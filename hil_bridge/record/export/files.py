@@ -12,7 +12,7 @@ from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.export.can_logs import asc, blf, candump
 from hil_bridge.record.export.measurement import measurement
 from hil_bridge.record.export.ros_bag import bag_files
-from hil_bridge.record.export.tables import Table, as_csv, as_parquet, cycle_table, sensor_table
+from hil_bridge.record.export.tables import TIME, Table, as_csv, as_parquet, cycle_table, sensor_table
 from hil_bridge.record.export.traffic import WireFrame, can_frames, is_can, wire_text
 from hil_bridge.record.files import check_place, write_whole
 from protocol.can.dbc import database
@@ -64,9 +64,9 @@ class Source:
             "cycle": cycle_table(self.recording.cycles),
             "sensor": sensor_table(self.recording.sensors, None if facts is None else facts.scales),
         }
-        if not any(table.rows for table in found.values()):
+        if not (filled := {name: table for name, table in found.items() if table[TIME]}):
             raise ConfigError("it holds neither control cycles nor frames of the sensor; give --to bytes")
-        return {name: table for name, table in found.items() if table.rows}
+        return filled
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,15 +136,15 @@ def _tables(source: Source, suffix: str, encode: Callable[[Table], bytes]) -> Se
         Export(
             f".{name}.{suffix}",
             encode(table),
-            f"{len(table.rows)} {words[name]}, the run's clock{_raw(table)}",
+            f"{len(table[TIME])} {words[name]}, the run's clock{_raw(table)}",
         )
         for name, table in source.tables.items()
     ]
 
 
 def _raw(table: Table) -> str:
-    scaled = {"fx_raw", "fx_n"} & {*table.columns}
-    return "; as the device counts, for its scales are not known" if scaled == {"fx_raw"} else ""
+    without_scales = "counts_fx" in table and "wrench_fx" not in table
+    return "; as the device counts, for its scales are not known" if without_scales else ""
 
 
 def _ros_bag(source: Source) -> Sequence[Export]:

@@ -14,35 +14,16 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from hil_bridge.control.sample import Sample
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.extras import install_command
 from hil_bridge.record import CycleRecord, EventRecord, Recording, SensorRecord, TruthRecord
-from hil_bridge.record.analysis.columns import Columns
+from hil_bridge.record.analysis.columns import Columns, unit_of
 from hil_bridge.record.device_facts import devices_of
-from hil_bridge.record.export.tables import COLUMNS_MAX, column_names, sensor_table
+from hil_bridge.record.export.tables import COLUMNS_MAX, TIME, sensor_table
 from hil_bridge.record.field_docstrings import field_docstrings
 from hil_bridge.record.scenes import whole_text
 
-_UNITS: Mapping[str, str] = {
-    "wrench": "N",
-    "force": "N",
-    "force_reference": "N",
-    "position": "m",
-    "target": "m",
-    "start": "m",
-    "depth": "m",
-    "depth_commanded": "m",
-    "travel_commanded": "m",
-    "across_commanded": "m",
-    "correction": "m",
-    "stiffness": "N/m",
-    "joints_deg": "deg",
-    "answer_s": "s",
-}
-"""Unit of a record's field, as its docstring tells."""
-_ENDING_UNITS: Mapping[str, str] = {"n": "N", "nm": "N·m", "m": "m", "at": "s"}
-"""Unit of a channel by the end of its name, of a field that is not named above."""
-_TORQUE_PARTS = ("wrench_mx", "wrench_my", "wrench_mz")
 _ENCODINGS: Mapping[str, str] = {"S": "utf-8"}
 """Encoding of values, by the kind of NumPy's type."""
 _NS = 1e-9
@@ -117,43 +98,24 @@ def _groups(recording: Recording) -> Iterator[tuple[str, tuple[NDArray[Any], lis
 
 
 def _sensor(frames: Sequence[SensorRecord], scales: Any) -> tuple[NDArray[Any], list[_Channel]]:
-    table = sensor_table(frames, scales)
-    time, *names = table.columns
-    columns = {name: np.array([row[name] for row in table.rows]) for name in table.columns}
-    return columns[time], [
-        (name, columns[name], _ENDING_UNITS.get(name.rpartition("_")[2], ""), "") for name in names
-    ]
+    columns = {name: np.array(values) for name, values in sensor_table(frames, scales).items()}
+    time = columns.pop(TIME)
+    return time, [(name, values, unit_of(name), "") for name, values in columns.items()]
 
 
 def _records(records: Sequence[Struct], kind: type[Struct], time: str) -> tuple[NDArray[Any], list[_Channel]]:
     """Every column of numbers, in order of time."""
     columns = Columns(records, kind)
-    texts = field_docstrings(kind)
+    texts = field_docstrings(kind) | field_docstrings(Sample)
     order = np.argsort(columns[time], kind="stable")
     channels = []
-    for field, name, values in _named(columns):
+    for field, name, values in columns.named():
         if values.dtype == object or name == time:
             continue
-        unit = (
-            "N·m"
-            if name in _TORQUE_PARTS
-            else _UNITS.get(field) or _ENDING_UNITS.get(name.rpartition("_")[2], "")
-        )
         numbers = values.astype(np.uint8) if values.dtype == bool else values
-        channels.append((name, numbers[order], unit, texts.get(field, "")))
+        text = texts.get(columns.path(field).rpartition(".")[2], "")
+        channels.append((name, numbers[order], unit_of(name), text))
     return columns[time][order], channels
-
-
-def _named(columns: Columns) -> Iterator[tuple[str, str, NDArray[Any]]]:
-    """Field, name as of the tables, and values of each column."""
-    for field, column in columns.items():
-        if isinstance(column, Mapping):
-            yield from ((field, f"{field}.{key}", values) for key, values in column.items())
-        elif column.ndim == 2:
-            names = column_names(field, column.shape[1])
-            yield from ((field, name, column[:, part]) for part, name in enumerate(names))
-        else:
-            yield field, field, column
 
 
 def _timed(events: Sequence[EventRecord]) -> list[EventRecord]:

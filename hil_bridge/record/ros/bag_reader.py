@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_bridge.control.sample import Sample
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path
 from hil_bridge.record.foreign import BASE_FRAME, POSE, TARGET, TOOL_FRAME, WRENCH, BagChoices, Foreign
@@ -92,7 +93,7 @@ def _places(at_ns: Nanoseconds, poses: Stream) -> tuple[NDArray[np.bool_], Float
 
 
 _UNKNOWN = (
-    *("status_at", "sensor_at", "sent_at", "answered_at"),
+    *("sent_at", "answered_at"),
     *("force_reference", "travel_commanded", "across_commanded", "correction", "gain"),
 )
 """Fields of a cycle that no bag has."""
@@ -116,10 +117,7 @@ def _records(samples: _Samples, target: Stream | None, choices: BagChoices) -> t
     columns = {
         "started_at": times,
         "controlled_at": times,
-        "wrench": wrenches,
         "force": forces,
-        "position": positions,
-        "quaternion": samples.places[:, 3:],
         "depth": depths,
         "target": commanded,
         "depth_commanded": ordered,
@@ -127,17 +125,33 @@ def _records(samples: _Samples, target: Stream | None, choices: BagChoices) -> t
     }
     unknown: dict[str, Any] = dict.fromkeys(_UNKNOWN, _NAN)
     rows = zip(*(_values(column) for column in columns.values()), strict=True)
+    seen = zip(
+        *map(_values, (positions, forces, np.linalg.norm(wrenches[:, :3], axis=1))),
+        *map(_values, (wrenches, samples.places[:, 3:])),
+        strict=True,
+    )
     return tuple(
         CycleRecord(
             cycle=number,
             phase="",
-            sensor_sequence=number,
+            sample=Sample(
+                now=_NAN,
+                position=position,
+                force=force,
+                resultant=resultant,
+                sensor_at=_NAN,
+                sensor_sequence=number,
+                wrench=wrench,
+                quaternion=quaternion,
+            ),
             verdict="",
             start=start,
             **unknown,
             **dict(zip(columns, row, strict=True)),
         )
-        for number, row in enumerate(rows)
+        for number, (row, (position, force, resultant, wrench, quaternion)) in enumerate(
+            zip(rows, seen, strict=True)
+        )
     )
 
 

@@ -82,7 +82,7 @@ class Messages:
     def remember(self, record: object) -> None:
         """Take note of a record whose messages are not wanted."""
         if not self._start and isinstance(record, CycleRecord):
-            self._start = record.quaternion
+            self._start = record.sample.quaternion
 
     def of(self, record: object) -> Iterator[Stamped]:
         """Messages of a record. What has no time has no message. Raises ConfigError for a time that a stamp cannot
@@ -109,8 +109,10 @@ class Messages:
 
     def _of_cycle(self, cycle: CycleRecord) -> Iterator[Stamped]:
         self.remember(cycle)
-        yield from self._wrench(_CONTACT, cycle.sensor_at, TOOL, cycle.wrench)
-        yield from self._pose(_REPORTED, cycle.status_at, TOOL, (cycle.position, cycle.quaternion))
+        yield from self._wrench(_CONTACT, cycle.sample.sensor_at, TOOL, cycle.sample.wrench)
+        yield from self._pose(
+            _REPORTED, cycle.sample.now, TOOL, (cycle.sample.position, cycle.sample.quaternion)
+        )
         turn = cycle.quaternion_commanded or self._start
         yield from self._pose(_COMMANDED, cycle.sent_at, TARGET, (cycle.target, turn))
 

@@ -83,7 +83,7 @@ class Columns:
         """Take a cycle."""
         self._start = record.start
         if self.approach is None:
-            self.approach = tool_axis(record.quaternion)
+            self.approach = tool_axis(record.sample.quaternion)
         before, self._before = self._before, record.started_at
         at = record.controlled_at
         if not math.isfinite(at):
@@ -127,7 +127,7 @@ class Columns:
 
     def _cycle_row(self, record: CycleRecord, seconds: float) -> Row:
         force, explained = record.force, record.explanation
-        fx, fy, fz, mx, my, mz = record.wrench
+        fx, fy, fz, mx, my, mz = record.sample.wrench
         resultant = math.hypot(fx, fy, fz)
         wanted = not record.step or record.phase == TRACK  # a step that does not press wants no force
         presses = record.phase == TRACK and math.isfinite(force)
@@ -157,12 +157,12 @@ class Columns:
             record.stiffness if record.stiffness is not None and record.stiffness > 0.0 else None,
             record.gain,
             seconds * MILLI,
-            (record.controlled_at - record.sensor_at) * MILLI,
+            (record.controlled_at - record.sample.sensor_at) * MILLI,
             record.answer_s * MILLI,
             100.0 * explained.get(FEED, whole),
             sigma,
             *(value for normal in normals for value in (normal, normal - 2 * sigma, normal + 2 * sigma)),
-            *self._place(record.position),
+            *self._place(record.sample.position),
             float(record.in_contact),
         )
 

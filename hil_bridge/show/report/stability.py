@@ -182,7 +182,7 @@ def _stiffness(
 
 def _plant(track: Sequence[CycleRecord], devices: Devices) -> tuple[SampledPlant, tuple[Part, ...]] | None:
     periods = [b.started_at - a.started_at for a, b in pairwise(track)]
-    waits = [cycle.answered_at - cycle.sensor_at for cycle in track]
+    waits = [cycle.answered_at - cycle.sample.sensor_at for cycle in track]
     waits = [wait for wait in waits if math.isfinite(wait)]
     servo = devices.robot.servo
     if not (periods and waits) or servo is None:

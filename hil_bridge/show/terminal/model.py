@@ -137,7 +137,7 @@ class Snapshot:
     @property
     def held(self) -> bool:
         """A person holds the tool in its place on the surface."""
-        return self.newest is not None and self.newest.sample is not None and self.newest.sample.held
+        return self.newest is not None and self.newest.sample.held
 
     @property
     def lateral_n(self) -> float | None:
@@ -149,12 +149,12 @@ class Snapshot:
     @property
     def resultant_n(self) -> float:
         """Length of the contact force, N; not a number before the first cycle."""
-        return math.nan if self.newest is None else math.hypot(*self.newest.wrench[:3])
+        return math.nan if self.newest is None else math.hypot(*self.newest.sample.wrench[:3])
 
     @property
     def moment_nm(self) -> float:
         """Length of the contact moment about the tool frame's origin, N·m; not a number before the first cycle."""
-        return math.nan if self.newest is None else math.hypot(*self.newest.wrench[3:])
+        return math.nan if self.newest is None else math.hypot(*self.newest.sample.wrench[3:])
 
     @property
     def wants_force(self) -> bool:

@@ -82,7 +82,7 @@ def now_values(snapshot: Snapshot) -> dict[str, Any]:
             "lateral": None if snapshot.lateral_n is None else tidy(snapshot.lateral_n),
             "resultant": tidy(snapshot.resultant_n),
             "moment": tidy(snapshot.moment_nm),
-            "wrench": [tidy(value) for value in newest.wrench],
+            "wrench": [tidy(value) for value in newest.sample.wrench],
             "depth_mm": tidy(newest.depth * MILLI),
             "commanded_mm": tidy(newest.depth_commanded * MILLI),
             "correction_mm": tidy(newest.correction * MILLI),
@@ -93,7 +93,7 @@ def now_values(snapshot: Snapshot) -> dict[str, Any]:
             "verdict": newest.verdict,
             "reasons": list(newest.reasons),
             "answer_ms": _ms(newest.answer_s),
-            "quaternion": [tidy(value) for value in newest.quaternion],
+            "quaternion": [tidy(value) for value in newest.sample.quaternion],
         }
     return values
 

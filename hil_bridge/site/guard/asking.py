@@ -180,7 +180,7 @@ class Asked:
             sensor_sequence=_SEQUENCE - seen.counter_back,
             saturated=seen.saturated,
             dead_axis=seen.dead_axis,
-            fault=seen.fault,
+            fault=Reason(Cause.ROBOT_STATE, seen.fault) if seen.fault else None,
             force_travel=seen.against_n,
             peak_force=peak,
             peak_resultant=max(resultant, abs(peak)),

@@ -82,7 +82,7 @@ def explain(config: Config, situation: Situation) -> Explanation:
         force_n=ask.force(situation),
     )
     decision = ask(situation)
-    cause = decision.verdict.cause if isinstance(decision.verdict, Stop) else None
+    cause = decision.verdict.reason.cause if isinstance(decision.verdict, Stop) else None
     ruled = tuple(
         key
         for key in LOOSE
@@ -181,7 +181,7 @@ def _causes(decision: Decision) -> Iterator[Cause]:
     """Causes for which a decision stops, orders less, or ends an approach that is held."""
     verdict, reason = decision.verdict, decision.intent.reason
     if isinstance(verdict, Stop):
-        yield verdict.cause
+        yield verdict.reason.cause
     elif isinstance(verdict, Clamp):
         yield from dict.fromkeys(hold.cause for hold in verdict.holds)
         if reason is not None and reason.cause is Cause.HELD_APPROACH:

@@ -148,7 +148,7 @@ def _limit(ask: Asked, calm: Situation, quantity: _Quantity) -> float | None:
 
     def stops(value: float) -> bool:
         verdict = ask(quantity.make(calm, value)).verdict
-        return isinstance(verdict, Stop) and verdict.cause in quantity.causes
+        return isinstance(verdict, Stop) and verdict.reason.cause in quantity.causes
 
     low, high = 0.0, quantity.largest
     if stops(low) or not stops(high):

@@ -23,7 +23,7 @@ from hil_bridge.control import (
 from hil_bridge.devices.device_log import LogTo
 from hil_bridge.devices.robots.seam import GIVE_UP_AFTER_S, Motion, MotionLimits, RobotReport
 from hil_bridge.errors import BridgeError, ConfigError, DeviceError, SafetyStop
-from hil_bridge.errors.causes import Cause
+from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.runs.bounds import turning_bounds
 from hil_bridge.runs.compose import Devices, can_hold, open_devices
 from hil_bridge.runs.setup import Setup
@@ -266,18 +266,18 @@ class _Measuring:
             sensor_sequence=frame.sequence,
             unchanged=max(frame.at - judged_from, 0.0),
             saturated=bool(self._sensor.saturated),
-            fault=report.fault,
-            fault_remedy=report.remedy,
+            fault=Reason(Cause.ROBOT_STATE, report.fault, report.remedy) if report.fault else None,
         )
         observation = Observation(sample, dt=since)
         self._state, verdict = self._supervisor.step(
             self._state, observation, Request(depth, target, approach)
         )
         if isinstance(verdict, Stop):
+            reason = verdict.reason
             raise SafetyStop(
-                f"stopped: {verdict.text}",
-                remedy=verdict.remedy or (_BY_WEIGHT if verdict.cause in _OF_FORCE else ""),
-                cause=verdict.cause,
+                f"stopped: {reason.text}",
+                remedy=reason.remedy or (_BY_WEIGHT if reason.cause in _OF_FORCE else ""),
+                cause=reason.cause,
             )
         return verdict.position
 
