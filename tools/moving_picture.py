@@ -12,7 +12,7 @@ from pathlib import Path
 
 import hil_bridge
 from emulators.surface.profile import SurfaceProfile
-from hil_bridge.record import PHASE_EVENT, STOP_EVENT, Recording
+from hil_bridge.record import EventKind, Recording
 from hil_bridge.settings.configuration import read_config
 
 PLACE = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "run.svg"
@@ -135,8 +135,8 @@ def _picture(recording: Recording, surface: SurfaceProfile) -> str:
     tips = [place(one.position[1] * 1e3, one.position[2] * 1e3) for one in run.frames]
     shape = [place(y, _height_mm(surface, y)) for y in (first[1] * 1e3 - 6.0 + 0.5 * k for k in range(155))]
     ground, bottom = _points(shape), TOP + 176
-    fault = next(event.at for event in run.events if event.kind == "fault") - run.began
-    stop = next(event for event in run.events if event.kind == STOP_EVENT)
+    fault = next(event.at for event in run.events if event.kind == EventKind.FAULT) - run.began
+    stop = next(event for event in run.events if event.kind == EventKind.STOP)
     rise = [(0.0, -min(1.0, max(0.0, (t - fault) / 0.1)) * RISE_MM * PX_MM) for t in run.times]
     points = [
         (CHART + t / run.lasts * CHART_WIDTH, FLOOR - min(force, MOST_N) * NEWTON_PX)
@@ -144,7 +144,7 @@ def _picture(recording: Recording, surface: SurfaceProfile) -> str:
     ]
     line = _points(points)
     limit, target = (FLOOR - newton * NEWTON_PX for newton in (50.0, 10.0))
-    phases = [(event.text, event.at - run.began) for event in run.events if event.kind == PHASE_EVENT]
+    phases = [(event.text, event.at - run.began) for event in run.events if event.kind == EventKind.PHASE]
     phases = [(name, max(at, 0.0)) for name, at in phases if name in ("approach", "track", "retract")]
     ends = [*(at for _, at in phases[1:]), run.whole]
     told = "".join(

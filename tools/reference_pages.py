@@ -14,7 +14,7 @@ from hil_bridge.cli.plugins import controller_facts
 from hil_bridge.control.controllers import OURS
 from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.errors import extras
-from hil_bridge.record.ending import ALARMS, CAUTIONS, EVENT_KINDS
+from hil_bridge.errors.event_kinds import ALARMS, CAUTIONS, EventKind
 from hil_bridge.record.scenes import SCENE_TOPICS
 from hil_bridge.record.topics import TOPICS
 from hil_bridge.settings.template import setting_rows
@@ -157,7 +157,7 @@ def panels() -> str:
 def events() -> str:
     """Kinds of events in a record."""
     weight = {**dict.fromkeys(CAUTIONS, "caution"), **dict.fromkeys(ALARMS, "alarm")}
-    rows = [(f"`{kind}`", weight.get(kind, ""), meaning) for kind, meaning in EVENT_KINDS.items()]
+    rows = [(f"`{kind}`", weight.get(kind, ""), kind.meaning) for kind in EventKind]
     return (
         "# Events\n\nKinds of the events in a recording, topic `/event`, and in the view. The log panel of Foxglove "
         "shows an alarm as an error, a caution as a warning.\n\n"

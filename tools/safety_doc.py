@@ -22,7 +22,7 @@ from hil_bridge.errors.cause_row import INTERRUPTED, When
 from hil_bridge.errors.cause_table import TABLE
 from hil_bridge.lab.campaign.watching import Watch
 from hil_bridge.lab.processes import in_order, own_processes
-from hil_bridge.record import PHASE_EVENT, STOP_EVENT, Outcome
+from hil_bridge.record import EventKind, Outcome
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import RETRACT
 from hil_bridge.runs.ending import TRANSITIONS, RunState, Stimulus, Transition
@@ -217,8 +217,8 @@ def _times(running: Simulation, watch: Watch, began: float, by_force: bool) -> T
     above = times[forces > running.config.limits.force_limit_n]
     if by_force:
         began = float(above[0]) if len(above) else math.nan
-    back = [event.at for event in result.events if (event.kind, event.text) == (PHASE_EVENT, RETRACT)]
-    stops = [event.at for event in result.events if event.kind == STOP_EVENT]
+    back = [event.at for event in result.events if (event.kind, event.text) == (EventKind.PHASE, RETRACT)]
+    stops = [event.at for event in result.events if event.kind == EventKind.STOP]
     below = bool(len(above)) and above[-1] < times[-1]
     return Times(
         back[0] - began if back and not math.isnan(began) else None,

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.terminal_theme import TerminalTheme
 
 import hil_bridge
-from hil_bridge.record import CHECK_EVENT, Recording
+from hil_bridge.record import EventKind, Recording
 from hil_bridge.record.analysis.summary import TRACK
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.setup import Setup
@@ -91,7 +91,7 @@ def seen(picture: Picture) -> Snapshot:
     model.snapshot(record.events[0].at, Health())
     for event in record.events:
         if event.at <= until:
-            (model.check(event.text) if event.kind == CHECK_EVENT else model.event(event))
+            (model.check(event.text) if event.kind == EventKind.CHECK else model.event(event))
     frames = [frame for frame in record.sensors if frame.at <= until]
     for cycle in record.cycles:
         if cycle.answered_at <= until:

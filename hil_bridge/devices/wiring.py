@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 from hil_bridge.clock import Clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.errors import TransportClosed
+from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.transports import Datagrams, Frames, Listening, Tap, Transport, opening
-from hil_bridge.transports.datagram.peer import ABSENT, LEFT
 from hil_bridge.transports.pump import Pump
 from protocol.can.frame import CanFilter
 
@@ -109,10 +109,10 @@ class Serving:
         """A device that speaks first goes on speaking where no program listens: one line is enough. Each client that
         leaves has a line.
         """
-        if kind == LEFT or kind not in self._told:
+        if kind == EventKind.LEFT or kind not in self._told:
             self._told.add(kind)
             waits = f"{url}: waits for its client; no program listens there yet"
-            self.say(waits if kind == ABSENT else text)
+            self.say(waits if kind == EventKind.ABSENT else text)
 
     def attach(self, endpoint: Any, wire: Transport[Any]) -> Pump[Any, Any]:
         """Let an endpoint speak over a wire that the room has opened itself."""

@@ -15,16 +15,11 @@ from types import CodeType
 from typing import Any
 
 from hil_bridge.errors import BridgeError, Cause, DeviceError, Reason, TransportError
+from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.errors.offers import packages_of_modules
 
-TRACEBACK_EVENT = "traceback"
-"""Kind of the event whose text is the traceback of such a failure."""
-BUG_EVENT = "bug"
-"""Kind of the event whose text is the traceback of a bug."""
 RAISED = BaseException
 """Whatever other packages' code may raise where it should return; see `raise_if_asked`."""
-FAILED_EVENT = "failed"
-"""Kind of the event that tells that an emulated device has failed, in one line."""
 OWN = frozenset(("hil_bridge", "emulators", "protocol"))
 _PYTHON = tuple({sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")})
 
@@ -83,8 +78,8 @@ def failure(error: BaseException, otherwise: str = "") -> str:
 
 def tell_failure(what: str, cause: BaseException, notice: Callable[[str, str], object]) -> None:
     """Tell a failure beside the bridge's own devices: its traceback, then that the thing has failed."""
-    notice(TRACEBACK_EVENT, traceback_of(cause))
-    notice(FAILED_EVENT, f"{what} failed: {failure(cause)}")
+    notice(EventKind.TRACEBACK, traceback_of(cause))
+    notice(EventKind.FAILED, f"{what} failed: {failure(cause)}")
 
 
 def raise_if_asked(error: BaseException) -> None:
@@ -123,7 +118,7 @@ def of_others(error: BaseException) -> bool:
 
 def failure_event(error: BaseException) -> tuple[str, str]:
     """Kind and text of the event that tells the traceback of an exception that nothing expected."""
-    return TRACEBACK_EVENT if of_others(error) else BUG_EVENT, traceback_of(error)
+    return EventKind.TRACEBACK if of_others(error) else EventKind.BUG, traceback_of(error)
 
 
 def explain_exception(error: BaseException) -> Reason:

@@ -1,6 +1,7 @@
 """Records of a run, and the file that they are written to."""
 
-from hil_bridge.record.ending import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, Outcome, RunEnd
+from hil_bridge.errors.event_kinds import EventKind
+from hil_bridge.record.ending import Outcome, RunEnd
 from hil_bridge.record.link_log import LINK_EVENT, LinkLog
 from hil_bridge.record.reader import RawTraffic, Recording, read, read_link, read_with_traffic
 from hil_bridge.record.recorder import REAL_TIME, VIRTUAL, VIRTUAL_CHUNKS, Chunks, Recorder, Writing
@@ -15,15 +16,13 @@ from hil_bridge.record.records import (
 )
 
 __all__ = [
-    "CHECK_EVENT",
     "LINK_EVENT",
-    "PHASE_EVENT",
     "REAL_TIME",
-    "STOP_EVENT",
     "VIRTUAL",
     "VIRTUAL_CHUNKS",
     "Chunks",
     "CycleRecord",
+    "EventKind",
     "EventRecord",
     "LinkLog",
     "LinkRecord",

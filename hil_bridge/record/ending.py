@@ -9,54 +9,6 @@ import msgspec
 
 from hil_bridge.errors.causes import Cause, Reason
 
-PHASE_EVENT = "phase"
-"""Kind of the events whose text is the name of the phase that begins."""
-STOP_EVENT = "stop"
-"""Kind of the event whose text is the cause of a stop."""
-CHECK_EVENT = "check"
-"""Kind of the events that tell what was found of the sensor before the touch: full scales, model, weight, zero."""
-NOT_MODELLED_EVENT = "not-modelled"
-"""Kind of the events that tell of a thing which the client uses and the emulated device does not model."""
-
-EVENT_KINDS: Mapping[str, str] = {
-    PHASE_EVENT: "A phase of the run begins; the text is its name.",
-    CHECK_EVENT: "A finding about the sensor before the touch: full scales, model, weight, zero.",
-    STOP_EVENT: "The run is stopped; the text is the cause.",
-    "then": "A second cause, after the stop.",
-    "pace": "How often the controller decides, and where that is set; told of a controller that does not say it.",
-    "step": "A step of a program begins or ends.",
-    "fault": "An injected fault begins, has an effect, or ends.",
-    "gap": "The computer stood still for a while.",
-    "signal": "A signal asks the process to end, as by Ctrl-C.",
-    "operator": "A person has asked for something: the end, a hold.",
-    "mark": "A person has marked this moment.",
-    "robot": "A fact that the robot tells.",
-    "motion": "An event of the robot's movement.",
-    "link": "The robot's link failed, or tells of a trouble.",
-    "sensor": "A device event of the sensor, or its failure.",
-    "emulator": "An emulated device tells of a client's mistake.",
-    NOT_MODELLED_EVENT: "The client uses something that the emulated device does not model; once for each thing.",
-    "line_error": "Characters with a parity or framing error.",
-    "telnet_error": "A malformed request or answer of RFC 2217.",
-    "wire_lost": "A connection broke and is tried again.",
-    "wire_back": "A connection is there again.",
-    "absent": "No program takes datagrams at the other end; none was heard from there.",
-    "unreachable": "The network does not bring datagrams to the other end.",
-    "left": "The program at the other end of a wire of datagrams has left; it was heard before.",
-    "stranger": "Datagrams of another sender are refused.",
-    "overrun": "A decision took longer than the period; cycles were left out.",
-    "traceback": "The traceback of code that failed.",
-    "failed": "Code of a plug-in failed; the text names its package and place.",
-    "bug": "An exception that nothing expected.",
-    "recorder": "Records were dropped.",
-    "web": "The server of the page in the browser has ended; the run goes on.",
-}
-"""Kinds of events, with their meaning. A robot's kind may bring some of its own."""
-ALARMS = (STOP_EVENT, "then", "bug", "failed", "traceback", "recorder")
-"""Kinds of events that tell why a run stops."""
-CAUTIONS = ("fault", "gap", "signal", "operator")
-"""Kinds of events that tell of a disturbance, or of a person."""
-
 
 class Check(StrEnum):
     """Subjects of findings about the sensor before the touch."""

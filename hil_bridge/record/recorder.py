@@ -22,6 +22,7 @@ from typing import BinaryIO, NamedTuple
 from mcap.writer import CompressionType, Writer
 
 from hil_bridge.errors import BridgeError
+from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.record.files import open_record
 from hil_bridge.record.records import EventRecord
 from hil_bridge.record.scenes import SCENE_TOPICS, Scenes, SceneTopic, encode
@@ -238,7 +239,7 @@ class Recorder:
     def _finish(self, end: Mapping[str, str]) -> None:
         if any(self._dropped.values()):
             counts = ", ".join(f"{count} of {topic}" for topic, count in self._dropped.items() if count)
-            self._write(EventRecord(self._axis.newest, "recorder", f"records dropped: {counts}"))
+            self._write(EventRecord(self._axis.newest, EventKind.RECORDER, f"records dropped: {counts}"))
         self._flush()
         for name, (media_type, data) in self._attachments.items():
             at = self._wall_ns(self._axis.newest)

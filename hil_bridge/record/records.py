@@ -11,7 +11,8 @@ from msgspec import Meta, Struct
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.sample import Sample
 from hil_bridge.errors.causes import Cause, Reason
-from hil_bridge.errors.failures import BUG_EVENT, TRACEBACK_EVENT, last_line
+from hil_bridge.errors.event_kinds import EventKind
+from hil_bridge.errors.failures import last_line
 from hil_bridge.record.ending import Check
 from protocol.faults import FaultStage
 from protocol.unmodelled import NotModelled
@@ -257,6 +258,6 @@ class EventRecord(Struct, frozen=True):
     @property
     def line(self) -> str:
         """The line of the text that tells most: the last one of a traceback, else the first."""
-        if self.kind in (TRACEBACK_EVENT, BUG_EVENT):
+        if self.kind in (EventKind.TRACEBACK, EventKind.BUG):
             return last_line(self.text)
         return self.text.strip().partition("\n")[0]

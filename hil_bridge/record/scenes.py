@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from hil_bridge.record.ending import ALARMS, CAUTIONS
+from hil_bridge.errors.event_kinds import ALARMS, CAUTIONS
 from hil_bridge.record.records import CycleRecord, EventRecord, TruthRecord
 from hil_bridge.record.topics import schema_of
 

@@ -21,6 +21,7 @@ from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Serving, Wiring, Wrap, unwrapped
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.errors.failures import WrongAnswer, one_line, plugin_place, tell_failure
+from hil_bridge.record import EventKind
 from hil_bridge.runs.faults.bus import BusFaults
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.devices import Robot, Sensor
@@ -148,7 +149,7 @@ async def open_devices(
 def _tell_failed(cause: BaseException, log: DeviceLog) -> None:
     """Tell that an emulated device can no longer be served: its wire has ended, or its code has failed."""
     if isinstance(cause, BridgeError):
-        log.notice("emulator", repr(cause))
+        log.notice(EventKind.EMULATOR, repr(cause))
         return
     tell_failure("the emulated cell", cause, log.notice)
 

@@ -18,8 +18,8 @@ from hil_bridge.devices.robots.seam import Motion, MotionLimits, RobotLink, Robo
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import BridgeError, Cause, DeviceError, Reason
 from hil_bridge.errors.cancelling import is_asked
-from hil_bridge.errors.failures import TRACEBACK_EVENT, explain_exception, failure_event, of_others
-from hil_bridge.record import Outcome
+from hil_bridge.errors.failures import explain_exception, failure_event, of_others
+from hil_bridge.record import EventKind, Outcome
 from hil_bridge.runs.bounds import check_depth, run_bounds
 from hil_bridge.runs.cycle_record import Course, cycle_record
 from hil_bridge.runs.ending import Act, Ending, Stimulus
@@ -191,7 +191,7 @@ class Run:
                 return
             self._start = zero.start
             if self._robot.facts.servo is None:
-                journal.event("motion", UNKNOWN_SERVO)
+                journal.event(EventKind.MOTION, UNKNOWN_SERVO)
             self._sampler.begin(zero, self._orientation)
             self._state = self._loop.initial(zero.start.pose.position)
             await self._cycles(motion)
@@ -278,11 +278,11 @@ class Run:
         gap = max(self._journal.heart.take(), proposed_at - sample.now)
         if gap * 1e3 > self._config.limits.cycle_deadline_ms:
             sample = replace(sample, gap=gap)
-            self._journal.event("gap", f"no decision for {gap * 1e3:.0f} ms")
+            self._journal.event(EventKind.GAP, f"no decision for {gap * 1e3:.0f} ms")
         after, decision = self._loop.judge(before, sample, proposal)
         controlled_at = clock.now()
         if proposal.trace:
-            self._journal.event(TRACEBACK_EVENT, proposal.trace)
+            self._journal.event(EventKind.TRACEBACK, proposal.trace)
         self._journal.enter(decision.intent.phase)
         if decision.intent.phase is Phase.TRACK:
             self._zeroing.axes.tracked = True

@@ -6,14 +6,11 @@ from msgspec.structs import replace
 
 from hil_bridge.clock import Clock, Heartbeat
 from hil_bridge.errors import BridgeError, Cause, Reason
-from hil_bridge.errors.failures import TRACEBACK_EVENT, CodeFailed, traceback_of
-from hil_bridge.record import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, EventRecord
+from hil_bridge.errors.failures import CodeFailed, traceback_of
+from hil_bridge.record import EventKind, EventRecord
 from hil_bridge.record.ending import Check
 from hil_bridge.runs.ending import Ending, Stimulus
 from hil_bridge.runs.watching import Log
-
-THEN_EVENT = "then"
-"""Kind of the events whose text is what followed the cause of a stop."""
 
 
 class Journal:
@@ -40,11 +37,11 @@ class Journal:
         """Report the phase, if it is another one."""
         if phase != self.phase:
             self.phase = phase
-            self.event(PHASE_EVENT, phase)
+            self.event(EventKind.PHASE, phase)
 
     def check(self, text: str, check: Check) -> None:
         """Report the figures of a check."""
-        self.event(CHECK_EVENT, text, check=check)
+        self.event(EventKind.CHECK, text, check=check)
 
     def blame(self, reason: Reason, stimulus: Stimulus = Stimulus.FAILED) -> None:
         """Stop for this reason, or note what followed the first one. A failure that is not answered yet goes first."""
@@ -56,16 +53,16 @@ class Journal:
             self.stopped_at = self._clock.now()
             reason = replace(reason, late_s=self.late_s)
             ending.fail(reason, stimulus)
-            self.event(STOP_EVENT, str(reason), reason.cause)
+            self.event(EventKind.STOP, str(reason), reason.cause)
         elif ending.follow(reason):
-            self.event(THEN_EVENT, str(reason), reason.cause)
+            self.event(EventKind.THEN, str(reason), reason.cause)
 
     def trace(self, error: BridgeError) -> None:
         """Report the traceback of code that has failed, once."""
         cause = error.__cause__ if isinstance(error, CodeFailed) else None
         if cause is not None and cause is not self._traced:
             self._traced = cause
-            self.event(TRACEBACK_EVENT, traceback_of(cause))
+            self.event(EventKind.TRACEBACK, traceback_of(cause))
 
     def event(self, kind: str, text: str, cause: Cause | None = None, *, check: Check | None = None) -> None:
         """Hand an event to the log. An error of the log waits for the next cycle: nothing comes between a failure and

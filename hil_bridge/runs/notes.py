@@ -1,7 +1,6 @@
 """Facts for the end of a run: its cycles, steps, faults and tracebacks, and the words for its views."""
 
-from hil_bridge.errors.failures import BUG_EVENT, TRACEBACK_EVENT
-from hil_bridge.record import CHECK_EVENT, CycleRecord, EventRecord, StepRecord
+from hil_bridge.record import CycleRecord, EventKind, EventRecord, StepRecord
 from hil_bridge.runs.watching import Listener
 from protocol.faults import FaultStage
 
@@ -31,11 +30,11 @@ class Notes(Listener):
         self.steps.append(record)
 
     def _event(self, record: EventRecord) -> None:
-        if record.kind == BUG_EVENT:
+        if record.kind == EventKind.BUG:
             self.bugs.append(record.text)
-        elif record.kind == TRACEBACK_EVENT:
+        elif record.kind == EventKind.TRACEBACK:
             self.traces.append(record.text)
-        elif record.kind == CHECK_EVENT:
+        elif record.kind == EventKind.CHECK:
             self.checked = record.text
         elif record.fault is not None and record.fault.stage in (FaultStage.STRUCK, FaultStage.NEVER):
             self.faults.append(record.text)

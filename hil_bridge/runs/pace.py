@@ -23,6 +23,7 @@ from hil_bridge.control.steps.track import Track
 from hil_bridge.control.types import Controller, Tuning
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError, StepError
+from hil_bridge.record import EventKind
 from hil_bridge.runs.force_bound import ANSWERED_SHARE
 from hil_bridge.runs.reaction_times import following
 from hil_bridge.settings.configuration import Config
@@ -239,7 +240,7 @@ async def cycle_starts(
             continue
         next_place = max(place + 1, math.ceil((clock.now() - anchor) / period))
         if (skipped := next_place - place - 1) > 0:
-            tell("overrun", f"{skipped} cycles of {period * 1e3:g} ms skipped")
+            tell(EventKind.OVERRUN, f"{skipped} cycles of {period * 1e3:g} ms skipped")
         place = next_place
         await clock.sleep_until(anchor + place * period)
 

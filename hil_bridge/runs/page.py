@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 
 from hil_bridge.console.screen import Terminal
 from hil_bridge.errors.causes import Cause
-from hil_bridge.record import CycleRecord, RunEnd
+from hil_bridge.record import CycleRecord, EventKind, RunEnd
 from hil_bridge.record.topics import RECORDS, Record
 from hil_bridge.runs.beside import going_on
 from hil_bridge.runs.notes import Notes
@@ -65,7 +65,7 @@ class Page:
         feed, clock = self._feed, log.clock
         feed.listen(
             lambda: stopping.end_by_hand(Cause.PAGE, "asked for the end on the page in the browser"),
-            lambda text: log.notice("web", f"{text}; the run goes on"),
+            lambda text: log.notice(EventKind.WEB, f"{text}; the run goes on"),
         )
         feed.begin(scene_of(setup, setup.facts, (), self._record), clock.wall_ns(0.0))
         terminal.out.say(f"page: {feed.url}")

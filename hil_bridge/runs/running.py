@@ -19,9 +19,8 @@ from hil_bridge.control.course.intent import TARE
 from hil_bridge.devices.facts import Devices, Pacing, RobotFacts, Sensor
 from hil_bridge.devices.wiring import Wrap, unwrapped
 from hil_bridge.errors.causes import Cause, Reason
-from hil_bridge.errors.failures import FAILED_EVENT, RAISED, of_others, raise_if_asked, tell_failure
-from hil_bridge.record import PHASE_EVENT, CycleRecord, EventRecord, RunEnd, TruthRecord
-from hil_bridge.record.ending import NOT_MODELLED_EVENT
+from hil_bridge.errors.failures import RAISED, of_others, raise_if_asked, tell_failure
+from hil_bridge.record import CycleRecord, EventKind, EventRecord, RunEnd, TruthRecord
 from hil_bridge.record.removed_map import MEDIA_TYPE, REMOVED_NAME
 from hil_bridge.runs import compose
 from hil_bridge.runs.cycle import Run
@@ -52,10 +51,10 @@ class Running:
 
     def hear(self, record: EventRecord) -> None:
         """Tell of the devices once they are ready; end the run when the emulated cell has failed."""
-        if record.kind == PHASE_EVENT and record.text == TARE:
+        if record.kind == EventKind.PHASE and record.text == TARE:
             sensor = Sensor(self.setup.sensor.kind.name, self.sensor.facts)
             self.log.devices(Devices(self.facts, sensor).as_metadata())
-        elif record.kind == FAILED_EVENT:
+        elif record.kind == EventKind.FAILED:
             self.run.fail(Reason(Cause.CELL_FAILED, record.text))
 
     def stand_still(self, seconds: float) -> None:
@@ -121,7 +120,7 @@ async def running(
     def hear(record: EventRecord) -> None:
         if run is not None:
             run.hear(record)
-        elif record.kind == FAILED_EVENT:  # while the devices are opened
+        elif record.kind == EventKind.FAILED:  # while the devices are opened
             failed.append(record)
 
     log.join(Listener({EventRecord: hear}))
@@ -133,7 +132,7 @@ async def running(
         if devices.cell is not None:
             _join_cell(run, devices.cell, after)
         if setup.remark:
-            log.notice("pace", setup.remark)
+            log.notice(EventKind.PACE, setup.remark)
         yield run
 
 
@@ -149,7 +148,7 @@ def _join_cell(run: Running, cell: Cell[Any, Any], after: AsyncExitStack) -> Non
     after.callback(faults.close)
 
     def tell(thing: NotModelled) -> None:
-        log.tell(NOT_MODELLED_EVENT, str(thing), not_modelled=thing)
+        log.tell(EventKind.NOT_MODELLED, str(thing), not_modelled=thing)
 
     compose.follow_unmodelled(cell, tell)
 

@@ -18,7 +18,7 @@ from hil_bridge.errors import BridgeError, Cause
 from hil_bridge.errors.cause_row import CRITERION, INTERRUPTED
 from hil_bridge.errors.failures import last_line
 from hil_bridge.errors.text_files import format_path
-from hil_bridge.record import CycleRecord, Outcome, Recorder, RunEnd
+from hil_bridge.record import CycleRecord, EventKind, Outcome, Recorder, RunEnd
 from hil_bridge.record.analysis.steps import failed_criteria, step_outcomes
 from hil_bridge.record.kept import READ_RECORDS, KeptRecords
 from hil_bridge.record.reader import Recording, read
@@ -253,7 +253,7 @@ class Session:
             return
         text = f"the recording {self._path} {recorder.trouble}"
         self.notes.warning = text
-        log.notice("recorder", text)
+        log.notice(EventKind.RECORDER, text)
         self.terminal.err.say(f"hil-bridge: {text}; the run goes on")
         view.warn(f"the recording {recorder.trouble}")  # where a line is short
 

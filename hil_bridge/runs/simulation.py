@@ -18,8 +18,8 @@ from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import BridgeError, Cause, ConfigError, Reason
 from hil_bridge.errors.failures import explain_exception
 from hil_bridge.record import (
-    PHASE_EVENT,
     CycleRecord,
+    EventKind,
     EventRecord,
     Outcome,
     RawTraffic,
@@ -249,7 +249,7 @@ class _Reached:
 
     def hear(self, record: EventRecord) -> None:
         """Something happened in the run."""
-        if record.kind == PHASE_EVENT:
+        if record.kind == EventKind.PHASE:
             self.phases.append(record.text)
             self._changed.set()
 

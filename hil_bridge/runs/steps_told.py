@@ -10,10 +10,8 @@ from hil_bridge.control.program.outcome import cut
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import ProgramState
 from hil_bridge.errors.causes import Reason
+from hil_bridge.record import EventKind
 from hil_bridge.record.records import StepRecord
-
-STEP_EVENT = "step"
-"""Kind of the events that tell that a step has ended."""
 
 
 class StepLog(Protocol):
@@ -57,7 +55,7 @@ class StepTeller:
     def _tell(self, done: Done) -> None:
         leg = self.legs[done.leg]
         self._log.step(step_record(leg, done))
-        self._event(STEP_EVENT, describe_step(leg, done))
+        self._event(EventKind.STEP, describe_step(leg, done))
 
 
 def step_record(leg: Leg, done: Done) -> StepRecord:

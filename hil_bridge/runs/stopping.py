@@ -11,6 +11,7 @@ from typing import Any
 from hil_bridge.errors import BridgeError, Cause
 from hil_bridge.errors.cancelling import is_asked
 from hil_bridge.errors.failures import explain_exception, failure_event, traceback_of
+from hil_bridge.record import EventKind
 from hil_bridge.runs.ending import Act, Ending, RunState, Stimulus, result_after
 from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog
@@ -42,7 +43,7 @@ class Stopping:
         self._asked = self._asked or cause
         os.kill(os.getpid(), signal.SIGINT)
         # behind the notice of the signal, which a small view would else show in its place
-        tell = partial(self._log.tell, "operator", text, cause=cause, by=key)
+        tell = partial(self._log.tell, EventKind.OPERATOR, text, cause=cause, by=key)
         asyncio.get_running_loop().call_soon(tell)
 
     @contextmanager
@@ -60,7 +61,7 @@ class Stopping:
                 return
             if self._signals.count <= SIGNALS_TOLD:
                 name = signal_name(number)
-                tell = partial(self._log.tell, "signal", name, cause=Cause.SIGNAL, by=name)
+                tell = partial(self._log.tell, EventKind.SIGNAL, name, cause=Cause.SIGNAL, by=name)
                 loop.call_soon_threadsafe(tell)
             if act is Act.CLOSE:
                 loop.call_soon_threadsafe(self._close)

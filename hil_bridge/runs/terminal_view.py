@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from hil_bridge.console import keys
 from hil_bridge.console.screen import Terminal
 from hil_bridge.errors.causes import Cause
-from hil_bridge.record import CHECK_EVENT, CycleRecord, EventRecord
+from hil_bridge.record import CycleRecord, EventKind, EventRecord
 from hil_bridge.record.ending import Check
 from hil_bridge.runs.beside import going_on
 from hil_bridge.runs.running import Running
@@ -45,7 +45,7 @@ class TerminalView(Listener):
     def _event(self, record: EventRecord) -> None:
         if self._view is not None:
             self._view.event(record)
-        if record.kind == CHECK_EVENT and not self._virtual:
+        if record.kind == EventKind.CHECK and not self._virtual:
             self._tell_check(record)
 
     def pause(self, seconds: float) -> None:
@@ -116,7 +116,7 @@ class Keys:
             self._stopping.end_by_hand(Cause.KEY, f"asked for the end with the key {key}", key)
         elif key == _HOLD_KEY:
             words = "holds the tool in its place" if self._run.run.hold() else "does not hold the tool"
-            self._run.log.notice("operator", words)
+            self._run.log.notice(EventKind.OPERATOR, words)
         elif key == _MARK_KEY:
             self._marks += 1
-            self._run.log.notice("mark", f"number {self._marks}")
+            self._run.log.notice(EventKind.MARK, f"number {self._marks}")

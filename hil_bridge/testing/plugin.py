@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from hil_bridge.errors.event_kinds import EventKind
+
 SUITE_VERSION = "1"
 """Version of the suites; `hil_suite = "1"` in pytest's settings pins it. The next number comes with a test, or a limit,
 that an implementation may fail that has passed before. New words of a message keep the number.
@@ -217,7 +219,7 @@ def told_run(number: int, result: Any) -> list[tuple[str, str]]:
     told = [(f"{name}.outcome", str(result.outcome)), (f"{name}.left", result.left)]
     if result.text:
         told.append((f"{name}.cause", result.text))
-    told += [(f"{name}.fault", event.text) for event in result.events if event.kind == "fault"]
+    told += [(f"{name}.fault", event.text) for event in result.events if event.kind == EventKind.FAULT]
     return told + [
         (f"{name}.step.{step.step}", f"{step.label}: {'passed' if step.passed else f'failed: {step.text}'}")
         for step in result.steps

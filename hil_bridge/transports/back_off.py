@@ -6,6 +6,7 @@ from typing import TypeVar
 
 from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportBroken, TransportClosed, TransportError, TransportUnavailable
+from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery
 
@@ -107,7 +108,7 @@ class Reconnecting:
             self._delivery.end(error)
             return
         self._inner = None
-        self._on_notice("wire_lost", f"{error}; trying to reconnect for {self._patience:g} s")
+        self._on_notice(EventKind.WIRE_LOST, f"{error}; trying to reconnect for {self._patience:g} s")
         self._task = self._clock.loop.create_task(self._return(error), name=f"reconnect {self.name}")
 
     async def _return(self, cause: TransportError) -> None:
@@ -119,5 +120,5 @@ class Reconnecting:
             return
         self._task = None
         self._inner = wire
-        self._on_notice("wire_back", f"{self.name}: back after {self._clock.now() - lost_at:.1f} s")
+        self._on_notice(EventKind.WIRE_BACK, f"{self.name}: back after {self._clock.now() - lost_at:.1f} s")
         wire.start(self._delivery.data, self._broke)

@@ -15,7 +15,7 @@ import pytest
 import hil_bridge
 from hil_bridge import api
 from hil_bridge.control.laws.linear import Pi
-from hil_bridge.record import read_with_traffic
+from hil_bridge.record import EventKind, read_with_traffic
 from hil_bridge.record.ending import reason_of
 from hil_bridge.record.topics import TOPICS, Record
 from tests.near_surface import AWAKE_TOML, CLOSE_TOML, SHORT, merged
@@ -188,7 +188,7 @@ def test_faults_come_after_those_of_the_configuration() -> None:
     stopped = api.simulate({**SHORT, "faults": [noise]}, faults=[STOP])
     assert stopped.outcome == "stopped"
     assert "emergency stop" in stopped.text
-    told = [event.text for event in stopped.events if event.kind == "fault"]
+    told = [event.text for event in stopped.events if event.kind == EventKind.FAULT]
     assert any(text.startswith("signal: noise") for text in told)
     assert any(text.startswith("robot: emergency-stop") for text in told)
 
@@ -223,7 +223,7 @@ def test_a_controller_without_a_sample_time_is_told_how_rarely_it_decides() -> N
         match="decides every 180 ms, but the robot takes an order every 4 ms",
     ) as warned:
         slow = api.simulate(EGM, controller=Proportional())
-    assert [event.text for event in slow.events if event.kind == "pace"] == [
+    assert [event.text for event in slow.events if event.kind == EventKind.PACE] == [
         "controller own declares no sample time, so it decides every 180 ms, but the robot takes an order every 4 ms: "
         "write sample_ms = 4 into its class, or set controller.sample_ms, where its parameters fit that"
     ]
@@ -244,7 +244,7 @@ def test_nothing_is_told_of_the_pace_where_it_was_chosen_or_fits() -> None:
         (EGM, None),
     ):
         done = api.simulate(config, controller=controller)
-        assert not [event for event in done.events if event.kind == "pace"]
+        assert not [event for event in done.events if event.kind == EventKind.PACE]
 
 
 def test_tunings_of_an_object_count_for_parameters_that_have_their_defaults() -> None:
@@ -313,7 +313,7 @@ def test_a_run_by_hand() -> None:
     running, force = api.run_virtual(main)
     assert force > 0.1
     assert "emergency stop" in running.result.text
-    assert [event.text for event in running.result.events if event.kind == "phase"][:4] == [
+    assert [event.text for event in running.result.events if event.kind == EventKind.PHASE][:4] == [
         "connect",
         "tare",
         "approach",

@@ -12,7 +12,7 @@ import pytest
 
 from hil_bridge import api
 from hil_bridge.errors import DeviceError
-from hil_bridge.record import CycleRecord, read, read_with_traffic
+from hil_bridge.record import CycleRecord, EventKind, read, read_with_traffic
 from hil_bridge.runs.cycle import Run
 from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.outputs import Outputs
@@ -98,7 +98,7 @@ def test_a_run_speaks_as_the_observed_client_and_its_cell_understands(hil: Comma
 
 def test_the_emulators_own_end_is_no_event_of_a_run(hil: Command) -> None:
     assert hil(*VIRTUAL, "--duration", "0.3", "--record", "r.mcap")[0] == 0
-    assert not [event for event in read(Path("r.mcap")).events if event.kind == "emulator"]
+    assert not [event for event in read(Path("r.mcap")).events if event.kind == EventKind.EMULATOR]
 
 
 def test_a_sensor_that_never_boots_is_one_line_and_keeps_the_record(hil: Command) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.record import EventRecord, Recording
+from hil_bridge.record import EventKind, EventRecord, Recording
 from hil_bridge.show.report.compare import BEGIN, compare_page, names_of
 from tests.bridge.written_recordings import cycle_of
 
@@ -37,7 +37,7 @@ def run(force_n: float, touch: int, settings: dict[str, Any]) -> Recording:
         )
         for k in range(100)
     )
-    events = (EventRecord(109.0, "stop", EVIL),) if force_n > 10.0 else ()
+    events = (EventRecord(109.0, EventKind.STOP, EVIL),) if force_n > 10.0 else ()
     return Recording(cycles, events=events, metadata={"controller": "pi", "config": json.dumps(settings)})
 
 

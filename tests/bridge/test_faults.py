@@ -14,9 +14,9 @@ from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.control.course.intent import CONNECT, TARE, Phase
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.experiments import EmulatedRun, run_emulated
-from hil_bridge.record import PHASE_EVENT, EventRecord, TruthRecord, read
+from hil_bridge.record import EventKind, EventRecord, TruthRecord, read
 from hil_bridge.record.topics import TRUTH
-from hil_bridge.runs.faults.schedule import FAULT_EVENT, FaultSchedule
+from hil_bridge.runs.faults.schedule import FaultSchedule
 from hil_bridge.runs.session import Outputs, execute
 from hil_bridge.settings.configuration import Config, load_config, read_config
 from hil_bridge.settings.faults import PHASES, FaultConfig
@@ -39,7 +39,7 @@ def run_with(*faults: dict[str, Any], duration_s: float = 2.0, **sections: Any) 
 
 
 def texts(run: EmulatedRun) -> list[str]:
-    return [event.text for event in run.events if event.kind == FAULT_EVENT]
+    return [event.text for event in run.events if event.kind == EventKind.FAULT]
 
 
 def struck(run: EmulatedRun, target: str, fault: str) -> int:
@@ -100,7 +100,7 @@ def test_the_computer_stands_still_where_the_bridge_lets_it() -> None:
         with pytest.raises(ConfigError, match=r"^faults\.0: this run cannot pause its own computer$"):
             FaultSchedule((fault,), cell, clock, lambda record: None)
         schedule = FaultSchedule((fault,), cell, clock, lambda record: None, paused.append)
-        schedule.event(EventRecord(clock.now(), PHASE_EVENT, "track"))
+        schedule.event(EventRecord(clock.now(), EventKind.PHASE, "track"))
         assert [(injection.name, injection.struck) for injection in cell.faults] == [("computer: pause", 1)]
 
     run_virtual(main)
@@ -111,7 +111,7 @@ def test_the_computer_stands_still_where_the_bridge_lets_it() -> None:
 
 
 def events(run: EmulatedRun) -> list[tuple[float, str]]:
-    return [(event.at, event.text) for event in run.events if event.kind == FAULT_EVENT]
+    return [(event.at, event.text) for event in run.events if event.kind == EventKind.FAULT]
 
 
 def test_a_fault_begins_and_ends_at_its_exact_times() -> None:
@@ -125,7 +125,7 @@ def test_a_fault_begins_and_ends_at_its_exact_times() -> None:
             "with": {"amount": 3},
         }
     )
-    (tracked,) = (event.at for event in run.events if (event.kind, event.text) == (PHASE_EVENT, "track"))
+    (tracked,) = (event.at for event in run.events if (event.kind, event.text) == (EventKind.PHASE, "track"))
     begun, ended, _ = events(run)
     assert begun == (tracked + 0.7, "signal: offset (axis fz, amount 3) begins for 0.4 s")
     assert ended == (tracked + 0.7 + 0.4, "signal: offset ends")
@@ -219,7 +219,7 @@ def test_the_record_holds_the_faults(tmp_path: Path) -> None:
     config = read_config({"run": {"duration_s": 3.0}, "faults": [row]})
     assert execute(config, True, Outputs(record=tmp_path / "run.mcap"), view=False) == 0
     recording = read(tmp_path / "run.mcap")
-    said = [event for event in recording.events if event.kind == FAULT_EVENT]
+    said = [event for event in recording.events if event.kind == EventKind.FAULT]
     assert [event.text.partition(" (")[0].partition(" struck")[0] for event in said] == [
         "surface: step",
         "surface: step ends",

@@ -28,7 +28,7 @@ from hil_bridge.devices.panel import (
     state_text,
 )
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
-from hil_bridge.record import CycleRecord, Outcome, read
+from hil_bridge.record import CycleRecord, EventKind, Outcome, read
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.runs.compose import emulated_cell, make_cell, open_devices
 from hil_bridge.runs.notes import Notes
@@ -477,7 +477,7 @@ def test_an_emergency_stop_ends_the_orders_and_is_latched(
     summary = summarise(recording)
     assert summary.outcome == Outcome.STOPPED
     refusal = "refused order 24: 13 stop or emergency stop; release the stop"
-    causes = [event.text for event in recording.events if event.kind in ("stop", "then")]
+    causes = [event.text for event in recording.events if event.kind in (EventKind.STOP, EventKind.THEN)]
     assert summary.text == causes[0]
     assert any(refusal in text for text in causes), "by the refusal, or by a status that knew before"
     assert json.loads((tmp_path / "s.json").read_text())["text"] == summary.text

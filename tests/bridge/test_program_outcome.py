@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import hil_bridge.cli
-from hil_bridge.record import StepRecord, read
+from hil_bridge.record import EventKind, StepRecord, read
 from hil_bridge.record.analysis.steps import failed_criteria, step_lines, step_outcomes
 from hil_bridge.record.analysis.summary import summarise
 
@@ -169,7 +169,7 @@ def test_a_run_that_an_error_stops_says_in_which_step(
     assert "  step 2 (track)     " in output
     recording = read(file)
     (_, cut) = summarise(recording).steps
-    (stop,) = (event.at for event in recording.events if event.kind == "stop")
+    (stop,) = (event.at for event in recording.events if event.kind == EventKind.STOP)
     assert recording.steps[1].at == pytest.approx(stop, abs=1e-6), "without the time of the way out"
     assert (cut.label, cut.passed) == ("2 (track)", False)
     assert ", in step 2 (track)" in cut.text

@@ -24,6 +24,7 @@ from hil_bridge.record import (
     VIRTUAL,
     VIRTUAL_CHUNKS,
     CycleRecord,
+    EventKind,
     EventRecord,
     Recorder,
     Recording,
@@ -130,11 +131,11 @@ def test_what_pauses_do_not_suffice_for_is_written_without_them(
 
 
 def test_half_a_character_is_written_out(tmp_path: Path) -> None:
-    odd = EventRecord(math.nan, "phase", "no such file: caf\udce9")
+    odd = EventRecord(math.nan, EventKind.PHASE, "no such file: caf\udce9")
     recording = read(
         write(
             tmp_path / "run.mcap",
-            [cycle(0, 100.0, explanation={"\udc80": 1.0}), odd, EventRecord(101.0, "phase", "track")],
+            [cycle(0, 100.0, explanation={"\udc80": 1.0}), odd, EventRecord(101.0, EventKind.PHASE, "track")],
         )
     )
     assert [event.text for event in recording.events] == ["no such file: caf\\udce9", "track"]
@@ -185,7 +186,7 @@ def test_numbers_that_json_lacks_come_back_as_nan(tmp_path: Path) -> None:
 def test_a_record_without_a_time_gets_that_of_the_newest(tmp_path: Path) -> None:
     odd: list[Any] = [
         cycle(0, 100.0),
-        EventRecord(math.nan, "phase", "track"),
+        EventRecord(math.nan, EventKind.PHASE, "track"),
         cycle(1, 101.0, controlled_at=math.inf),
     ]
     recording = read(write(tmp_path / "run.mcap", odd))

@@ -17,7 +17,7 @@ from msgspec import structs
 
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.sample import Sample
-from hil_bridge.record import CycleRecord, EventRecord, SensorRecord, read
+from hil_bridge.record import CycleRecord, EventKind, EventRecord, SensorRecord, read
 from hil_bridge.record.records import TruthRecord
 from hil_bridge.record.scenes import SCENE_TOPICS
 from hil_bridge.record.time_axis import ORDER_WINDOW_S
@@ -132,7 +132,7 @@ def test_log_times_fall_by_no_more_than_the_window(recorded: Path) -> None:
 
 
 def test_a_record_that_was_put_too_late_is_placed_at_the_window(tmp_path: Path) -> None:
-    late = EventRecord(100.0, "phase", "track")
+    late = EventRecord(100.0, EventKind.PHASE, "track")
     path = write(tmp_path / "run.mcap", [cycle(0, 150.0), late])
     with path.open("rb") as file:
         ((_, _, told),) = make_reader(file).iter_messages(topics="/event", log_time_order=False)

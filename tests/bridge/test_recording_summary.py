@@ -15,6 +15,7 @@ from hil_bridge.devices.facts import Devices, RobotFacts
 from hil_bridge.errors import Cause, ConfigError, Reason
 from hil_bridge.record import (
     CycleRecord,
+    EventKind,
     EventRecord,
     Outcome,
     Recorder,
@@ -159,7 +160,7 @@ def test_phases_come_from_events_or_else_from_cycles() -> None:
     both = (*cycles([0.0, 0.0], "approach"), *cycles([50.0] * 8, first=2))
     assert summarise(Recording(both), END).phases_s == pytest.approx({"approach": 0.5, "track": 1.859})
     events = tuple(
-        EventRecord(at, "phase", name)
+        EventRecord(at, EventKind.PHASE, name)
         for at, name in (
             (48.0, "connect"),
             (49.0, "track"),

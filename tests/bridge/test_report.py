@@ -18,6 +18,7 @@ from hil_bridge.devices.facts import MISSING, Devices, Sensor
 from hil_bridge.devices.robots.streamed import STALE
 from hil_bridge.errors import Cause, ConfigError, Reason
 from hil_bridge.record import (
+    EventKind,
     EventRecord,
     Outcome,
     Recording,
@@ -81,7 +82,7 @@ def run(seconds: float = 8.0) -> Recording:
                     reasons=("step",) if k < 800 else (),
                 )
             )
-    events = (EventRecord(25.0, "stop", EVIL), EventRecord(24.0, EVIL, EVIL))
+    events = (EventRecord(25.0, EventKind.STOP, EVIL), EventRecord(24.0, EVIL, EVIL))
     settings = {
         "sensor": {"quaternion": [1, 0, 0, 0], "mounting_deg": 90, "flip_fx_mx": False},
         "frame": {"approach": [0, 0, 1]},
@@ -143,8 +144,8 @@ def test_the_charts_hold_what_the_recording_holds() -> None:
         for cycle in recording.cycles
     )
     faults = (
-        EventRecord(22.0, "fault", "one", fault=FaultNote("bus", "errors", FaultStage.BEGINS)),
-        EventRecord(24.0, "fault", "two", fault=FaultNote("bus", "errors", FaultStage.ENDS)),
+        EventRecord(22.0, EventKind.FAULT, "one", fault=FaultNote("bus", "errors", FaultStage.BEGINS)),
+        EventRecord(24.0, EventKind.FAULT, "two", fault=FaultNote("bus", "errors", FaultStage.ENDS)),
     )
     recording = dataclasses.replace(recording, truths=truths, events=(*faults, *recording.events))
     found = told(page(recording, summarise(recording, END)))

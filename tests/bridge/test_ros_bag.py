@@ -20,7 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.extras import install_command
-from hil_bridge.record import Recording, read, read_with_traffic
+from hil_bridge.record import EventKind, Recording, read, read_with_traffic
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.export import Choices, export
 from hil_bridge.record.ros.messages import TOPICS
@@ -140,7 +140,7 @@ def test_a_stop_is_an_error_among_the_diagnostics(recordings: Recordings, tmp_pa
     export(path, ("rosbag2",), tmp_path)
     told = messages(tmp_path / "stop.rosbag2", "mcap-ros2-support")["/diagnostics"]
     stops = [one.status[0] for _, one in told if one.status[0].name == "hil_bridge: stop"]
-    (event,) = [event for event in read(path).events if event.kind == "stop"]
+    (event,) = [event for event in read(path).events if event.kind == EventKind.STOP]
     assert event.cause is not None
     assert [int.from_bytes(one.level) if isinstance(one.level, bytes) else one.level for one in stops] == [2]
     assert event.cause.value in {pair.value for pair in stops[0].values}

@@ -11,8 +11,7 @@ import pytest
 from hil_bridge import api
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import Cause, ConfigError
-from hil_bridge.errors.failures import FAILED_EVENT
-from hil_bridge.record import CycleRecord, EventRecord, LinkRecord, Outcome, RunEnd, TruthRecord
+from hil_bridge.record import CycleRecord, EventKind, EventRecord, LinkRecord, Outcome, RunEnd, TruthRecord
 from hil_bridge.runs import compose
 from hil_bridge.runs.beside import going_on
 from hil_bridge.runs.checks import check
@@ -102,7 +101,7 @@ def test_a_cell_that_fails_while_it_is_opened_ends_the_run(monkeypatch: pytest.M
     async def open_devices(
         setup: Setup, clock: Clock, log: RunLog, *rest: Any
     ) -> AsyncIterator[compose.Devices]:
-        log.notice(FAILED_EVENT, "the emulated cell failed: planted")
+        log.notice(EventKind.FAILED, "the emulated cell failed: planted")
         async with opened(setup, clock, log, *rest) as devices:
             yield devices
 
@@ -219,7 +218,7 @@ def test_a_watcher_that_raises_keeps_no_other_from_its_record() -> None:
     async def main() -> None:
         log = RunLog(Clock.running(), [failing("first"), failing("second")])
         with pytest.raises(AssertionError, match="first"):
-            log.notice("mark", "number 1")
+            log.notice(EventKind.MARK, "number 1")
 
     run_virtual(main)
     assert order == ["first", "second"]

@@ -12,7 +12,7 @@ import pytest
 
 from hil_bridge.console.screen import Screen, Terminal
 from hil_bridge.control import ControlLoop
-from hil_bridge.record import CycleRecord, read
+from hil_bridge.record import CycleRecord, EventKind, read
 from hil_bridge.runs import outputs, session
 from hil_bridge.runs.leaving import WayOut
 from hil_bridge.runs.notes import Notes
@@ -52,7 +52,7 @@ def test_each_signal_retracts_and_is_named(
     assert lines[-1] == "left: retracted, 0.0 N"
     recording = read(Path("r.mcap"))
     assert (recording.cycles[-1].phase, recording.end["outcome"]) == ("retract", "interrupted")
-    assert [event.text for event in recording.events if event.kind == "signal"] == [number.name] * 2
+    assert [event.text for event in recording.events if event.kind == EventKind.SIGNAL] == [number.name] * 2
     assert {kind: signal.getsignal(kind) for kind in before} == before
 
 

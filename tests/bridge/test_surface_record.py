@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from hil_bridge.control.geometry.work_frame import WorkFrame
 from hil_bridge.control.program.contact_force import find_across
 from hil_bridge.errors import ConfigError
-from hil_bridge.record import EventRecord, Recorder, Recording, TruthRecord, Writing, read
+from hil_bridge.record import EventKind, EventRecord, Recorder, Recording, TruthRecord, Writing, read
 from hil_bridge.record.removed_map import (
     BYTES_LIMIT,
     CELLS_LIMIT,
@@ -214,7 +214,7 @@ def test_an_altered_attachment_is_a_map_or_refused(place: int, bytes_there: byte
 def test_a_record_with_a_garbled_map_is_refused_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     recorder = Recorder(path, lambda at: round(at * 1e9), {}, Writing(threaded=False))
-    recorder.put(EventRecord(1.0, "phase", "tare"))
+    recorder.put(EventRecord(1.0, EventKind.PHASE, "tare"))
     recorder.attach(REMOVED_NAME, "application/json", b"{}")
     recorder.close()
     with pytest.raises(

@@ -16,7 +16,7 @@ from hil_bridge.devices.sensors.jr3.room import uart_line
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
-from hil_bridge.record import CycleRecord, EventRecord, Outcome, SensorRecord
+from hil_bridge.record import CycleRecord, EventKind, EventRecord, Outcome, SensorRecord
 from hil_bridge.runs.compose import connect_sensor
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import Running, running
@@ -207,7 +207,7 @@ def test_an_unfiltered_sensor_is_said_once() -> None:
 
     served = with_cell(script, sensor={"jr3": {"uart": {"cutoff_hz": 0.0}}})
     (event,) = served.events
-    assert event.kind == "sensor"
+    assert event.kind == EventKind.SENSOR
     assert "filter is off (cut-off 0)" in event.text
 
 

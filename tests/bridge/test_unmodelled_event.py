@@ -7,6 +7,7 @@ import pytest
 
 import hil_bridge
 from emulators.devices.rsi import RsiController
+from hil_bridge.record import EventKind
 from protocol.unmodelled import NotModelled
 from tests.near_surface import SHORT, merged
 
@@ -14,7 +15,7 @@ RSI = merged(SHORT, {"robot": {"emulated": "rsi"}, "sensor": {"emulated": "ft300
 
 
 def events(result: Any) -> list[Any]:
-    return [event for event in result.recording.events if event.kind == "not-modelled"]
+    return [event for event in result.recording.events if event.kind == EventKind.NOT_MODELLED]
 
 
 @pytest.mark.parametrize(
@@ -44,5 +45,5 @@ def test_a_thing_stands_in_the_record_with_its_fields(monkeypatch: pytest.Monkey
     assert event.text == str(thing)
     place = tmp_path / "run.mcap"
     result.save(place)
-    (read,) = [event for event in hil_bridge.read(place).events if event.kind == "not-modelled"]
+    (read,) = [event for event in hil_bridge.read(place).events if event.kind == EventKind.NOT_MODELLED]
     assert read.not_modelled == thing

@@ -15,8 +15,7 @@ from hil_bridge.console import screen
 from hil_bridge.control import Limits
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.robots.s3.facts import robot_facts
-from hil_bridge.errors.failures import TRACEBACK_EVENT
-from hil_bridge.record import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord
+from hil_bridge.record import CycleRecord, EventKind, EventRecord
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.shown import scene_of
 from hil_bridge.runs.terminal_view import TerminalView
@@ -135,8 +134,8 @@ def test_the_scene_of_a_program_knows_the_steps_that_track() -> None:
 def test_an_event_with_a_traceback_tells_what_was_raised() -> None:
     made = model(CYCLE)
     trace = "Traceback (most recent call last):\n  File somewhere\nValueError: the law is broken\n"
-    made.event(EventRecord(110.0, TRACEBACK_EVENT, trace))
-    made.event(EventRecord(110.1, "link", "first line\nsecond line"))
+    made.event(EventRecord(110.0, EventKind.TRACEBACK, trace))
+    made.event(EventRecord(110.1, EventKind.LINK, "first line\nsecond line"))
     text = text_of(made.snapshot(110.2, Health()))
     assert "traceback: ValueError: the law is broken" in text
     assert "link: first line" in text
@@ -239,7 +238,7 @@ def test_the_panel_fills_the_terminal_whatever_it_shows(width: int, height: int)
     counters = {str(kind): 10**6 for kind in (*Count, *NoticeKind)}
     for made in shown:
         for k in range(100):
-            made.event(EventRecord(101.0 + k, "fault", "a long text " * 30 + "\nand more"))
+            made.event(EventRecord(101.0 + k, EventKind.FAULT, "a long text " * 30 + "\nand more"))
         snapshot = made.snapshot(140.0, Health(10**6, 10**6, 100.0, counters))
         lines = text_of(snapshot, width, height).splitlines()
         assert len(lines) == height
@@ -276,9 +275,9 @@ def test_the_panel_of_every_size_tells_what_matters_most(width: int, height: int
     ):
         assert part in running
     assert "STOPPED" not in running
-    made.event(EventRecord(109.0, STOP_EVENT, "the force rose"))
+    made.event(EventRecord(109.0, EventKind.STOP, "the force rose"))
     for k in range(70):
-        made.event(EventRecord(110.0 + k, "link", "time-out"))
+        made.event(EventRecord(110.0 + k, EventKind.LINK, "time-out"))
     stopped = text_of(made.snapshot(111.0, Health()), width, height)
     assert "STOPPED     the force rose" in stopped
     assert "TRACK  STOPPED" in stopped
@@ -316,7 +315,7 @@ def test_a_wide_view_leaves_no_column_empty_and_a_stop_leaves_no_green_word() ->
     assert sum("█" in line for line in right) > 10
     assert any("Depth along the approach" in line for line in right)
     assert any("Times of the cycle" in line for line in right)
-    made.event(EventRecord(111.0, STOP_EVENT, "robot on serial:///dev/ttyS0 refused"))
+    made.event(EventRecord(111.0, EventKind.STOP, "robot on serial:///dev/ttyS0 refused"))
     stopped = text_of(made.snapshot(111.0, Health()), 200, 50)
     assert "robot on serial:///dev/ttyS0 refused" in stopped
     assert "the run is stopped" in stopped
@@ -327,8 +326,8 @@ def test_texts_of_a_device_do_nothing_to_the_terminal() -> None:
     evil = "\x1b[2J\x1b]0;evil\x07[bold]µ"
     made = model(structs.replace(CYCLE, verdict="stop", reasons=(evil,)))
     made.warn(evil)
-    made.event(EventRecord(110.0, "fault", f"told {evil}"))
-    made.event(EventRecord(110.1, STOP_EVENT, evil))
+    made.event(EventRecord(110.0, EventKind.FAULT, f"told {evil}"))
+    made.event(EventRecord(110.1, EventKind.STOP, evil))
     snapshot = made.snapshot(110.2, Health())
     assert line(snapshot).isascii()
     assert line(snapshot).isprintable()
@@ -350,7 +349,7 @@ def test_plain_lines_come_once_a_second_and_when_the_phase_changes() -> None:
     with LiveView(Scene(50.0, ROBOT, 30.0), stream) as view:
         for tick in range(40):
             if tick == 3:
-                view.event(EventRecord(100.3, PHASE_EVENT, "approach"))
+                view.event(EventRecord(100.3, EventKind.PHASE, "approach"))
             if tick == 25:
                 view.update(CYCLE)
             view.refresh(100.0 + tick / 10, Health(1, 2, None, {"time-out": 1, "bid sent": 9}))

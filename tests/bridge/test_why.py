@@ -17,12 +17,11 @@ from hil_bridge.cli import cli
 from hil_bridge.clock import Heartbeat
 from hil_bridge.errors import Cause, Part, Reason
 from hil_bridge.errors.cause_table import ROWS
-from hil_bridge.record import Outcome, Recording, RunEnd
+from hil_bridge.record import EventKind, Outcome, Recording, RunEnd
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.record.analysis.why import why, why_values
 from hil_bridge.record.ending import reason_of
 from hil_bridge.record.records import EventRecord
-from hil_bridge.runs.faults.schedule import FAULT_EVENT
 from tests.near_surface import CLOSE, SHORT, STREAMED, merged
 from tests.recordings import Recordings
 from tools.faults_doc import CELL, GIVEN, faults_of_device
@@ -102,7 +101,7 @@ def fault(job: Job) -> dict[str, Any]:
 def test_a_fault_strikes_and_the_struck_part_is_named(job: Job, recordings: Recordings) -> None:
     refused = job.fault == "wrong-scales"  # found before the tool moves
     recording = recordings(settings(job), faults=[fault(job)], seed=SEED, refused=refused)
-    events = [event.text for event in recording.events if event.kind == FAULT_EVENT]
+    events = [event.text for event in recording.events if event.kind == EventKind.FAULT]
     assert re.match(rf"{job.on}: {job.fault} (\(.*\) )?(begins|happens)", events[0])
     assert re.match(rf"{job.on}: {job.fault} struck [1-9]", events[-1])
     text = why(recording)
@@ -150,7 +149,7 @@ def test_the_command_and_the_report_say_the_same(unplugged: Path, tmp_path: Path
 
 def test_silence_is_the_first_symptom(unplugged: Path) -> None:
     recording = api.read(unplugged)
-    stop = next(event.at for event in recording.events if event.kind == "stop")
+    stop = next(event.at for event in recording.events if event.kind == EventKind.STOP)
     last = max(frame.at for frame in recording.sensors if frame.at <= stop)
     expected = f"The first symptom came {stop - last:.2f} s before that: the last frame of the force sensor."
     assert expected in why(recording)
@@ -167,10 +166,10 @@ def test_a_recording_that_was_cut_says_so(unplugged: Path, tmp_path: Path) -> No
 
 def test_a_run_that_a_person_ended_by_a_key_was_not_ended_by_a_signal(recordings: Recordings) -> None:
     recording = recordings(SHORT)
-    key = EventRecord(1.0, "operator", "asked for the end with the key r", Cause.KEY, by="r")
-    page = EventRecord(1.0, "operator", "asked for the end on the page in the browser", Cause.PAGE)
-    signal = EventRecord(1.0, "signal", "SIGINT", Cause.SIGNAL, by="SIGINT")
-    mark = EventRecord(1.0, "mark", key.text)
+    key = EventRecord(1.0, EventKind.OPERATOR, "asked for the end with the key r", Cause.KEY, by="r")
+    page = EventRecord(1.0, EventKind.OPERATOR, "asked for the end on the page in the browser", Cause.PAGE)
+    signal = EventRecord(1.0, EventKind.SIGNAL, "SIGINT", Cause.SIGNAL, by="SIGINT")
+    mark = EventRecord(1.0, EventKind.MARK, key.text)
     for events, cause, told in (
         ((key, signal), Cause.KEY, "the key r"),
         ((page, signal), Cause.PAGE, "the page in the browser"),
@@ -255,8 +254,8 @@ def test_an_interrupt_on_the_way_back_is_told_there() -> None:
 def test_a_request_before_the_first_cycle_is_told_by_its_event(short: Recording) -> None:
     """No cycle tells of it; the devices close later."""
     begin = short.events[0].at
-    key = EventRecord(begin + 0.5, "operator", "asked for the end with the key r", Cause.KEY, by="r")
-    wire = EventRecord(begin + 4.0, "wire_lost", "the connection broke")
+    key = EventRecord(begin + 0.5, EventKind.OPERATOR, "asked for the end with the key r", Cause.KEY, by="r")
+    wire = EventRecord(begin + 4.0, EventKind.WIRE_LOST, "the connection broke")
     tare = next(event for event in short.events if event.text == "tare")
     assert tare.at < key.at
     end = RunEnd(Outcome.INTERRUPTED, Reason(Cause.KEY, "before the movement began")).as_metadata()
@@ -278,7 +277,7 @@ def test_the_retraction_that_a_stop_begins_is_not_its_phase(unplugged: Path) -> 
     """In real time the event of the stop comes a few microseconds after that of the retraction."""
     recording = api.read(unplugged)
     events = [
-        replace_struct(event, at=event.at + 5e-5) if event.kind == "stop" else event
+        replace_struct(event, at=event.at + 5e-5) if event.kind == EventKind.STOP else event
         for event in recording.events
     ]
     late = replace(recording, events=tuple(events))

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hil_bridge.control.sample import Sample
-from hil_bridge.record import CycleRecord, EventRecord, Recorder, SensorRecord, Writing
+from hil_bridge.record import CycleRecord, EventKind, EventRecord, Recorder, SensorRecord, Writing
 from hil_bridge.record.topics import Record
 
 METADATA = {"seed": "7", "controller": "fuzzy-pi", "configuration": '{"force_n": 50.0}'}
@@ -71,7 +71,7 @@ def cycle(number: int, at: float, **changes: object) -> CycleRecord:
 
 def stream(seconds: float = 3.0) -> list[Record]:
     """A 200 Hz sensor stream with a cycle every 0.16 s, in the order in which a run puts them."""
-    records: list[Record] = [EventRecord(100.0, "phase", "track – µ ü")]
+    records: list[Record] = [EventRecord(100.0, EventKind.PHASE, "track – µ ü")]
     for k in range(round(seconds * 200)):
         at = 100.0 + k / 200
         records.append(SensorRecord(at, k, (k % 7, -k, 3, 4, 5, -16384)))

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.record import Outcome
+from hil_bridge.record import EventKind, Outcome
 from hil_bridge.runs.cycle import UNKNOWN_SERVO
 from hil_bridge.runs.small_steps import SmallSteps
 from hil_bridge.settings.configuration import Config
@@ -93,7 +93,7 @@ def test_a_tool_that_is_to_stand_still_forgets_its_orders(guarded: Run, configur
     run = guarded(config)
     assert run.result.outcome is Outcome.STOPPED
     assert "while the tool retracted" in run.cause
-    stopped = next(event.at for event in run.events if event.kind == "stop")
+    stopped = next(event.at for event in run.events if event.kind == EventKind.STOP)
     at_stop = max(force for at, force in run.truths if at <= stopped + 0.15)
     assert run.largest <= at_stop + 1.0, "it stood still within a transport delay"
 

@@ -26,7 +26,7 @@ import pytest
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.errors import BridgeError
 from hil_bridge.lab.invariants import Evidence, Trace, broken_promises, violation_text
-from hil_bridge.record import Recording, read
+from hil_bridge.record import EventKind, Recording, read
 from hil_bridge.runs.compose import make_cell
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.run_log import RunLog
@@ -225,7 +225,7 @@ def broken(drawn: Drawn, code: int, recording: Recording | None) -> Iterator[str
         return
     evidence = Evidence(recording, drawn.config, trace, code)
     yield from map(violation_text, broken_promises(evidence))
-    stops = [event.at for event in recording.events if event.kind == "stop"]
+    stops = [event.at for event in recording.events if event.kind == EventKind.STOP]
     if stops:
         # one order may have been on the line when the stop came
         after = [height for at, height in drawn.goals if at > stops[0] + 0.4]

@@ -18,7 +18,7 @@ from hil_bridge.errors.cause_row import Reaction, When
 from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.lab.guard_model import GuardModel, GuardRule, Way, first_unaccepted, search
 from hil_bridge.lab.guard_model.model import ASKS, AT_REST, CYCLES, ENDS, FOLLOWS, LOOKS, STAGES, STRONGEST
-from hil_bridge.record import EventRecord, Recording
+from hil_bridge.record import EventKind, EventRecord, Recording
 from tests.recordings import Recordings
 
 MODEL = GuardModel()
@@ -224,13 +224,13 @@ def test_a_failure_without_a_stop_is_found(plain: Recording) -> None:
 def test_a_condition_at_the_wrong_time_is_found(plain: Recording) -> None:
     number = phase_of(plain, "track")
     at = plain.cycles[number].controlled_at
-    events = (*plain.events, EventRecord(at, "stop", "planted", Cause.WEIGHT))
+    events = (*plain.events, EventRecord(at, EventKind.STOP, "planted", Cause.WEIGHT))
     assert refused_at(replace(plain, events=tuple(sorted(events, key=lambda event: event.at)))) == number
 
 
 def test_a_retraction_that_goes_on_while_it_stands_is_found(stopped: Recording) -> None:
     number = len(stopped.cycles) - 3
-    event = EventRecord(stopped.cycles[number].controlled_at, "then", "planted", Cause.BEHIND)
+    event = EventRecord(stopped.cycles[number].controlled_at, EventKind.THEN, "planted", Cause.BEHIND)
     events = tuple(sorted((*stopped.events, event), key=lambda event: event.at))
     assert refused_at(replace(stopped, events=events)) == number
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from hil_bridge.record import EventKind
 from hil_bridge.settings.configuration import Config, read_config
 
 Guarded = Any
@@ -94,7 +95,7 @@ def test_an_interrupted_way_tells_the_force_of_its_end(guarded: Run, robot: str,
 
         def event(record: Any) -> None:
             noted(record)
-            if record.kind == "phase" and record.text == "tare":
+            if record.kind == EventKind.PHASE and record.text == "tare":
                 run.clock.call_at(run.clock.now() + RISES_AT_S[robot] + 0.15, run.run.interrupt)
 
         run.event = event

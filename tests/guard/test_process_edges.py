@@ -11,7 +11,7 @@ import pytest
 import hil_bridge
 from hil_bridge import api
 from hil_bridge.clock import run_real_on, run_virtual, run_virtual_on
-from hil_bridge.record import CycleRecord, Outcome, read
+from hil_bridge.record import CycleRecord, EventKind, Outcome, read
 from hil_bridge.runs import stopping
 from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.signals import ASKING, BACKGROUND, ENDING, OTHERS, Signals, as_ctrl_c, signal_name
@@ -103,7 +103,9 @@ def test_each_other_signal_retracts_and_is_named(
     assert output.splitlines()[-1] == "left: retracted, 0.0 N"
     recording = read(Path("r.mcap"))
     assert recording.end["outcome"] == "interrupted"
-    assert [event.text for event in recording.events if event.kind == "signal"] == [signal_name(number)]
+    assert [event.text for event in recording.events if event.kind == EventKind.SIGNAL] == [
+        signal_name(number)
+    ]
 
 
 def sending(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
@@ -126,7 +128,7 @@ def test_a_flood_of_signals_retracts_and_fills_no_record(
     code, output, _ = hil(*VIRTUAL)
     assert (code, output.splitlines()[-1]) == (130, "left: retracted, 0.0 N")
     events = read(Path("r.mcap")).events
-    assert len([event for event in events if event.kind == "signal"]) == stopping.SIGNALS_TOLD
+    assert len([event for event in events if event.kind == EventKind.SIGNAL]) == stopping.SIGNALS_TOLD
 
 
 @pytest.mark.usefixtures("defaults")

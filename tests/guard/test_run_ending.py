@@ -7,7 +7,7 @@ import pytest
 
 from hil_bridge import api
 from hil_bridge.errors import BridgeError, Cause, Reason
-from hil_bridge.record import PHASE_EVENT, EventRecord, Outcome
+from hil_bridge.record import EventKind, EventRecord, Outcome
 from hil_bridge.runs.ending import (
     FOLLOWED_MAX,
     TRANSITIONS,
@@ -167,7 +167,7 @@ def test_failure_behind_the_last_cycle_is_reported() -> None:
             kept.append(running)
 
             def hear(record: EventRecord) -> None:
-                if (record.kind, record.text) == (PHASE_EVENT, "end"):
+                if (record.kind, record.text) == (EventKind.PHASE, "end"):
                     running._run.fail(Reason(Cause.CELL_FAILED, "it broke"))
 
             running._running.log.join(Listener({EventRecord: hear}))

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from hil_bridge.clock import Clock
+from hil_bridge.record import EventKind
 from hil_bridge.settings.configuration import Config
 from tests.near_surface import awake_config
 
@@ -55,7 +56,7 @@ def watch_way(run: Guarded) -> list[Seen]:
     event = run.event
 
     def begin(record: Any) -> None:
-        if record.kind == "phase" and record.text == "approach":
+        if record.kind == EventKind.PHASE and record.text == "approach":
             look(run.clock)
         event(record)
 

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import pytest
 
-from hil_bridge.record import read
+from hil_bridge.record import EventKind, read
 from tests.live.processes import HIL, NEAR, PATIENCE_S, Growing, wait_until
 
 pytestmark = pytest.mark.live
@@ -140,7 +140,9 @@ def test_a_terminal_that_closes_retracts(tmp_path: Path, terminal: Terminal) -> 
         wait_until(lambda: b"TRACK" in terminal.shown)
         terminal.close()
         ended_well(process, tmp_path)
-    assert "SIGHUP" in [event.text for event in read(record_in(tmp_path)).events if event.kind == "signal"]
+    assert "SIGHUP" in [
+        event.text for event in read(record_in(tmp_path)).events if event.kind == EventKind.SIGNAL
+    ]
 
 
 def test_a_terminal_that_closes_unheard_does_not_end_the_run(tmp_path: Path, terminal: Terminal) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from hil_bridge.devices.panel import ask
-from hil_bridge.record import read
+from hil_bridge.record import EventKind, read
 from tests.live.processes import HIL, NEAR, PATIENCE_S, Growing, start, told_first, wait_until
 
 pytestmark = pytest.mark.live
@@ -87,7 +87,7 @@ def test_a_key_marks_and_ends_the_run_and_the_terminal_is_left_as_it_was(cell: C
     assert "Traceback" not in output
     record = read(tmp_path / "run.mcap")
     assert record.end["outcome"] == "interrupted"
-    told = [event.text for event in record.events if event.kind in ("mark", "operator")]
+    told = [event.text for event in record.events if event.kind in (EventKind.MARK, EventKind.OPERATOR)]
     assert told == ["number 1", "asked for the end with the key r"]
 
 

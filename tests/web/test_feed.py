@@ -11,7 +11,7 @@ from typing import IO
 
 import pytest
 
-from hil_bridge.record import CycleRecord, EventRecord
+from hil_bridge.record import CycleRecord, EventKind, EventRecord
 from hil_bridge.show.terminal import Health
 from hil_bridge.show.web import feed as feeding
 from hil_bridge.show.web import wire
@@ -66,7 +66,7 @@ def ends(monkeypatch: pytest.MonkeyPatch) -> Iterator[Ends]:
 
 
 def event(number: int) -> EventRecord:
-    return EventRecord(float(number), "check", f"number {number}")
+    return EventRecord(float(number), EventKind.CHECK, f"number {number}")
 
 
 def cycle(at: float) -> CycleRecord:
@@ -138,7 +138,7 @@ def test_records_beyond_what_may_wait_are_counted(ends: Ends) -> None:
 
 
 def test_a_record_too_large_for_a_message_is_dropped_alone(ends: Ends) -> None:
-    ends.feed.put(EventRecord(0.0, "check", "x" * wire.MOST_BYTES))
+    ends.feed.put(EventRecord(0.0, EventKind.CHECK, "x" * wire.MOST_BYTES))
     ends.feed.flush()
     ends.feed.put(event(1))
     ends.feed.flush()

@@ -13,7 +13,7 @@ from typing import Any
 import aiohttp
 import pytest
 
-from hil_bridge.record import read
+from hil_bridge.record import EventKind, read
 from hil_bridge.record.scenes import SCENE_TOPICS
 from hil_bridge.record.topics import TOPICS
 from hil_bridge.show.charts.painter import y_range
@@ -270,7 +270,7 @@ async def test_clients_that_mean_ill_are_refused_or_dropped(
     assert run.ended() == 130
     recording = read(tmp_path / "0" / "run.mcap")
     assert recording.end["outcome"] == "interrupted"
-    assert not [event for event in recording.events if event.kind == "stop"]
+    assert not [event for event in recording.events if event.kind == EventKind.STOP]
 
 
 async def pressed(session: aiohttp.ClientSession, live: str) -> None:
@@ -319,6 +319,6 @@ def test_the_server_dies_with_a_killed_run_and_the_run_outlives_its_server(
         assert not Path(f"/proc/{server}").exists()
     assert robbed.ended() == 0
     events = read(tmp_path / "1" / "run.mcap").events
-    assert [event.text for event in events if event.kind == "web"] == [
+    assert [event.text for event in events if event.kind == EventKind.WEB] == [
         "the page's server has ended; the run goes on"
     ]

@@ -9,7 +9,7 @@ import aiohttp
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from hil_bridge.record import Recording, read
+from hil_bridge.record import EventKind, Recording, read
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.ros.messages import TOPICS
 from protocol.wrench import wrench_of
@@ -114,4 +114,8 @@ async def test_a_client_that_takes_nothing_does_not_hold_the_run(
         transport.abort()  # type: ignore[union-attr]
     recording = read(tmp_path / "0" / "run.mcap")
     assert recording.end["outcome"] == "completed"
-    assert not [event for event in recording.events if event.kind in ("web", "recorder", "overrun")]
+    assert not [
+        event
+        for event in recording.events
+        if event.kind in (EventKind.WEB, EventKind.RECORDER, EventKind.OVERRUN)
+    ]

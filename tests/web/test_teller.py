@@ -9,7 +9,7 @@ import pytest
 
 from hil_bridge.api import load
 from hil_bridge.errors import Cause, Reason
-from hil_bridge.record import CycleRecord, EventRecord, Recording, RunEnd
+from hil_bridge.record import CycleRecord, EventKind, EventRecord, Recording, RunEnd
 from hil_bridge.record.ending import Outcome
 from hil_bridge.record.records import StepRecord
 from hil_bridge.record.topics import TOPICS, Record
@@ -73,7 +73,7 @@ def test_the_page_is_told_what_the_recording_holds(stopped: tuple[Scene, Recordi
     assert rows == len(recording.cycles)  # none is thinned at this pace, and none comes twice
     assert told["now"]["force"] == pytest.approx(newest.force, rel=1e-4, abs=1e-5)
     assert told["now"]["depth_mm"] == pytest.approx(newest.depth * 1e3, rel=1e-4)
-    stops = [event for event in recording.events if event.kind == "stop"]
+    stops = [event for event in recording.events if event.kind == EventKind.STOP]
     assert stops
     assert told["now"]["cause"] == stops[0].text
     assert told["end"]["cause"] == "the emergency stop"
@@ -158,7 +158,7 @@ def test_a_fast_and_long_run_stays_within_its_bounds(stopped: tuple[Scene, Recor
         record = msgspec.structs.replace(cycle, controlled_at=at, started_at=at, force=force)
         columns.cycle(record)
         if number % 20 == 0:
-            teller.take(EventRecord(at, "mark", "m" * 10_000))
+            teller.take(EventRecord(at, EventKind.MARK, "m" * 10_000))
     found = columns.since({})["cycle"]
     assert len(found["x"]) == ROWS
     forces = found["force"]

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.extras import install_command
-from hil_bridge.record import Recording
+from hil_bridge.record import EventKind, Recording
 from hil_bridge.record.ending import reason_of
 from hil_bridge.show.web import feed
 from hil_bridge.show.web.recorded import Report, teller_of
@@ -54,7 +54,7 @@ def test_a_slider_finds_every_moment(recording: Recording) -> None:
         assert now["now"]["phase"] == cycle.phase
     teller.asked(place, {"at": 1e9})
     assert told(teller, place)["now"]["cause"] == next(
-        one.text for one in recording.events if one.kind == "stop"
+        one.text for one in recording.events if one.kind == EventKind.STOP
     )
     teller.asked(place, {"at": -5})
     assert "cycle" not in told(teller, place)["now"]

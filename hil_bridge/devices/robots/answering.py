@@ -27,6 +27,7 @@ from hil_bridge.devices.robots.gate import Bounds, Gate, depth_of
 from hil_bridge.devices.robots.ramp import Pace, Ramp
 from hil_bridge.devices.robots.seam import ANSWER, PACKET, MotionLimits
 from hil_bridge.devices.robots.standing import Faults
+from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.transports.pump import Data
 from protocol.endpoint import NO_TROUBLE, Trouble
 from protocol.geometry import Pose
@@ -260,4 +261,4 @@ class Answering(Generic[Data]):
             self._events.append(StreamLost(*self.lost))
 
     def _tell(self, text: str) -> None:
-        self._events.append(StreamNotice("motion", text))
+        self._events.append(StreamNotice(EventKind.MOTION, text))

@@ -16,6 +16,7 @@ from hil_bridge.devices.robots.seam import MotionLimits, RobotFacts, RobotReport
 from hil_bridge.devices.robots.standing import moved_since
 from hil_bridge.devices.robots.streamed_motion import Stream, StreamedMotion
 from hil_bridge.errors import BridgeError, Cause, DeviceError, OrderRefused, TransportClosed
+from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.errors.failures import blame, code_failed, link_cause
 from hil_bridge.transports import Transport
 from hil_bridge.transports.pump import Data, Pump
@@ -201,7 +202,7 @@ class StreamedLink(Generic[Data]):
             case StreamLost(text=text, remedy=remedy):
                 lost = DeviceError(f"robot on {self.name}: {text}", remedy=remedy, cause=Cause.DEAD_LINK)
                 self._never = lost if self._newest is None else None
-                self._log.notice("link", str(lost))
+                self._log.notice(EventKind.LINK, str(lost))
                 self._fail(lost)
             case StreamNotice(kind=kind, text=text):
                 self._log.notice(kind, text)
@@ -225,7 +226,7 @@ class StreamedLink(Generic[Data]):
         blame(cause, self._client, "receive")
         self._failure = code_failed(f"robot link {self.name}", cause, link_cause(cause))
         if not isinstance(cause, TransportClosed):
-            self._log.notice("link", str(self._failure))
+            self._log.notice(EventKind.LINK, str(self._failure))
         self._fail(self._failure)
 
     def _fail(self, error: BridgeError) -> None:

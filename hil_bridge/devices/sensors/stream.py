@@ -14,6 +14,7 @@ from hil_bridge.devices.sensors.axis_watch import AxisWatch
 from hil_bridge.devices.sensors.lateness_watch import LatenessWatch
 from hil_bridge.devices.sensors.replay_watch import ReplayWatch
 from hil_bridge.errors import BridgeError, Cause, DeviceError, TransportClosed
+from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.errors.failures import code_failed
 from hil_bridge.transports import Transport
 from hil_bridge.transports.pump import Pump
@@ -311,12 +312,12 @@ class ForceSensor:
                 self.newest = None
                 self._history.clear()
             case SensorNotice(text=text):
-                self._log.notice("sensor", text)
+                self._log.notice(EventKind.SENSOR, text)
             case SensorFailed(text=text, remedy=remedy):
                 self._fail(DeviceError(f"force sensor on {self.name}: {text}", remedy=remedy))
             case SensorRestarted():
                 if self._facts is None:
-                    self._log.notice("sensor", "the device booted")
+                    self._log.notice(EventKind.SENSOR, "the device booted")
                 else:
                     self._fail(
                         DeviceError(
@@ -346,7 +347,7 @@ class ForceSensor:
         failure.blame(Cause.SENSOR_FAILED)
         self._failure = failure
         if not quiet:
-            self._log.notice("sensor", str(failure))
+            self._log.notice(EventKind.SENSOR, str(failure))
         waiters, self._waiters = self._waiters, []
         for _, waiter in waiters:
             if not waiter.done():

@@ -24,8 +24,7 @@ from hil_bridge.lab.guard_model.model import (
     Told,
     Way,
 )
-from hil_bridge.record import STOP_EVENT, CycleRecord, EventRecord, Outcome, Recording
-from hil_bridge.runs.journal import THEN_EVENT
+from hil_bridge.record import CycleRecord, EventKind, EventRecord, Outcome, Recording
 from hil_bridge.runs.leaving import ARRIVED_M
 
 ROUNDING_M = 1e-6
@@ -102,7 +101,7 @@ def _first(recording: Recording, model: GuardModel, behind: bool) -> Unaccepted 
 
 def _causes(events: Iterable[EventRecord]) -> list[tuple[float, Cause]]:
     """When the run was stopped, and what followed."""
-    kinds = STOP_EVENT, THEN_EVENT
+    kinds = EventKind.STOP, EventKind.THEN
     return [(event.at, event.cause) for event in events if event.kind in kinds and event.cause is not None]
 
 

@@ -5,9 +5,8 @@ from collections.abc import Iterator
 
 from hil_bridge.errors.cause_row import COMPLETED, CRITERION, INTERRUPTED, STOPPED
 from hil_bridge.errors.causes import Cause
-from hil_bridge.errors.failures import BUG_EVENT
 from hil_bridge.lab.invariants.evidence import Evidence, Promise, Violation
-from hil_bridge.record import Outcome
+from hil_bridge.record import EventKind, Outcome
 
 LONGEST_S = 400.0
 """Chosen: a run may last so much longer than its tracking, s: all the patience that it has with robot and sensor."""
@@ -30,7 +29,7 @@ def gate_stops(evidence: Evidence) -> Iterator[Violation]:
 def bugs(evidence: Evidence) -> Iterator[Violation]:
     """The first exception that nothing expected."""
     for event in evidence.recording.events:
-        if event.kind == BUG_EVENT:
+        if event.kind == EventKind.BUG:
             yield Violation(Promise.BUG, event.at, {})
             return
 

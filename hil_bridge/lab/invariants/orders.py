@@ -5,13 +5,13 @@ from collections.abc import Iterator
 
 from hil_bridge.lab.guard_model.tracing import ROUNDING_M
 from hil_bridge.lab.invariants.evidence import Evidence, Promise, Violation
-from hil_bridge.record import STOP_EVENT
+from hil_bridge.record import EventKind
 
 
 def deeper_orders(evidence: Evidence) -> Iterator[Violation]:
     """The order that went deepest after the stop, if one did."""
     recording = evidence.recording
-    stopped = next((event.at for event in recording.events if event.kind == STOP_EVENT), math.inf)
+    stopped = next((event.at for event in recording.events if event.kind == EventKind.STOP), math.inf)
     after = [cycle for cycle in recording.cycles if cycle.answered_at >= stopped]
     worst, lowest = None, math.inf
     for cycle in after:

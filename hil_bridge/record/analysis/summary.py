@@ -11,6 +11,7 @@ import msgspec
 
 from hil_bridge.control.analysis.merit import STEADY_SAMPLES
 from hil_bridge.errors.causes import Cause, Reason
+from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.record.analysis.answers import answers_of
 from hil_bridge.record.analysis.contact import contact_figures
 from hil_bridge.record.analysis.figures import MERIT
@@ -19,7 +20,7 @@ from hil_bridge.record.analysis.steps import StepOutcome, step_outcomes
 from hil_bridge.record.analysis.strokes import TRACK, merit_of, strokes_of
 from hil_bridge.record.analysis.times import Times, times_of
 from hil_bridge.record.device_facts import devices_of, json_or_none
-from hil_bridge.record.ending import CHECK_EVENT, PHASE_EVENT, Outcome, RunEnd, followed_of, reason_of
+from hil_bridge.record.ending import Outcome, RunEnd, followed_of, reason_of
 from hil_bridge.record.files import write_whole
 from hil_bridge.record.reader import Recording
 from hil_bridge.record.recorder import DROPPED_PREFIX
@@ -149,7 +150,7 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
         followed=tuple(map(str, end.followed)),
         left=end.left,
         truncated=recording.truncated,
-        checks=tuple(event.text for event in recording.events if event.kind == CHECK_EVENT),
+        checks=tuple(event.text for event in recording.events if event.kind == EventKind.CHECK),
         controller=recording.metadata.get("controller", ""),
         seed=recording.metadata.get("seed", ""),
         force_reference_n=references[0] if len(set(references)) == 1 else None,
@@ -214,7 +215,7 @@ def end_of(recording: Recording) -> RunEnd:
 
 def phases(recording: Recording) -> tuple[PhaseSpan, ...]:
     """The phases in order, from the events that begin them or else from what the cycles say."""
-    begins = [(event.at, event.text) for event in recording.events if event.kind == PHASE_EVENT]
+    begins = [(event.at, event.text) for event in recording.events if event.kind == EventKind.PHASE]
     if not begins:
         before = ""
         for cycle in recording.cycles:

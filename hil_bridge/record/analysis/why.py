@@ -9,14 +9,11 @@ from msgspec import Struct
 from hil_bridge.errors.cause_row import LOOK
 from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.errors.causes import Cause, Part, describe_lateness
-from hil_bridge.errors.failures import BUG_EVENT, TRACEBACK_EVENT
+from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.record.analysis.steps import failed_criteria, step_outcomes
 from hil_bridge.record.analysis.summary import RETRACT, end_of, phases
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.ending import (
-    CHECK_EVENT,
-    PHASE_EVENT,
-    STOP_EVENT,
     Outcome,
     RunEnd,
 )
@@ -35,16 +32,16 @@ _MISLED_BY_LATENESS = frozenset((Part.ROBOT, Part.ROBOT_LINK, Part.POSE, Part.SE
 """Parts that look at fault where the computer was late: their orders, reports and samples came late."""
 _SYMPTOM_FREE = frozenset(
     (
-        PHASE_EVENT,
-        CHECK_EVENT,
-        STOP_EVENT,
-        TRACEBACK_EVENT,
-        BUG_EVENT,
-        "then",
-        "fault",
-        "signal",
-        "operator",
-        "step",
+        EventKind.PHASE,
+        EventKind.CHECK,
+        EventKind.STOP,
+        EventKind.TRACEBACK,
+        EventKind.BUG,
+        EventKind.THEN,
+        EventKind.FAULT,
+        EventKind.SIGNAL,
+        EventKind.OPERATOR,
+        EventKind.STEP,
     )
 )
 """Kinds of events that tell of the course or of the end, not of trouble before it."""
@@ -141,7 +138,9 @@ def why_values(recording: Recording, file: object = "FILE") -> Why:
 
 def tracebacks(recording: Recording) -> tuple[str, ...]:
     """Tracebacks of code that failed in a run, oldest first."""
-    return tuple(event.text for event in recording.events if event.kind in (TRACEBACK_EVENT, BUG_EVENT))
+    return tuple(
+        event.text for event in recording.events if event.kind in (EventKind.TRACEBACK, EventKind.BUG)
+    )
 
 
 def _describe_completed(recording: Recording, end: RunEnd) -> str:
@@ -169,7 +168,7 @@ class _Ending:
     def _find_end(self) -> float:
         """When the run was stopped or asked to end; the last time of the recording where that is not told."""
         events, cause = self._recording.events, self._end.cause
-        moments = [event.at for event in events if event.kind == STOP_EVENT]
+        moments = [event.at for event in events if event.kind == EventKind.STOP]
         if not self._is_cut:
             moments += [cycle.sample.now for cycle in self._cycles if cycle.asked]
             moments += [event.at for event in events if event.cause is not None and event.cause is cause]
@@ -363,12 +362,14 @@ def _quiet_sensor(sensors: tuple[SensorRecord, ...], stopped_at: float) -> Itera
     usual = steps[len(steps) // 2]
     last = before[-1]
     if stopped_at - last.at > SILENT_FRAMES * usual > 0.0:
-        yield EventRecord(last.at, "sensor", "the last frame of the force sensor")
+        yield EventRecord(last.at, EventKind.SENSOR, "the last frame of the force sensor")
     place = len(before) - 1
     while place and before[place - 1].counts == last.counts:
         place -= 1
     if len(before) - place > SILENT_FRAMES:
-        yield EventRecord(before[place].at, "sensor", "from here on the force sensor told the same values")
+        yield EventRecord(
+            before[place].at, EventKind.SENSOR, "from here on the force sensor told the same values"
+        )
 
 
 def _find_clamped(cycles: tuple[CycleRecord, ...], stopped_at: float) -> Iterator[EventRecord]:

@@ -20,8 +20,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.event_kinds import ALARMS, CAUTIONS
 from hil_bridge.errors.extras import install_command
-from hil_bridge.record.ending import ALARMS, CAUTIONS
 from hil_bridge.record.records import CycleRecord, EventRecord, SensorRecord, TruthRecord
 from hil_bridge.record.scenes import whole_text
 from protocol.wrench import wrench_of

@@ -9,13 +9,10 @@ from emulators.faults import FaultNews, Handler, Injection
 from hil_bridge.clock import Clock, Timer
 from hil_bridge.control.course.intent import CONNECT
 from hil_bridge.errors import ConfigError
-from hil_bridge.record import PHASE_EVENT, CycleRecord, EventRecord
+from hil_bridge.record import CycleRecord, EventKind, EventRecord
 from hil_bridge.record.records import FaultNote
 from hil_bridge.settings.faults import Condition, FaultConfig
 from protocol.faults import FaultStage
-
-FAULT_EVENT = "fault"
-"""Kind of the events that tell of injected faults."""
 
 
 class _Planned(NamedTuple):
@@ -62,7 +59,7 @@ class FaultSchedule:
 
     def event(self, record: EventRecord) -> None:
         """Something happened in the run: a phase begins, perhaps."""
-        if record.kind != PHASE_EVENT:
+        if record.kind != EventKind.PHASE:
             return
         self._phase = record.text
         self._arm(
@@ -126,7 +123,7 @@ class FaultSchedule:
         numbers = {key: float(value) for key, value in news.values.items() if not isinstance(value, str)}
         words = {key: value for key, value in news.values.items() if isinstance(value, str)}
         note = FaultNote(news.target, news.fault, news.stage, numbers, words, struck)
-        self._tell(EventRecord(self._clock.now(), FAULT_EVENT, news.text, fault=note))
+        self._tell(EventRecord(self._clock.now(), EventKind.FAULT, news.text, fault=note))
 
 
 def _pause(on_pause: Callable[[float], object], injection: Injection) -> None:

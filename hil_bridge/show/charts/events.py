@@ -3,8 +3,8 @@
 import math
 from collections.abc import Iterable, Sequence
 
+from hil_bridge.errors.event_kinds import ALARMS, CAUTIONS, EventKind
 from hil_bridge.errors.text_files import harmless
-from hil_bridge.record.ending import ALARMS, CAUTIONS, PHASE_EVENT, STOP_EVENT
 from hil_bridge.record.records import CycleRecord, EventRecord, StepRecord
 from hil_bridge.show.pages.description import Mark, Span
 from protocol.faults import FaultStage
@@ -15,17 +15,16 @@ SPANS_MOST = 200
 """Steps that are shaded. Chosen as the marks."""
 LONGEST = 160
 """Letters of a mark's text. Chosen: a line of the page."""
-_STEP_EVENT = "step"
 Phase = tuple[float, str]
 """Begin on the run's clock, and name."""
 
 
 def mark_of(event: EventRecord, began: float) -> Mark | None:
     """The mark of an event; None where it has none. `began` is the time at x = 0."""
-    if event.kind in (PHASE_EVENT, _STEP_EVENT) or not math.isfinite(event.at):
+    if event.kind in (EventKind.PHASE, EventKind.STEP) or not math.isfinite(event.at):
         return None
     loud = event.fault is not None and event.fault.is_injected
-    kind = "stop" if event.kind == STOP_EVENT else "fault" if loud else "event"
+    kind = "stop" if event.kind == EventKind.STOP else "fault" if loud else "event"
     return Mark(event.at - began, _lead(event.kind, line_of(event)), kind)
 
 
@@ -47,7 +46,7 @@ def marks_of(
     if not any(mark.kind == "stop" for mark in marks):
         stops = [cycle for cycle in cycles if cycle.verdict == "stop"][:1]
         marks += [
-            Mark(one.controlled_at - began, _lead(STOP_EVENT, harmless(", ".join(one.reasons))), "stop")
+            Mark(one.controlled_at - began, _lead(EventKind.STOP, harmless(", ".join(one.reasons))), "stop")
             for one in stops
         ]
     marks += [mark_of_step(step, began) for step in steps]
@@ -71,7 +70,7 @@ def weight_of(event: EventRecord) -> str:
 
 def phases_in(events: Iterable[EventRecord]) -> list[Phase]:
     """Each phase that these events tell."""
-    return [(event.at, event.text) for event in events if event.kind == PHASE_EVENT]
+    return [(event.at, event.text) for event in events if event.kind == EventKind.PHASE]
 
 
 def spans_of(phases: Sequence[Phase], steps: Sequence[StepRecord], began: float, until: float) -> list[Span]:

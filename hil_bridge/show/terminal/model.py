@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.devices.facts import RobotFacts
+from hil_bridge.errors.event_kinds import ALARMS, CAUTIONS, EventKind
 from hil_bridge.record.analysis.latency import Latency, latency_budget
 from hil_bridge.record.analysis.summary import cycle_times
-from hil_bridge.record.ending import ALARMS, CAUTIONS, PHASE_EVENT, STOP_EVENT
 from hil_bridge.record.records import CycleRecord, EventRecord, Vector
 from hil_bridge.show.charts.facts import ChartFacts, limit_numbers
 
@@ -132,7 +132,7 @@ class Snapshot:
     @property
     def cause(self) -> str:
         """Why the run stops; empty where it does not."""
-        return next((told.text for told in self.events if told.kind == STOP_EVENT), "")
+        return next((told.text for told in self.events if told.kind == EventKind.STOP), "")
 
     @property
     def held(self) -> bool:
@@ -224,9 +224,9 @@ class ViewModel:
 
     def event(self, record: EventRecord) -> None:
         """Something happened beside the cycles; a phase begins, perhaps one without cycles."""
-        if record.kind == PHASE_EVENT:
+        if record.kind == EventKind.PHASE:
             self._phase = record.text
-        elif record.kind == STOP_EVENT and self._stop is None:
+        elif record.kind == EventKind.STOP and self._stop is None:
             self._stop = record
         else:
             self._events.append(record)

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from hil_bridge.record.ending import PHASE_EVENT, STOP_EVENT
+from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.record.records import CycleRecord, EventRecord, SensorRecord, StepRecord, TruthRecord
 from hil_bridge.record.topics import Record
 from hil_bridge.show.charts.catalogue import catalogue, layers, time_axis
@@ -101,11 +101,11 @@ class Grown:
     def _event(self, event: EventRecord) -> None:
         self.events.append(event)
         self.event_count += 1
-        if event.kind == PHASE_EVENT:
+        if event.kind == EventKind.PHASE:
             self.phases.append(event)
         elif event.fault is not None:
             self.faults.append(event)
-        elif event.kind == STOP_EVENT and self.stop is None:
+        elif event.kind == EventKind.STOP and self.stop is None:
             self.stop = event
         elif is_zero(event):
             self.zeros.append(event)

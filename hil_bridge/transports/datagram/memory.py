@@ -13,6 +13,7 @@ from functools import partial
 from hil_bridge.clock import Clock, Timer
 from hil_bridge.clock.per_loop import of_loop
 from hil_bridge.errors import TransportBroken, TransportError, TransportUnavailable
+from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.transports.back_off import Notice
 from hil_bridge.transports.base import Datagrams
 from hil_bridge.transports.datagram.peer import Notices, Peer, Presence
@@ -169,7 +170,7 @@ class MemoryDatagrams:
         if delivery.ended is not None:
             return
         if not self._peer.takes(source, now):
-            self._notices.tell("stranger", f"{self.name}: datagrams of {source} are refused")
+            self._notices.tell(EventKind.STRANGER, f"{self.name}: datagrams of {source} are refused")
             return
         overruns = delivery.overruns
         delivery.data([Datagram(datagram, now, source)])

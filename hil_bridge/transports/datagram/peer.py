@@ -3,6 +3,7 @@
 from collections.abc import Callable, Hashable
 from typing import Generic, TypeVar
 
+from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.transports.back_off import Notice
 
 Address = TypeVar("Address", bound=Hashable)
@@ -17,11 +18,6 @@ KNOWN_SIDES = 16
 TELL_AGAIN_S = 1.0
 """Least time between two notices of one kind, s. Chosen: a stream of refused datagrams must not fill the record."""
 
-
-LEFT = "left"
-"""Kind of the notice that the other side has left."""
-ABSENT = "absent"
-"""Kind of the notice that no program takes datagrams at the other side, and none was heard from there."""
 
 MISSED = 3
 """Datagrams without a program at their end, in a row, by which one that was heard counts as gone. Chosen: what the
@@ -66,9 +62,11 @@ class Presence:
         """No program takes a datagram at this place."""
         self._missed += 1
         if not self._heard:
-            self._notices.tell(ABSENT, f"{wire}: {place} cannot be reached: {advice}")
+            self._notices.tell(EventKind.ABSENT, f"{wire}: {place} cannot be reached: {advice}")
         elif self._missed == MISSED:
-            self._notices.tell(LEFT, f"{wire}: the program at {place} has left; it was heard before")
+            self._notices.tell(
+                EventKind.LEFT, f"{wire}: the program at {place} has left; it was heard before"
+            )
 
 
 class Peer(Generic[Address]):

@@ -18,6 +18,7 @@ from typing import Any, TypeAlias
 
 from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportError
+from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.transports import reasons
 from hil_bridge.transports.back_off import Notice
 from hil_bridge.transports.base import Datagrams
@@ -211,7 +212,9 @@ class UdpWire:
             if self._peer.takes(source, self._clock.now()):
                 arrived.append(Datagram(memoryview(self._buffer)[:length], at, source))
             else:
-                self._notices.tell("stranger", f"{self.name}: datagrams of {_text(source)} are refused")
+                self._notices.tell(
+                    EventKind.STRANGER, f"{self.name}: datagrams of {_text(source)} are refused"
+                )
         if failure is not None or not arrived:
             heard = self._hear_errors()
             if failure is not None and failure.errno in _ON_THE_WAY:
@@ -259,7 +262,9 @@ class UdpWire:
         if error.errno == errno.ECONNREFUSED:
             self._presence.miss(self.name, _text(target), text)
         else:
-            self._notices.tell("unreachable", f"{self.name}: {_text(target)} cannot be reached: {text}")
+            self._notices.tell(
+                EventKind.UNREACHABLE, f"{self.name}: {_text(target)} cannot be reached: {text}"
+            )
 
     # --- the end
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportBroken, TransportClosed, TransportError
+from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.transports.around import Around
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, flush
@@ -57,7 +58,7 @@ class LineNotices:
         if now >= self._next:
             self._next = now + NOTICE_S
             self._on_notice(
-                "line_error",
+                EventKind.LINE_ERROR,
                 f"{self._name}: {self._errors} on a line set to {self._line}; check baudrate and parity",
             )
 

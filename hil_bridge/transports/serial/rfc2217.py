@@ -6,6 +6,7 @@ from typing import Any
 
 from hil_bridge.clock import Clock, Timer
 from hil_bridge.errors import TransportBroken, TransportError, TransportUnavailable
+from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.transports.back_off import Notice
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, flush
@@ -126,9 +127,9 @@ class Rfc2217Client:
             case LineStateChanged(state):
                 for bit in LineState:
                     self._states[bit] += bit in state
-                self._on_notice("line_error", f"{self.name}: the port reports {state.name}")
+                self._on_notice(EventKind.LINE_ERROR, f"{self.name}: the port reports {state.name}")
             case Malformed(text):
-                self._on_notice("telnet_error", f"{self.name}: {text}")
+                self._on_notice(EventKind.TELNET_ERROR, f"{self.name}: {text}")
             case TransportError() as error:
                 self._not_ready(TransportUnavailable(f"{self.name}: cannot be opened: {error}"))
 

@@ -23,6 +23,7 @@ from hil_bridge.devices.robots.seam import (
 )
 from hil_bridge.devices.robots.standing import moved_since
 from hil_bridge.errors import BridgeError, Cause, DeviceError, OrderRefused
+from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.transports import Direction, Tap, Transport
 from protocol.devices.s3.adlp import (
     ROUTINE,
@@ -113,7 +114,11 @@ class S3Link:
         self._host = ArapHost(profile)
         self._host.link.verbose = log.verbose
         self._asking: Asking[bytes, ArapEvent, Telegram] = Asking(
-            self._host, self._transport, clock, self._take, lambda failure: log.notice("link", str(failure))
+            self._host,
+            self._transport,
+            clock,
+            self._take,
+            lambda failure: log.notice(EventKind.LINK, str(failure)),
         )
         self.begun_at = math.nan
         """Time at which the first byte of the newest order's bid was handed to the port, s on the run's clock. If the
@@ -307,7 +312,7 @@ class S3Link:
         end = S3Motion(self, _SLOWEST_M_S).telegram(MoveKind.END, *report.pose)
         with suppress(OrderRefused):
             await self.exchange(end)
-            self._log.notice("motion", "a movement sequence that was left open has been closed")
+            self._log.notice(EventKind.MOTION, "a movement sequence that was left open has been closed")
 
     @asynccontextmanager
     async def motion(self, limits: MotionLimits) -> AsyncIterator[S3Motion]:
@@ -335,7 +340,7 @@ class S3Link:
             try:
                 await asyncio.shield(motion.end())
             except BridgeError as error:
-                self._log.notice("motion", f"the movement could not be ended: {error}")
+                self._log.notice(EventKind.MOTION, f"the movement could not be ended: {error}")
             raise
         else:
             await motion.end()
@@ -379,7 +384,7 @@ class S3Link:
                 self._asking.resolve(self._explain_silence(event))
             case SpontaneousReceived(spontaneous=spontaneous):
                 self._said.append((self._clock.now(), spontaneous.text))
-                self._log.notice("robot", spontaneous.text)
+                self._log.notice(EventKind.ROBOT, spontaneous.text)
             case LinkNotice(kind=kind, text=text):
                 if kind not in ROUTINE:
                     self._troubles[kind] += 1
@@ -396,7 +401,7 @@ class S3Link:
     def _tell_link_event(self, text: str, *, routine: bool = False) -> None:
         self._log.link_event("robot", text)
         if not routine:
-            self._log.notice("link", text)
+            self._log.notice(EventKind.LINK, text)
 
     def _refused(self, order: Telegram, refusal: Refusal) -> OrderRefused:
         text = f"robot on {self.name} refused order {order.function}: {refusal.code} {refusal.text}"
