@@ -29,7 +29,7 @@ from hil_bridge.devices.kind_checks import fault_of
 from hil_bridge.devices.matching import MatchRobot, MatchSensor
 from hil_bridge.devices.playing import Play
 from hil_bridge.devices.wiring import Serving, Wiring
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.errors.plugins import find_plugin, plugin_names
 from hil_bridge.transports import Transport
 from hil_bridge.transports.urls import (
@@ -155,6 +155,8 @@ class RobotKind(Generic[_Client, _Emulated]):
     """
     usual_wire: str = ""
     """A wire's URL of a real robot, `{host}` in the place of its address: for a URL that has no wire."""
+    ruling: Mapping[Cause, Sequence[str]] = field(default_factory=dict)
+    """Settings of its section that rule a cause, beside those that the table of causes names for every robot."""
     largest_turn: Callable[[KindSettings[_Client, _Emulated]], float] | None = None
     """Largest angle, rad, by which the client turns the tool away from where the robot's program began; None where it
     has no such limit.

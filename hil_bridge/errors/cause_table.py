@@ -72,10 +72,9 @@ BEFORE: tuple[CauseRow, ...] = (
     ),
     _refused(
         _C.ROBOT_NOT_READY,
-        "the robot does not answer; or its status shows emergency stop, standby that an order does not end, a key not "
-        "in AUTO, link control taken back, or an orientation that is none",
+        "the robot does not answer; or its status shows a stop, a mode in which it takes no orders, or an invalid "
+        "orientation",
         _P.ROBOT,
-        "robot.s3.link.check_flags",
     ),
     _refused(
         _C.STREAM,
@@ -280,8 +279,6 @@ AROUND: tuple[CauseRow, ...] = (
         _C.DEAD_LINK,
         "the robot does not answer an order: it is ordered back, and asked again",
         _P.ROBOT_LINK,
-        "robot.s3.link.answer_timeout_s",
-        "robot.s3.link.order_timeout_s",
         "limits.retract_patience_s",
         reaction=_R.RETRACTS_OR_LEFT,
     ),

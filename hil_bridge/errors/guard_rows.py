@@ -26,9 +26,8 @@ STOPS: tuple[CauseRow, ...] = (
     ),
     rows.stop(
         _C.ROBOT_STATE,
-        "the robot's status shows emergency stop, standby, a key not in AUTO, or link control taken back",
+        "the robot's status shows a stop, or a mode in which it takes no orders",
         _P.ROBOT,
-        "robot.s3.link.check_flags",
         when=_W.ALWAYS,
         reaction=_R.RETRACTS_OR_LEFT,
     ),

@@ -43,7 +43,7 @@ class RunEnd:
     line_floor_s: float | None = None
     """Shortest time of one cycle's characters on the line."""
     link: Mapping[str, float] = field(default_factory=dict)
-    """Counters of the computer link by name."""
+    """Counters of the robot's link by name."""
     sensor_lost: int | None = None
     """Sensor frames that were sent and never came, as the client of the gateway counts them."""
     sensor_delay_s: float | None = None

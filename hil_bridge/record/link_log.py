@@ -1,6 +1,6 @@
 """The log of a wire, put into records that cost a run next to nothing.
 
-A cycle of the computer link is some twenty pieces of a few bytes and a dozen link events; one record holds many of
+A cycle of a serial link is some twenty pieces of a few bytes and a dozen link events; one record holds many of
 them, as lines of a text capture do: seconds since the record's time, `tx` or `rx` as the PC sees it, and what went
 over the wire; or `--` and what the link made of it, like `ACK sent: block acknowledged`.
 

@@ -121,7 +121,7 @@ def _recording(found: "_Contents") -> Recording:
 
 
 def read_link(path: Path) -> tuple[tuple[records.LinkRecord, ...], Mapping[str, str]]:
-    """The raw traffic of the computer link in a recording as far as it can be read, and what was known before the
+    """The raw traffic of the robot's link in a recording as far as it can be read, and what was known before the
     run. A run that never came to a cycle has it too.
 
     Raises ConfigError when there is no such file or it is no record of a run.

@@ -155,7 +155,7 @@ class SensorRecord(Struct, frozen=True):
 
 
 class LinkRecord(Struct, frozen=True):
-    """A stretch of the computer link's log: raw traffic and link events."""
+    """A stretch of the log of the robot's link: raw traffic and link events."""
 
     at: float
     """When its first piece was sent or received, s on the run's clock."""
@@ -166,7 +166,7 @@ class LinkRecord(Struct, frozen=True):
 
 
 class WireRecord(Struct, frozen=True):
-    """A stretch of the raw traffic of a device's wire, where that is not the computer link."""
+    """A stretch of the raw traffic of a device's wire, where that is not the robot's."""
 
     at: float
     """When its first piece was sent or received, s on the run's clock."""

@@ -2,11 +2,14 @@
 
 import ast
 import dataclasses
+import itertools
+import operator
 from pathlib import Path
 
 import pytest
 
 from hil_bridge import api
+from hil_bridge.devices.kinds import ROBOTS
 from hil_bridge.errors import BridgeError, Cause, ConfigError, GateStop, OrderRefused, Part, Reason
 from hil_bridge.errors.cause_row import LOOK, PART_WORDS, Reaction, When
 from hil_bridge.errors.cause_table import AROUND, BEFORE, CLAMPS, ROWS, STOPS, TABLE
@@ -41,6 +44,13 @@ def test_every_row_names_part_remedy_and_settings_that_exist(cause: Cause) -> No
         for name in key.split("."):
             assert hasattr(found, name), f"{cause}: {key}"
             found = getattr(found, name)
+
+
+def test_settings_of_a_device_are_named_by_its_room() -> None:
+    assert {key for row in TABLE for key in row.settings if key.count(".") > 1} == set()
+    for robot in map(ROBOTS.kind, ROBOTS.built_in):
+        for name in itertools.chain(*robot.ruling.values()):
+            assert operator.attrgetter(name)(robot.settings()) is not None, f"{robot.name}: {name}"
 
 
 def test_every_part_has_words() -> None:

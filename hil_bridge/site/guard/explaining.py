@@ -16,6 +16,7 @@ from hil_bridge.errors.cause_row import CauseRow
 from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.errors.causes import Cause
 from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.devices import robot_in
 from hil_bridge.site.guard.asking import Asked, Situation, middle
 from hil_bridge.site.guard.margins import Margin, margins, number
 
@@ -89,7 +90,15 @@ def explain(config: Config, situation: Situation) -> Explanation:
         if _without_numbers(Asked(_loosen(config, key))(situation)) != _without_numbers(decision)
     )
     rows = tuple(ROWS[each] for each in _causes(decision))
-    keys = ruled or tuple(key for row in rows for key in row.settings)
+    robot = robot_in(config).kind
+    keys = ruled or tuple(
+        key
+        for row in rows
+        for key in (
+            *row.settings,
+            *(f"robot.{robot.name}.{name}" for name in robot.ruling.get(row.cause, ())),
+        )
+    )
     reasons = decision.reasons
     if not reasons and decision.intent.reason is not None and situation.phase is not Phase.RETRACT:
         reasons = (str(decision.intent.reason),)
@@ -98,7 +107,7 @@ def explain(config: Config, situation: Situation) -> Explanation:
         decision.verdict.kind,
         cause,
         reasons,
-        tuple(f"{key} = {_value(config, key)}" for key in keys if _concerns(config, key)),
+        tuple(f"{key} = {_value(config, key)}" for key in keys),
         rows,
         _then(decision, situation, ask.commanded_mm(situation)),
         deepest,
@@ -153,12 +162,6 @@ def _loosen(config: Config, key: str) -> Config:
     of_pydantic = isinstance(before, BaseModel)
     after = before.model_copy(update=change) if of_pydantic else dataclasses.replace(before, **change)
     return config.model_copy(update={section: after})
-
-
-def _concerns(config: Config, key: str) -> bool:
-    """Whether a configuration has the key: one of a kind of robot is no setting of another kind."""
-    section, name, *inner = key.split(".")
-    return not inner or hasattr(getattr(config, section), name)
 
 
 def _value(config: Config, key: str) -> str:

@@ -17,7 +17,7 @@ from hil_bridge.devices.robots.s3.program_folder import read_programs
 from hil_bridge.devices.robots.s3.settings import S3Settings
 from hil_bridge.devices.robots.s3.standing import stop
 from hil_bridge.devices.wiring import Serving, Wiring
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.transports import LineSettings, Parity
 from hil_bridge.transports.urls import CONNECT_BYTES, SERIAL_PORTS, parse_url, with_line
 from protocol.devices.s3.adlp import LinkProfile
@@ -138,4 +138,9 @@ ROBOT = RobotKind(
     describe=describe,
     probe=probe,
     usual_wire="tcp://{host}:4000",
+    ruling={
+        Cause.ROBOT_NOT_READY: ("link.check_flags",),
+        Cause.ROBOT_STATE: ("link.check_flags",),
+        Cause.DEAD_LINK: ("link.answer_timeout_s", "link.order_timeout_s"),
+    },
 )
