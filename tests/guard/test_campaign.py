@@ -11,7 +11,6 @@ import itertools
 import math
 import os
 import random
-import re
 from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass, field
@@ -24,9 +23,11 @@ import numpy.typing as npt
 import pytest
 
 from hil_bridge.control import CONTROLLERS
-from hil_bridge.errors import BridgeError
+from hil_bridge.errors import BridgeError, Cause, Part
+from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.lab.invariants import Evidence, Trace, broken_promises, violation_text
 from hil_bridge.record import EventKind, Recording, read
+from hil_bridge.record.ending import reason_of
 from hil_bridge.runs.compose import make_cell
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.run_log import RunLog
@@ -63,19 +64,22 @@ SEEN_BY_WEIGHT = {
     ("sensor", "wrong-scales"),
 }  # fmt: skip
 """Faults of the axis that the tool's weight lies on: found before anything moves."""
+_TOUCH = {Part.SENSOR, Part.CONTACT, Part.SURFACE, Part.OBSTACLE}
 FITTING = {
-    "robot": r"robot on|refused|the reported position|computer",
-    "pose": r"report|robot on|commanded|jumped|tool's weight|force stayed|no contact found|contact force|touching|away",
-    "wire": r"robot on|cycles take",
-    "signal": r"Fz|force|sensor|zero|contact|surface|moment|drifts|Fx",
-    "sensor": r"tool's weight|zero|sensor|force|frame|moment",
-    "sensor-wire": r"sensor|force|frame|moment",
-    "bus": r"sensor|force is|no new force|frame",
-    "surface": r"force|contact|surface|moment|touching|away|pressing|left after|rest",
-    "obstacle": r"force|contact|touching|away|left after|rest|weight",
-    "computer": r"computer|force is|no new force",
+    "robot": {Part.ROBOT, Part.ROBOT_LINK, Part.POSE},
+    "pose": {Part.POSE, Part.PATH, *_TOUCH},
+    "wire": {Part.ROBOT_LINK},
+    "signal": _TOUCH,
+    "sensor": _TOUCH - {Part.SURFACE},
+    "sensor-wire": _TOUCH - {Part.SURFACE},
+    "bus": {Part.SENSOR},
+    "surface": _TOUCH,
+    "obstacle": _TOUCH,
+    "computer": {Part.COMPUTER, Part.SENSOR},
 }
-"""Words that the cause of a stop may hold, by the target of the fault."""
+"""Parts that the cause of a stop may blame, by the target of the fault."""
+_HIT = {Cause.FORCE, Cause.RESULTANT_FORCE, Cause.MOMENT, Cause.PULL, Cause.OSCILLATION, Cause.CONTACT_LOST}
+"""Causes of a controller that hits a hard surface, or oscillates on it, without any fault."""
 
 
 @dataclass
@@ -99,6 +103,8 @@ class Drawn:
     cell: PaperCell | None = None
     began: float = 0.0
     said: str = ""
+    cause: Cause | None = None
+    """Why it was refused or stopped."""
 
     @classmethod
     def of(cls, seed: int) -> "Drawn":
@@ -149,9 +155,10 @@ class Drawn:
         """The truth over the whole run."""
         return Trace(*map(np.concatenate, (self.times, self.forces, self.positions)))
 
-    def hits(self, cause: str) -> bool:
-        """A hard surface may be hit, or swung upon, without any fault."""
-        return self.stiffness > HARD_N_M and bool(re.search("is beyond|swinging|contact lost", cause))
+    @property
+    def hits(self) -> bool:
+        """Whether the cause may come without any fault, of a hard surface."""
+        return self.stiffness > HARD_N_M and self.cause in _HIT
 
     def __call__(self, path: Path) -> tuple[int, Recording | None]:
         """Run it, and watch it; exit code, and what was recorded of cycles."""
@@ -192,18 +199,21 @@ class Drawn:
             try:
                 code = execute(self.config, True, Outputs(path), False)
             except BridgeError as error:
-                code = error.exit_code
+                code, self.cause = error.exit_code, error.cause
                 errors.write(str(error))
         self.said = output.getvalue() + errors.getvalue()
         try:
-            return code, read(path)
+            recording = read(path)
         except BridgeError:
             return code, None
+        if self.cause is None and (reason := reason_of(recording.end)) is not None:
+            self.cause = reason.cause
+        return code, recording
 
 
 def broken(drawn: Drawn, code: int, recording: Recording | None) -> Iterator[str]:
     """Every promise that a run did not keep, in words."""
-    if "Traceback" in drawn.said or "bug" in drawn.said:
+    if "Traceback" in drawn.said:
         yield f"a bug: {drawn.said}"
     trace = drawn.trace
     if code == 0 and trace.forces[-1] > 1.0:
@@ -214,11 +224,11 @@ def broken(drawn: Drawn, code: int, recording: Recording | None) -> Iterator[str
     if drawn.kind in SEEN_BY_WEIGHT and drawn.phase == "connect" and struck and moved:
         yield "moved although the weight was wrong"
     if code == 3:
-        cause = drawn.said.rpartition("stopped: ")[2] if "stopped: " in drawn.said else drawn.said
-        if not struck and not drawn.hits(cause):
-            yield f"stopped without a fault that struck: {cause}"
-        elif not re.search(FITTING[drawn.target], cause) and not drawn.hits(cause):
-            yield f"the cause does not fit: {cause}"
+        assert drawn.cause is not None
+        if not struck and not drawn.hits:
+            yield f"stopped without a fault that struck: {drawn.said}"
+        elif ROWS[drawn.cause].part not in FITTING[drawn.target] and not drawn.hits:
+            yield f"{drawn.cause} does not fit: {drawn.said}"
     if code not in (0, 3):
         yield f"ended with {code}: {drawn.said}"
     if recording is None:
