@@ -107,13 +107,17 @@ def refuse_other_kinds(mode: int, name: str) -> None:
 
 
 def refuse_known_file(path: Path) -> None:
-    """Raise ConfigError for a file that is known by its first bytes, or a table, and that its reader refuses."""
+    """Raise ConfigError for a file that a reader of recordings refuses, and that is known by its first bytes, a table,
+    or TOML.
+    """
     try:
         with open_ordinary(path) as file:
             head = file.read(HEAD_BYTES)
     except ConfigError:
         return
     refuse_table(format_path(path), head)
+    if path.suffix == ".toml":
+        raise ConfigError(f"{format_path(path)} is a TOML file; `hil-bridge run` takes a configuration")
 
 
 def read_up_to(file: BinaryIO, limit: int) -> bytes:

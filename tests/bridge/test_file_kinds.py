@@ -160,6 +160,15 @@ def test_table_at_another_reader_is_named(tmp_path: Path, command: str, content:
     assert "force.csv is a table of text; `hil-bridge fidelity` and `identify-cell`" in str(error)
 
 
+@pytest.mark.parametrize("command", ["report", "view", "why"])
+def test_configuration_as_a_recording_is_named(tmp_path: Path, command: str) -> None:
+    file = tmp_path / "cell.toml"
+    file.write_text("[run]\nseed = 1\n")
+    error = CliRunner().invoke(cli, [command, str(file)]).exception
+    assert isinstance(error, ConfigError)
+    assert str(error).endswith("cell.toml is a TOML file; `hil-bridge run` takes a configuration")
+
+
 @pytest.mark.parametrize(
     "head",
     [

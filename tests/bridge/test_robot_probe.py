@@ -113,21 +113,20 @@ def test_a_fault_is_told(kind: str, target: str, fault: str, words: str) -> None
 
 
 @pytest.mark.parametrize(
-    ("kind", "setting", "value", "words"),
+    ("kind", "settings", "words"),
     [
-        ("egm", "cell.egm.rw", "6.06", "state ready"),
-        ("egm", "cell.egm.rw", "6.10", "state ready"),
+        ("egm", {"cell.egm.rw": "6.06"}, "state ready"),
+        ("egm", {"cell.egm.rw": "6.10"}, "state ready"),
         (
             "egm",
-            "cell.egm.sample_ms",
-            8.0,
+            {"cell.egm.sample_ms": 8.0},
             "it sends every 8.0 ms and not every 4 ms; set robot.egm.sample_ms",
         ),
-        ("rtde", "cell.rtde.version", "3.15.0.0", "version 3.15.0.0"),
+        ("rtde", {"cell.rtde.version": "3.15.0.0", "cell.rtde.model": "ur10"}, "version 3.15.0.0"),
     ],
 )
-def test_a_robot_of_another_version(kind: str, setting: str, value: object, words: str) -> None:
-    look = look_at(Case(kind, settings={setting: value}))
+def test_a_robot_of_another_version(kind: str, settings: dict[str, object], words: str) -> None:
+    look = look_at(Case(kind, settings=settings))
     assert words in look.words
     assert look.took_s < MOST_S
 

@@ -145,6 +145,7 @@ def test_a_refusal_ends_a_run_with_a_plain_line(runs: Runs, on: str, fault: str,
         ("[cell.rtde]\nmodel = 'ur5e'\n", 2, "a ur5e cannot hold its tool at the start"),
         ("[cell.rtde]\ncycle_ms = 8\n", 2, "set both to 2 for an e-Series, to 8 for a CB3"),
         ("[cell.rtde]\nversion = 'five'\n", 2, "version must be four numbers with dots"),
+        ("[cell.rtde]\nversion = '3.15.0.0'\n", 2, "must be 5.0.0.0 or later for model ur10e"),
     ],
 )
 def test_a_run_that_cannot_begin_says_why(runs: Runs, more: str, code: int, words: str) -> None:

@@ -361,6 +361,11 @@ def test_tool_centre_point_beyond_bounds_ends_the_program() -> None:
     assert told == "runtime error in line 2: a tool centre point is at most 100 m from the flange"
 
 
+@pytest.mark.parametrize("call", ["set_payload(-3)", "set_payload_mass(-3)"])
+def test_negative_payload_stops_the_program(call: str) -> None:
+    assert failure(program(call)) == "runtime error in line 2: a payload is 0 kg or more, got -3 kg"
+
+
 def test_interpreter_mode_reports_that_its_port_is_missing() -> None:
     played = Played(program("interpreter_mode()"))
     played.play(5)

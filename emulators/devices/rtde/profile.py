@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from emulators.devices.rtde.generations import PRESETS
+from emulators.devices.rtde.urscript.table import E_SERIES
 from protocol.arm_size import PerAxis
 from protocol.geometry import Vector
 from protocol.marks import (
@@ -313,5 +314,9 @@ class RtdeProfile:
         parts = self.version.split(".")
         if len(parts) != 4 or not all(part.isdecimal() and len(part) < 10 for part in parts):
             raise SettingError("version", f"must be four numbers with dots, got {self.version!r}")
+        if self.model.endswith("e") and int(parts[0]) < E_SERIES:
+            raise SettingError(
+                "version", f"must be {E_SERIES}.0.0.0 or later for model {self.model}, got {self.version!r}"
+            )
         if not (self.serial_number.isascii() and self.serial_number.isdecimal()):
             raise SettingError("serial_number", f"must be digits, got {self.serial_number!r}")
