@@ -24,6 +24,7 @@ from hil_bridge.errors import ConfigError
 
 _Client = TypeVar("_Client")
 _Emulated = TypeVar("_Emulated")
+_Settings = TypeVar("_Settings")
 
 USUAL_ROBOT, USUAL_SENSOR = "s3", "jr3"
 """Kinds of the devices that are emulated where a configuration names none."""
@@ -98,15 +99,19 @@ def settings_of(
 ) -> KindSettings[_Client, _Emulated]:
     """The settings of a device in a configuration; its defaults where nothing is said of it."""
     section, name = (config.robot if isinstance(kind, RobotKind) else config.sensor), section_of(kind)
-    emulated: Any = getattr(config.cell, name, None)
-    if emulated is None and kind.emulation is not None:
-        emulated = kind.emulation.settings()
-    return KindSettings(getattr(section, name, None) or kind.settings(), emulated)
+    emulated: Any = None if kind.emulation is None else _inner(config.cell, name, kind.emulation.settings)
+    return KindSettings(_inner(section, name, kind.settings), emulated)
 
 
 def surface_settings(config: Any, kind: SurfaceKind) -> Any:
     """The settings of a surface of another package in a configuration."""
-    return getattr(config.cell, section_of(kind))
+    return _inner(config.cell, section_of(kind), kind.settings)
+
+
+def _inner(section: object, name: str, settings: type[_Settings]) -> _Settings:
+    """The section of one device inside another one; its defaults where the configuration has none."""
+    inner = getattr(section, name, None)
+    return inner if isinstance(inner, settings) else settings()
 
 
 def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
