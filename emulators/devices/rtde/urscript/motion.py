@@ -218,7 +218,7 @@ def _inside(task: Any, place: Value) -> Value:
 
 def _set_payload(task: Any, mass: Value, centre: Value, *given: Value) -> None:
     (kilograms,) = _finite(mass)
-    if kilograms < 0.0:
+    if kilograms < 0.0:  # assumed
         raise ScriptError(f"a payload is 0 kg or more, got {kilograms:g} kg")
     host: Host = task.host
     host.set_payload(kilograms, host.payload[1:] if centre is None else vector(centre, 3))
