@@ -27,7 +27,7 @@ test-lowest: $(STAMP)
 test-newest: $(STAMP)
 	$(BIN)/python tools/versions.py newest $(ONLY)
 
-# before a release: source distribution, wheel, clean installation, upgrade from the first version
+# before a release: source distribution, wheel, clean installation
 release-check: $(STAMP)
 	$(BIN)/python tools/release_check.py
 

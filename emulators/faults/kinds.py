@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeAlias
 
-from emulators.faults.renamed import RENAMED_PARAMETERS
 from protocol.faults import FaultStage
 
 FaultValue: TypeAlias = float | str
@@ -105,9 +104,8 @@ class Fault:
         name = f"{target}: {fault}" if target else fault
         known = self.all_parameters
         if unknown := [key for key in given if key not in known]:
-            now = RENAMED_PARAMETERS.get((fault, unknown[0]), "")
             raise ValueError(
-                f"{name} has no parameter {unknown[0]!r}; known: {', '.join(known)}{now and f'; {now}'}"
+                f"{name} has no parameter {unknown[0]!r}; known: {', '.join(known)}"
                 if known
                 else f"{name} has no parameters, got {unknown[0]!r}"
             )

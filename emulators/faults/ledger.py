@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from emulators.faults.kinds import Fault, FaultNews, FaultValue
-from emulators.faults.renamed import tell_new_name, tell_new_name_alone
 from protocol.faults import FaultStage
 
 INJECTION_LIMIT = 1000
@@ -198,10 +197,8 @@ class Ledger:
 
 
 def find(table: Mapping[str, Mapping[str, Fault]], target: str, fault: str) -> Fault:
-    """The fault of a table. Raises ValueError with the new name of an old one, else with the names that there are."""
+    """Return the fault of a table. Raises ValueError with the known names."""
     there = table.get(target, {})
-    if now := tell_new_name(target, fault, table):
-        raise ValueError(now)
     if target not in table:
         raise ValueError(f"no target is called {target!r}; known: {', '.join(table)}")
     if fault not in there:
@@ -216,8 +213,6 @@ def target_of(fault: str, table: Mapping[str, Mapping[str, Fault]]) -> str:
         return targets[0]
     if targets:
         raise ValueError(f"{fault} is a fault of {' and of '.join(targets)}; name its target")
-    if now := tell_new_name_alone(fault):
-        raise ValueError(now)
     known = ", ".join(dict.fromkeys(name for faults in table.values() for name in faults))
     raise ValueError(f"no fault is called {fault!r}; known: {known}")
 

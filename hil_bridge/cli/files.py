@@ -60,29 +60,6 @@ def init(path: Path, overwrite: bool) -> None:
     click.echo(f"wrote {path}")
 
 
-@config.command(short_help="Write an earlier version's file with the settings of now.")
-@click.argument("old", type=FILE)
-@click.argument("new", type=FILE)
-@overwrite_option
-def upgrade(old: Path, new: Path, overwrite: bool) -> None:
-    """Write a file of version 0.5 with the settings of now, comments kept, and check it.
-
-    Settings of the S3 and the JR3 move into the sections of their kinds, and URLs name their kinds.
-    """
-    from hil_bridge.errors.text_files import read_text, read_toml
-    from hil_bridge.record.files import write_whole
-    from hil_bridge.settings.configuration import load_config
-    from hil_bridge.settings.upgrade import upgrade_text
-
-    text, changes = upgrade_text(read_text(old))
-    write_whole(new, text.encode(), overwrite)
-    for change in changes or ["nothing has another name"]:
-        click.echo(change)
-    if "campaign" not in read_toml(new):  # a plan's cases are checked by `campaign`
-        load_config(new, {})
-    click.echo(f"wrote {new}")
-
-
 @config.command()
 def schema() -> None:
     """Print the JSON schema of a configuration file."""

@@ -21,7 +21,6 @@ from typing import Any, Generic, NamedTuple, Self, TypeAlias, TypeVar
 
 from emulators.cell import OWN_FAULTS, CellProfile
 from emulators.faults import Fault, find
-from emulators.faults.renamed import RENAMED, tell_new_name
 from emulators.panel import Controls
 from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
 from hil_bridge.devices.facts import RobotFacts
@@ -467,25 +466,14 @@ class EmulatedKinds(NamedTuple):
 
 
 def fault_targets() -> Collection[str]:
-    """Targets of faults, and those that there were before version 0.7: their faults are answered with the new names."""
-    return {*_faults_of_all(), *(target for target, _ in RENAMED)}
-
-
-def new_fault_name(on: str, fault: str) -> str:
-    """One line on the name that a fault has now; empty where it has its old one."""
-    return tell_new_name(on, fault, _faults_of_all())
-
-
-def _faults_of_all() -> Faults:
-    """The faults of all devices and of every cell, by target and name. A kind that is broken has none."""
-    table: dict[str, dict[str, Fault]] = {on: dict(faults) for on, faults in OWN_FAULTS.items()}
+    """Return the targets of all faults of all devices and of every cell. A broken kind has none."""
+    targets = set(OWN_FAULTS)
     registries: Sequence[Registry[Any]] = (ROBOTS, SENSORS)
     for registry in registries:
         for name in registry.names:
             with suppress(ConfigError):
-                for on, faults in _own_faults(registry.kind(name)).items():
-                    table.setdefault(on, {}).update(faults)
-    return table
+                targets.update(_own_faults(registry.kind(name)))
+    return targets
 
 
 def _own_faults(kind: DeviceKind) -> Faults:

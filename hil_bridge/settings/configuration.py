@@ -49,7 +49,6 @@ from hil_bridge.settings.program import (
     with_program,
 )
 from hil_bridge.settings.sections import changed_html, is_section, items_of
-from hil_bridge.settings.upgrade import older_setting
 from protocol.geometry import Quaternion, Vector, normalise
 from protocol.marks import SettingError
 
@@ -430,7 +429,7 @@ def explain(
     match first["type"]:
         case "extra_forbidden" | "unexpected_keyword_argument":
             instead = STEPS_HINT if location == ["step"] else _instead(location)
-            text = older_setting(location) or f"is no setting{instead}"
+            text = f"is no setting{instead}"
         case "value_error":
             cause = first["ctx"]["error"]
             if isinstance(cause, SettingError):  # a check of a whole section

@@ -65,6 +65,12 @@ def refusal(tmp_path: Path, text: str, **overrides: object) -> str:
             '[robot.s3.link]\nprofile = "observed-client"\nmove_length = 52',
             "robot.s3.link.move_length must be 60 in the profile observed-client, got 52; leave it or the profile out",
         ),
+        ("[robot.link]\nbaudrate = 19200", "c.toml: robot.link is no setting; known here: url, "),  # of 0.5
+        (
+            '[sensor]\nemulated = "gateway"',
+            "sensor.emulated: there is no sensor 'gateway'; choose one of jr3, ",
+        ),
+        ('[[faults]]\non = "link"\nfault = "delay"', "no target is called 'link'; known: robot, pose, "),
         ("hello", "c.toml is no TOML: "),
         (
             "[tool]\nmass_kg = 0.5\n\n[tool]\nmass_kg = 0.4\n",

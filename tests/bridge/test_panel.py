@@ -359,9 +359,6 @@ def test_every_command_reaches_the_controller() -> None:
         for arguments, text in (
             (("inject", "drop-ack", "off=bid"), "drop-ack has no parameter 'off'"),
             (("inject", "flood"), "no fault is called 'flood'"),
-            (("inject", "loss"), "link: loss is called wire: lost now"),
-            (("inject", "link", "loss"), "link: loss is called wire: lost now"),
-            (("inject", "frames", "slow"), "frames: slow is called sensor: slow now"),
             (("inject", "signal", "flood"), "this signal cannot have 'flood'"),
             (("inject", "bus", "off"), "this cell cannot have bus: off"),
         ):

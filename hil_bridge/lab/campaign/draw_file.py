@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from hil_bridge.clock import VIRTUAL_EPOCH
-from hil_bridge.devices.kinds import new_fault_name
 from hil_bridge.errors import BridgeError
 from hil_bridge.errors.text_files import format_value
 from hil_bridge.lab.campaign.drawing import EVERY, Draw, Setting, between_of, possible_faults
@@ -143,8 +142,6 @@ def _problems_of_fault(table: Mapping[str, Any]) -> Iterator[str]:
         yield f"has no {unknown[0]!r}, only {', '.join(_FAULT_KEYS)}"
     if not all(isinstance(table.get(key), str) and table[key] for key in ("on", "fault")):
         yield f"needs `on` and `fault`, each a name or {EVERY!r} for all"
-    elif now := new_fault_name(table["on"], table["fault"]):
-        yield now
     phases = table.get("phase", "")
     if not isinstance(phases, str) and not (
         isinstance(phases, list) and phases and all(isinstance(phase, str) for phase in phases)
