@@ -66,7 +66,6 @@ class History(Generic[S]):
 
     def __init__(self, servo: S, ticks: Ticks, loop: PositionLoop, look_ahead: float) -> None:
         """`look_ahead` is for how long the path may be read beyond its committed end, s."""
-        self._ticks = ticks
         self._loop = loop
         self._look_ahead = look_ahead
         self._powered_at, self._period, self._delay = ticks.powered_at, ticks.period, ticks.delay

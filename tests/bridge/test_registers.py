@@ -1,7 +1,7 @@
 """A board's registers from outside: URLs, a sensor behind them, the emulated board."""
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from emulators.devices.jr3 import Jr3Sensor, SensorProfile
-from emulators.devices.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
+from emulators.devices.jr3.board import Board, BoardProfile
 from emulators.sensing import KnownWrench
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import LogTo
@@ -29,7 +29,7 @@ from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import read_config
-from protocol.devices.jr3.board import REGISTERS, Registers, check_range, pack_words, to_signed
+from protocol.devices.jr3.board import REGISTERS, check_range, pack_words, to_signed
 from protocol.devices.jr3.registers import (
     BoardClient,
     BoardClientProfile,
@@ -206,29 +206,6 @@ def test_a_memory_wire_survives_a_lost_client() -> None:
 # --- the emulated board
 
 
-class IsaHost:
-    """A host on the ISA bus, as registers: every word through the port pair."""
-
-    def __init__(self, board: Board) -> None:
-        self._board = board
-        self._ports = IsaPorts(IsaProfile(), board)
-
-    def read(self, address: int, count: int, now: float) -> tuple[int, ...]:
-        self._ports.write_port(0x314, address, now)
-        return tuple(self._ports.read_port(0x316, now) for _ in range(count))
-
-    def burst(self, address: int, count: int, now: float) -> bytes:
-        return pack_words(self.read(address, count, now))
-
-    def write(self, address: int, words: Sequence[int], now: float) -> None:
-        self._ports.write_port(0x314, address, now)
-        for word in words:
-            self._ports.write_port(0x316, word, now)
-
-    def reset(self, now: float) -> None:
-        self._board.reset(now)
-
-
 def press(times: NDArray[np.float64]) -> NDArray[np.float64]:
     """50 N on the sensor's z axis, always."""
     return np.tile([0.0, 0.0, -50.0, 0.0, 0.0, 0.0], (len(times), 1))
@@ -242,10 +219,9 @@ def board_at(now: float, **profile: object) -> Board:
     )
 
 
-@pytest.mark.parametrize("reach", [lambda board: board, IsaHost], ids=["registers", "isa"])
-def test_the_start_up_as_written_brings_the_emulated_board_up(reach: Callable[[Board], Registers]) -> None:
+def test_the_start_up_as_written_brings_the_emulated_board_up() -> None:
     begin = now = 4321.5
-    registers = reach(board_at(now))
+    registers = board_at(now)
     # Boot and calibration take longer than the pause after the reset, so that the first look finds nothing.
     sequence = start_up(BoardClientProfile())
     answer: tuple[int, ...]

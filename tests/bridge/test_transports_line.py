@@ -240,39 +240,6 @@ def test_a_held_line_stays_low_until_it_is_released() -> None:
     run_virtual(main)
 
 
-def test_a_pulled_plug_loses_the_bytes_on_the_line_without_an_error() -> None:
-    async def main() -> None:
-        clock = Clock.running()
-        inner, far_wire = memory_pair(clock)
-        near = PacedLine(inner, E, clock)
-        here, there = Log(near, clock), Log(far_wire, clock)
-        near.reconnect()  # it is in
-        start = clock.now()
-        near.send(bytes(range(100)))
-        far_wire.send(bytes(range(100)))
-        await clock.sleep_until(start + 30.5 * CHARACTER)
-        near.disconnect()
-        near.disconnect()
-        near.send_break(0.001)
-        await clock.sleep_until(start + 60.5 * CHARACTER)
-        near.reconnect()
-        await pass_time(1)
-        # the character that is under way when the plug goes in is not seen
-        assert there.data == here.data == bytes(range(30)) + bytes(range(61, 100))
-        assert there.items[-1][0] == start + 100 * CHARACTER
-        near.disconnect()
-        near.send(b"into the void")
-        await pass_time(5)
-        near.reconnect()
-        near.send(b"back")
-        await pass_time(1)
-        assert there.data.endswith(bytes([99]) + b"back")
-        assert here.end is there.end is None
-        assert near.line_errors == near.far_line_errors == LineErrors()
-
-    run_virtual(main)
-
-
 def test_the_end_comes_after_the_last_character_of_a_slow_receiver() -> None:
     async def main() -> None:
         clock = Clock.running()

@@ -1,4 +1,4 @@
-"""The board as a host sees it: power-up, words, plug, saturation, ISA ports."""
+"""The board as a host sees it: power-up, words, plug, saturation."""
 
 import math
 
@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulators.devices.jr3.board import BoardProfile, IsaPorts, IsaProfile
+from emulators.devices.jr3.board import BoardProfile
 from emulators.devices.jr3.sensor import SensorProfile
-from protocol.devices.jr3.board import MEMORY_WORDS, CommandCode, Errors, Warnings, from_signed, to_signed
+from protocol.devices.jr3.board import MEMORY_WORDS, CommandCode, Errors, Warnings
 from protocol.endpoint import RemoteProtocolError
 from tests.emulation.jr3_board_host import (
     LOAD,
@@ -322,37 +322,6 @@ def test_near_and_full_saturation_follow_the_raw_channels() -> None:
     assert get(board, "warnings", at + 0.2) == (0,)
 
 
-# --- ISA ports
-
-
-def test_isa_ports_read_and_write_and_count_within_a_page() -> None:
-    board = board_of(loaded_from(STEADY + 1.0))
-    ports = IsaPorts(IsaProfile(), board)
-    now = STEADY + 2.0
-    ports.write_port(0x314, 0x90, now)
-    assert [to_signed(ports.read_port(0x316, now)) for _ in range(6)] == list(LOAD_COUNTS)
-    assert ports.read_port(0x314, now) == 0x96
-    ports.write_port(0x314, 0x10FF, now)
-    for value in (7, -8):
-        ports.write_port(0x316, value, now)
-    assert ports.read_port(0x314, now) == 0x1001
-    assert (board.read_word(0x10FF, now), board.read_word(0x1000, now)) == (7, from_signed(-8))
-    with pytest.raises(RemoteProtocolError, match="0x0315"):
-        ports.read_port(0x315, now)
-    with pytest.raises(RemoteProtocolError, match="0x0318"):
-        ports.write_port(0x318, 0, now)
-
-
-def test_a_command_through_isa_ports() -> None:
-    board = board_of()
-    ports = IsaPorts(IsaProfile(base=0x300), board)
-    ports.write_port(0x300, 0xE5, STEADY)
-    for word in (0, 0xF9, 0x0100):
-        ports.write_port(0x302, word, STEADY)
-    ports.write_port(0x300, 0xE5, STEADY + 1e-3)
-    assert [ports.read_port(0x302, STEADY + 1e-3) for _ in range(3)] == [1, 0xF9, 0]
-
-
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -374,7 +343,5 @@ def test_profile_refuses(wrong: dict[str, object]) -> None:
 
 
 def test_other_profiles_refuse() -> None:
-    with pytest.raises(ValueError, match="base must be even"):
-        IsaProfile(base=0x315)
     with pytest.raises(ValueError, match=r"full scale of fx is 0\.0259 in units 3"):
         board_of(profile=BoardProfile(units=3))

@@ -14,7 +14,8 @@ from click.testing import CliRunner
 from hil_bridge.cli.experiment import experiment
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.experiments import EXPERIMENTS
-from hil_bridge.lab.experiments.results import distinct, from_csv, rows_where
+from hil_bridge.lab.experiments.results import distinct, rows_where
+from tests.experiments.csv_rows import from_csv
 
 
 def run(*arguments):

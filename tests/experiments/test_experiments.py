@@ -20,8 +20,9 @@ from hil_bridge.lab.experiments import (
 from hil_bridge.lab.experiments.cell import CellJob
 from hil_bridge.lab.experiments.comparison import held, ranking, variants
 from hil_bridge.lab.experiments.paper_simulation import RESOLUTION, PaperJob
-from hil_bridge.lab.experiments.results import digits, from_csv, markdown, only_row, to_csv
+from hil_bridge.lab.experiments.results import digits, markdown, only_row, to_csv
 from hil_bridge.lab.experiments.simulation import REFERENCE_N, STIFFNESSES
+from tests.experiments.csv_rows import from_csv
 
 
 def evaluated(name, seeds, keep=lambda job: True):

@@ -3,7 +3,6 @@
 import asyncio
 import os
 import socket
-import struct
 import sys
 from collections.abc import Callable
 from contextlib import closing
@@ -16,10 +15,9 @@ import serial.rfc2217
 from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportUnavailable
 from hil_bridge.testing.transports import Ear
-from hil_bridge.transports import LineErrors, PacedLine, connect_bytes, connect_can, listen_bytes
+from hil_bridge.transports import PacedLine, connect_bytes, connect_can, listen_bytes
 from hil_bridge.transports.serial.pseudo_terminal import PseudoTerminal
 from hil_bridge.transports.serial.rfc2217 import Rfc2217Client
-from hil_bridge.transports.serial.serial_port import SerialWire
 from tests.live.wires import BYTES, came
 
 pytestmark = [
@@ -64,29 +62,6 @@ async def test_a_program_that_sets_nothing_finds_the_terminal_set_right() -> Non
         await listening.transport.aclose()
 
 
-async def test_a_driver_that_counts_line_errors_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    counted = [0] * 20
-    with closing(Clock.running()) as clock:
-        listening = await listen_bytes("pty:", clock)
-        client = await connect_bytes(listening.address, clock)
-        assert isinstance(client, SerialWire)
-        assert client.line_errors == LineErrors()  # a pseudo-terminal does not count
-        await client.aclose()
-        monkeypatch.setattr(
-            "hil_bridge.transports.serial.serial_port._counters", lambda fd: struct.pack("20i", *counted)
-        )
-        counted[6:10] = 1, 2, 3, 4  # frame, overrun, parity, brk
-        client = await connect_bytes(listening.address, clock)
-        assert isinstance(client, SerialWire)
-        assert client.line_errors == LineErrors()
-        counted[6:10] = 11, 2, 4, 6
-        assert client.line_errors == LineErrors(parity=1, framing=10, breaks=2)
-        await client.aclose()
-        counted[6] = 100
-        assert client.line_errors == LineErrors(parity=1, framing=10, breaks=2)
-        await listening.transport.aclose()
-
-
 # --- RFC 2217
 
 
@@ -119,7 +94,6 @@ async def test_a_client_at_other_settings_than_the_rfc2217_port() -> None:
                 assert listening.transport.line_errors.breaks == before.breaks + 1
             else:
                 assert "the port reports" in notices[0]
-                assert client.line_errors.parity + client.line_errors.framing > 0
             await client.aclose()
             await asyncio.sleep(0.02)
         await listening.transport.aclose()

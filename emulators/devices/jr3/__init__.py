@@ -1,6 +1,6 @@
 """The emulated JR3 force/torque sensor and its receivers."""
 
-from emulators.devices.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
+from emulators.devices.jr3.board import Board, BoardProfile
 from emulators.devices.jr3.can_gateway import Gateway, GatewayProfile
 from emulators.devices.jr3.making import Jr3Profiles, make_board, make_gateway, make_uart
 from emulators.devices.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor, SensorProfile
@@ -12,8 +12,6 @@ __all__ = [
     "BoardProfile",
     "Gateway",
     "GatewayProfile",
-    "IsaPorts",
-    "IsaProfile",
     "Jr3Profiles",
     "Jr3Sensor",
     "SensorProfile",

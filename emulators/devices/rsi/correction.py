@@ -31,8 +31,6 @@ class Correction:
         self._profile = profile
         self.programmed = programmed
         self.total = NOTHING
-        self.limited = False
-        """The last value was cut at POSCORR's limit."""
         self._margin_mm, self._margin_at = math.inf, NOTHING
         steps = profile.cycle_ms / _REFERENCE_MS
         self.step_mm, self._step_deg = profile.max_step_mm * steps, profile.max_step_deg * steps
@@ -97,9 +95,7 @@ class Correction:
             kept.append(max(low, min(high, value)))
         angle = _angle(wanted[3:])
         share = min(1.0, self._profile.lim_deg / angle) if angle else 1.0
-        total = (*kept, *[share * part for part in wanted[3:]])
-        self.limited = math.dist(total, wanted) > _ROUNDING
-        return total
+        return (*kept, *[share * part for part in wanted[3:]])
 
     def _monitored(self, total: Total) -> str:
         way = total[:3]
@@ -123,8 +119,6 @@ class AxisCorrection:
             self._lowest = tuple(map(max, self._lowest, lowest))
             self._highest = tuple(map(min, self._highest, highest))
         self.total = NOTHING
-        self.limited = False
-        """The last value was cut at AXISCORR's limit."""
         self.steps = tuple(speed * profile.period for speed in model.axis_speeds_deg_s)
         """Largest change of each axis in a cycle."""
         self._margin_deg, self._margin_at = math.inf, NOTHING
@@ -147,7 +141,6 @@ class AxisCorrection:
             margin = self._margin_deg
             kept = zip(after, self._margin_at, strict=True)
             after = tuple([max(at - margin, min(at + margin, part)) for part, at in kept])
-        self.limited = after != value
         if any(abs(part) > limit for part, limit in zip(after, profile.mon_axis_deg, strict=True)):
             return AXES_TOO_FAR
         changes = zip(after, before, self.steps, strict=True)

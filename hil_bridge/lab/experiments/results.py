@@ -93,24 +93,6 @@ def to_csv(rows: Sequence[Row]) -> str:
     return text.getvalue()
 
 
-def from_csv(text: str) -> tuple[Row, ...]:
-    """The rows again."""
-    return tuple(
-        {name: _value(field) for name, field in row.items()} for row in csv.DictReader(io.StringIO(text))
-    )
-
-
-def _value(field: str) -> Value:
-    if not field:
-        return None
-    for kind in (int, float):
-        try:
-            return kind(field)
-        except ValueError:
-            continue
-    return field
-
-
 def markdown(rows: Sequence[Row], columns: Sequence[str]) -> str:
     """These columns as a Markdown table; underscores of column names become spaces."""
     texts = [[digits(row[column]) for column in columns] for row in rows]

@@ -40,7 +40,6 @@ class SerialDirection:
         "_begun",
         "_bits",
         "_clock",
-        "_connected",
         "_damaged",
         "_fifo",
         "_next",
@@ -53,7 +52,6 @@ class SerialDirection:
         "_sink",
         "_timer",
         "errors",
-        "lost",
         "waiting",
     )
 
@@ -71,11 +69,8 @@ class SerialDirection:
         self._receiver_settings, self._damaged, self._sink, self._on_flaw = receiver
         self._receiver = Receiver(receiver.settings())
         self._take_settings(sender_settings())
-        self._connected = True
         self.errors = LineErrors()
         """Damaged characters that the receiver has found."""
-        self.lost = 0
-        """Characters sent while the cable was off."""
         self.waiting = bytearray()
         self._begun = 0.0
         """When the first start bit of the present unbroken traffic began."""
@@ -120,25 +115,8 @@ class SerialDirection:
         """Begin or end a break, after a delay, s. The receiver does not see characters sent during a break."""
         now = self._clock.now()
         self._settle(now)
-        if self._connected:
-            self._receiver.hold(low, now + delay)
-            self._hear(now)
-        self._arm()
-
-    def unplug(self) -> None:
-        """Pull the plug: from now on nothing passes. Characters that have passed by now were received."""
-        self._settle(self._clock.now())
-        self._connected = False
-        self._receiver = Receiver(self._receiver.settings)
-        self._arm()
-
-    def plug_in(self) -> None:
-        """Put the plug in: from the next whole character on everything passes again."""
-        if self._connected:
-            return
-        self._settle(self._clock.now())
-        self._hand_on(min(1, len(self.waiting)))
-        self._connected = True
+        self._receiver.hold(low, now + delay)
+        self._hear(now)
         self._arm()
 
     def _take_settings(self, settings: LineSettings) -> None:
@@ -191,10 +169,6 @@ class SerialDirection:
             data = bytes(self.waiting[:count])
             del self.waiting[:count]
         first, self._passed = self._passed, self._passed + count
-        if not self._connected:
-            self.lost += count
-            self._sink(b"")
-            return
         if (receiver_settings := self._receiver_settings()) is not self._receiver.settings:
             self._receiver.retune(receiver_settings)
             self._alike = receiver_settings.understands(self._sent_at)

@@ -132,16 +132,6 @@ class PacedLine(Around[bytes]):
         """Begin a break or end it; `send_break` does both."""
         self._way(direction).hold(low)
 
-    def disconnect(self) -> None:
-        """Pull the plug: bytes that either end sends from now on are lost. Harmless when it is out."""
-        self._in.unplug()
-        self._out.unplug()
-
-    def reconnect(self) -> None:
-        """Put the plug in again. Harmless when it is in."""
-        self._in.plug_in()
-        self._out.plug_in()
-
     async def aclose(self) -> None:
         if not self._delivery.begin_close():
             return

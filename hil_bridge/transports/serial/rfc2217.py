@@ -10,7 +10,7 @@ from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.transports.back_off import Notice
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, flush
-from hil_bridge.transports.serial.uart import Flaw, LineErrors, LineSettings, Parity
+from hil_bridge.transports.serial.uart import Flaw, LineSettings, Parity
 from protocol.endpoint import LocalProtocolError
 from protocol.rfc2217 import (
     BreakSet,
@@ -61,7 +61,6 @@ class Rfc2217Client:
         self._clock = clock
         self._on_notice = on_notice
         self._ready: asyncio.Future[None] = clock.loop.create_future()
-        self._states = dict.fromkeys(LineState, 0)
         self._telnet = _Telnet(wire, self._endpoint, clock, self._take)
         self._telnet.open()
         self._timer: Timer | None = None
@@ -71,12 +70,6 @@ class Rfc2217Client:
     @property
     def name(self) -> str:
         return self._telnet.name
-
-    @property
-    def line_errors(self) -> LineErrors:
-        """Damaged characters of which the server has told; it need not tell of each."""
-        states = self._states
-        return LineErrors(states[LineState.PARITY], states[LineState.FRAMING], states[LineState.BREAK])
 
     async def ready(self) -> None:
         """Return when the port is set. Raises TransportUnavailable when it cannot be; the wire is closed then."""
@@ -125,8 +118,6 @@ class Rfc2217Client:
                 self._telnet.delivery.end(TransportBroken(f"{self.name}: broke: {text}"))
                 self._not_ready(TransportUnavailable(f"{self.name}: cannot be opened: {text}"))
             case LineStateChanged(state):
-                for bit in LineState:
-                    self._states[bit] += bit in state
                 self._on_notice(EventKind.LINE_ERROR, f"{self.name}: the port reports {state.name}")
             case Malformed(text):
                 self._on_notice(EventKind.TELNET_ERROR, f"{self.name}: {text}")

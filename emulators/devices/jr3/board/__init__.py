@@ -1,7 +1,6 @@
-"""The emulated JR3 DSP receiver board and the ISA ports in front of it."""
+"""The emulated JR3 DSP receiver board."""
 
 from emulators.devices.jr3.board.board import Board
-from emulators.devices.jr3.board.isa import IsaPorts, IsaProfile
 from emulators.devices.jr3.board.profile import BoardProfile
 
-__all__ = ["Board", "BoardProfile", "IsaPorts", "IsaProfile"]
+__all__ = ["Board", "BoardProfile"]

@@ -88,7 +88,6 @@ class Seen(Ending):
     """First order behind the cut that the robot could act on."""
     hindrance: str = ""
     """First state behind the first order in which the robot did not move by orders."""
-    hindered_at: float | None = None
     own_stop: str = ""
     """The first such state that an order of the client brought about."""
     left_m_s: float = 0.0
@@ -206,7 +205,7 @@ class Watch:
             seen.moved_after_m = max(seen.moved_after_m, math.dist(position, stood.position))
             turned = angle_between(tool.quaternion, stood.quaternion)
             seen.turned_after_rad = max(seen.turned_after_rad, turned)
-        self._hinder(at, hindrance)
+        self._hinder(hindrance)
 
     def _measure(self, at: float, tool: ToolLook, by_orders: bool) -> None:
         """Measure how the speed changes, and how fast the tool turns."""
@@ -225,7 +224,7 @@ class Watch:
         ]
         seen.largest_gain_m_s = max(seen.largest_gain_m_s, *gains)
 
-    def _hinder(self, at: float, hindrance: Hindrance | None) -> None:
+    def _hinder(self, hindrance: Hindrance | None) -> None:
         seen, before = self.seen, self._hindered
         self._hindered = hindrance is not None
         if hindrance is None or before or seen.first_order_at is None:
@@ -234,7 +233,7 @@ class Watch:
         if not seen.hindrance and (
             hindrance.by_order or not leaving
         ):  # a robot may stop when its client has gone
-            seen.hindrance, seen.hindered_at = hindrance.words, at
+            seen.hindrance = hindrance.words
         if hindrance.by_order and not seen.own_stop:
             seen.own_stop = hindrance.words
 

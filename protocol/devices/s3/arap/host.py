@@ -101,8 +101,6 @@ class ArapHost:
         self._blocks: list[Telegram] = []
         self._deadline: float | None = None
         self._events: deque[ArapEvent] = deque()
-        self.events_dropped = 0
-        """Events that the owner did not take in time."""
 
     @property
     def outstanding(self) -> Telegram | None:
@@ -250,5 +248,4 @@ class ArapHost:
     def _keep(self, event: ArapEvent) -> None:
         if len(self._events) >= EVENT_LIMIT:
             self._events.popleft()
-            self.events_dropped += 1
         self._events.append(event)
