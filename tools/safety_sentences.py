@@ -2,18 +2,14 @@
 
 A sentence that is new is entered as not tested, one that is gone is dropped, and the others keep what people wrote
 beside them. With --check nothing is written; the exit code is 1 when the page is not up to date.
-
-With --matrix the sentences are laid against the tests of JUnit files, as `tools/check.py` leaves them in `runs/tests`:
-`python -m tools.safety_sentences --matrix runs/guard.html runs/tests/*.xml`. The exit code is 4 when one is not shown.
 """
 
 import ast
 import re
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
-from hil_bridge.lab.requirements import Matrix, Requirement, Tried, as_page, describe, matrix_of, read_tests
 from tools.pages import parser, placed, table, write
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -87,37 +83,10 @@ def missing_tests(text: str) -> list[str]:
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 
-def matrix(text: str, tests: Iterable[Tried]) -> Matrix:
-    """The sentences of the document that tests hold, each with the verdicts of these tests."""
-    promises = {
-        f"S-{number}": row for number, row in enumerate(kept(text).items(), 1) if _HELD.search(row[1])
-    }
-    names: dict[str, list[str]] = {}
-    for name, (_, words) in promises.items():
-        for path, test in _HELD.findall(words):
-            names.setdefault(f"{path.removesuffix('.py').replace('/', '.')}.{test}", []).append(name)
-    known = (
-        one._replace(requirements=tuple(names[key]))
-        for one in tests
-        if (key := one.name.partition("[")[0]) in names
-    )
-    return matrix_of([Requirement(name, row[0]) for name, row in promises.items()], known)
-
-
 def main() -> int:
-    """Write the document, or check it; or lay its sentences against results of tests."""
-    options = parser(__doc__)
-    options.add_argument("--matrix", nargs="+", type=Path, metavar=("FILE.html", "JUNIT.xml"))
-    chosen = options.parse_args()
-    if chosen.matrix:
-        page, *results = chosen.matrix
-        found = matrix(
-            DOCUMENT.read_text(encoding="utf-8"), (one for path in results for one in read_tests(path))
-        )
-        page.write_bytes(as_page("Promises of the guard", found, page))
-        print(*describe(found), sep="\n")
-        return 0 if found.shown else 4
-    return write(DOCUMENT, lambda text: renewed(text, PAGE.read_text(encoding="utf-8")), chosen.check)
+    """Write the document, or check it."""
+    check: bool = parser(__doc__).parse_args().check
+    return write(DOCUMENT, lambda text: renewed(text, PAGE.read_text(encoding="utf-8")), check)
 
 
 if __name__ == "__main__":

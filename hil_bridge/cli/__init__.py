@@ -29,7 +29,6 @@ from hil_bridge.cli.panel import panel
 from hil_bridge.cli.plugins import controllers, plugins
 from hil_bridge.cli.probe import probe
 from hil_bridge.cli.replay import replay
-from hil_bridge.cli.requirements import requirements
 from hil_bridge.cli.run import run
 from hil_bridge.cli.runs import runs
 from hil_bridge.cli.serve_jr3 import serve_jr3
@@ -120,8 +119,7 @@ def cli(context: click.Context) -> None:
 
     Exit codes: 0 done, 1 a replay or another comparison that differs, 2 configuration or input, 3 a stop by a
     device, the link or the guard, 4 a demand was not met, 70 a bug, 130 interrupted. Demands are the criteria
-    of a step (run) or of a run (campaign), promises (campaign hunt), scenarios (conform), constraints (tune),
-    and requirements.
+    of a step (run) or of a run (campaign), promises (campaign hunt), scenarios (conform) and constraints (tune).
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
@@ -132,7 +130,7 @@ GROUPS: dict[str, tuple[click.Command, ...]] = {
     "Look at recordings": (runs, view, report, why, latency, compare, replay, export, layouts, fidelity),
     "On site": (doctor, probe, identify_tool, identify_cell, monitor, decode, serve_jr3),
     "Emulate and judge": (emulate, panel, faults, conform, force_source),
-    "Many runs": (campaign, verify, experiment, requirements),
+    "Many runs": (campaign, verify, experiment),
     "Settings and lists": (config, profile, plugins),
 }
 """The commands by what they are for, in the order of the help."""

@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.lab.requirements import State, Tried
 from hil_bridge.settings.configuration import read_config
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -105,15 +104,3 @@ def test_a_row_says_how_its_sentence_is_held(sentences: dict[str, Any]) -> None:
         "sentence",
         "---",
     ]
-
-
-def test_sentences_are_laid_against_results_of_tests(sentences: dict[str, Any]) -> None:
-    text = "| Stops. | `tests/guard/test_a.py::test_b`, `tests/guard/test_a.py::test_c` |\n| So it is. | no promise |"
-    tests = [
-        Tried("tests.guard.test_a.test_b[1]", State.PASSED, "", (), ()),
-        Tried("tests.guard.test_a.test_c", State.FAILED, "3 N", (), ()),
-        Tried("tests.guard.test_a.test_d", State.FAILED, "", (), ()),
-    ]
-    (row,) = sentences["matrix"](text, tests).rows
-    assert (row.requirement.text, row.state, len(row.tests)) == ("Stops.", State.FAILED, 2)
-    assert sentences["matrix"](text, tests[:1]).shown
