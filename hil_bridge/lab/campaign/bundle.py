@@ -2,7 +2,7 @@
 
 It holds `results.sqlite`; `plan.json`, the configuration of every case; files of data that settings name, such as a
 policy; recordings of the runs that failed and of seeds that are drawn; and `manifest.json`, with the versions and the
-SHA-256 of each file and of each seed's runs.
+SHA-256 of each file.
 """
 
 import hashlib
@@ -20,23 +20,18 @@ from msgspec import Struct
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.digest import worst_first
-from hil_bridge.lab.campaign.inputs import POLICY_RUNTIME, controllers_of_others, pack_inputs, uses_policy
+from hil_bridge.lab.campaign.inputs import computing_packages, hash_file, pack_inputs
 from hil_bridge.lab.campaign.plan import Plan, code_version
 from hil_bridge.lab.campaign.repeating import CheckedRun, Repeat, job_again, repeat_runs
 from hil_bridge.lab.campaign.store import Done, Store, now
-from hil_bridge.lab.campaign.unpacking import (
-    FILES_MOST,
-    MANIFEST,
-    MANIFEST_LIMIT_BYTES,
-    PLAN,
-    RECORDINGS,
-    RESULTS,
-    UNPACKED_LIMIT_BYTES,
-    hash_file,
-)
 from hil_bridge.record.files import check_place, write_whole
 
-FORMAT = "hil-bridge bundle 1"
+MANIFEST, RESULTS, PLAN, RECORDINGS = "manifest.json", "results.sqlite", "plan.json", "recordings"
+FILES_MOST = 2000
+"""Files of a bundle at most. Chosen: more recordings than a person looks at."""
+UNPACKED_LIMIT_BYTES = 1 << 30
+"""Of all its files, unpacked, and of the bundle itself. Chosen: a thousand recordings of 1 MB."""
+FORMAT = "hil-bridge bundle 2"
 """Format of the bundle, for a later version that reads it."""
 PACKAGES = ("numpy",)
 """Packages beside this one whose arithmetic a run goes through."""
@@ -61,14 +56,10 @@ class Manifest(Struct, frozen=True):
     """Of this package with a hash of its source, of Python and numpy, and the platform."""
     files: Mapping[str, str]
     """SHA-256 of each other file."""
-    seeds: Mapping[int, str]
-    """SHA-256 of all that the results keep of the runs of each seed."""
     drawn: tuple[int, ...]
     """Seeds that were drawn: their runs were repeated here, and their recordings are in the bundle."""
     inputs: Mapping[str, str] = {}
     """SHA-256 of the files that settings name, by the path in the settings."""
-    packages: Mapping[str, str] = {}
-    """Packages with their versions, by the controllers that the campaign took from them."""
 
 
 class Packed(Struct, frozen=True):
@@ -128,13 +119,15 @@ def _version(package: str) -> str:
         return MISSING
 
 
-def draw_seeds(plan: Plan, seeds: Iterable[int], count: int) -> tuple[int, ...]:
-    """So many of these seeds, spread over them: the same ones for the same plan, and more of them go on from fewer."""
+def draw_seeds(plan: Plan, runs: Iterable[Done], count: int) -> tuple[int, ...]:
+    """Return so many seeds of these runs, spread over them: the same ones for the same plan, and more of them go on
+    from fewer.
+    """
 
     def place(seed: int) -> str:
         return hashlib.sha256(f"{plan.identity} {seed}".encode()).hexdigest()
 
-    return tuple(sorted(seeds, key=place)[:count])
+    return tuple(sorted({run.seed for run in runs}, key=place)[:count])
 
 
 def plan_text(plan: Plan) -> bytes:
@@ -175,13 +168,13 @@ def pack(
             f"{store.path} has results of version {code}, and this is {code_version()}; pack them with that one, "
             "or run the campaign anew"
         )
-    plan, hashes, runs = store.plan(), store.seed_hashes(), list(store.runs())
-    drawn = draw_seeds(plan, hashes, count)
+    plan, runs = store.plan(), list(store.runs())
+    drawn = draw_seeds(plan, runs, count)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         store.copy(folder / RESULTS)
         (folder / PLAN).write_bytes(plan_text(plan))
-        inputs, packages = pack_inputs(folder, plan, runs), controllers_of_others(plan)
+        inputs = pack_inputs(folder, plan, runs)
         recordings = folder / RECORDINGS
         recordings.mkdir()
         again = [
@@ -195,21 +188,13 @@ def pack(
         left_out = _add_failing(folder, store, runs)
         names = sorted(str(one.relative_to(folder)) for one in folder.rglob("*") if one.is_file())
         files = {name: hash_file(folder / name) for name in names}
-        known = versions([*_runtimes(plan), *(one.rpartition(" ")[0] for one in packages.values())])
-        manifest = Manifest(FORMAT, plan.name, now(), known, files, hashes, drawn, inputs, packages)
-        text = msgspec.json.format(msgspec.json.encode(manifest), indent=1)
-        if len(text) > MANIFEST_LIMIT_BYTES:
-            raise ConfigError(f"{store.path} has too many seeds for a bundle: {len(hashes)}")
-        data = _zip(folder, names, text)
+        known = versions(computing_packages(plan))
+        manifest = Manifest(FORMAT, plan.name, now(), known, files, drawn, inputs)
+        data = _zip(folder, names, msgspec.json.format(msgspec.json.encode(manifest), indent=1))
     write_whole(path, data, overwrite)
     count_recordings = sum(name.startswith(RECORDINGS) for name in names)
     sha256 = hashlib.sha256(data).hexdigest()
     return Packed(path.name, sha256, len(runs), drawn, count_recordings, left_out, (), len(inputs))
-
-
-def _runtimes(plan: Plan) -> list[str]:
-    """Packages that compute the controllers of a plan."""
-    return [POLICY_RUNTIME] if uses_policy(plan) else []
 
 
 def _add_failing(folder: Path, store: Store, runs: Iterable[Done]) -> int:

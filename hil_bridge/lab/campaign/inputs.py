@@ -4,10 +4,10 @@ A bundle holds them, each under the SHA-256 of its content. A controller of anot
 holds one.
 """
 
+import hashlib
 import json
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +19,26 @@ from hil_bridge.lab.campaign.judging import Job
 from hil_bridge.lab.campaign.overlay import POLICY_FILE
 from hil_bridge.lab.campaign.plan import Plan
 from hil_bridge.lab.campaign.store import Done
-from hil_bridge.lab.campaign.unpacking import INPUTS, hash_file
 from hil_bridge.settings.configuration import Config, lay_over
 
 POLICY_HASH = "controller.parameters.sha256"
 KEYS = (POLICY_FILE, "controller.parameters.rules_file", "cell.surface.height_map_file")
 """Settings that name a file of data."""
+INPUTS = "inputs"
+"""Folder of a bundle with these files, each under the SHA-256 of its content."""
 INPUT_LIMIT_BYTES = 1 << 28
 """Longest file that is packed. Chosen: a policy is 1000 times shorter."""
 POLICY_RUNTIME = "onnxruntime"
 """Package that computes a policy in a file."""
+
+
+def hash_file(path: Path) -> str:
+    """Return the SHA-256 of a file. Raises ConfigError."""
+    digest = hashlib.sha256()
+    with open_ordinary(path) as file:
+        while piece := file.read(1 << 20):
+            digest.update(piece)
+    return digest.hexdigest()
 
 
 def pin_policy(config: Config) -> Config:
@@ -52,17 +62,12 @@ def files_named(config: str, table: str = "{}") -> dict[str, str]:
     return {key: path for key, path in named.items() if path}
 
 
-def controller_named(config: str, table: str = "{}") -> str:
-    """Name of the controller in the same. Raises ValueError."""
-    return _text(_laid(config, table), "controller.name")
-
-
 def pack_inputs(folder: Path, plan: Plan, runs: Iterable[Done]) -> dict[str, str]:
     """Copy the files that the runs of a campaign need into `inputs` of a folder; their SHA-256 by the path in the
     settings. Raises ConfigError for a file that is missing, or is not the one with which the campaign was run.
     """
     packed: dict[str, str] = {}
-    for config, table in _settings(plan, runs):
+    for config, table in dict.fromkeys((plan.cases[done.number].config, done.table) for done in runs):
         for key, path in files_named(config, table).items():
             if path not in packed:
                 packed[path] = _pack_one(folder / INPUTS, path)
@@ -76,30 +81,23 @@ def pack_inputs(folder: Path, plan: Plan, runs: Iterable[Done]) -> dict[str, str
     return packed
 
 
-def controllers_of_others(plan: Plan) -> dict[str, str]:
-    """Packages with their versions, by the controllers that the campaign takes from them."""
-    names = {controller_named(case.config) for case in plan.cases}
-    return {name: package for name in sorted(names) if (package := controller_package(name))}
+def computing_packages(plan: Plan) -> list[str]:
+    """Return the packages beside this one that compute the controllers of a campaign."""
+    names = {_text(_laid(case.config, "{}"), "controller.name") for case in plan.cases}
+    packages = [POLICY_RUNTIME] if PolicyFile.name in names else []
+    return packages + [controller_package(name).rpartition(" ")[0] for name in sorted(names - OURS.keys())]
 
 
-def uses_policy(plan: Plan) -> bool:
-    """Whether a case of the campaign has a policy in a file."""
-    return any(controller_named(case.config) == PolicyFile.name for case in plan.cases)
+def with_inputs(job: Job, folder: Path, packed: Mapping[str, str]) -> Job:
+    """Return a job with the files of an unpacked bundle in place of those that its settings name.
 
-
-def with_inputs(job: Job, folder: Path, packed: Mapping[str, str], whole: Container[str]) -> Job:
-    """A job with the files of an unpacked bundle in place of those that its settings name. `whole` are names of files
-    that can be trusted.
-
-    Raises ConfigError for a file that the bundle lacks or that was altered: no other file is taken for it.
+    Raises ConfigError for a file that the bundle lacks: no file of this computer is taken for it.
     """
     places: dict[str, str] = {}
     for path in files_named(job.config, job.table).values():
-        name = f"{INPUTS}/{packed.get(path, '')}"
-        if name not in whole:
-            problem = "is altered in the bundle" if path in packed else "is not in the bundle"
-            raise ConfigError(f"{format_path(Path(path))} {problem}")
-        places[path] = str(folder / name)
+        if path not in packed:
+            raise ConfigError(f"{format_path(Path(path))} is not in the bundle; get the bundle anew")
+        places[path] = str(folder / INPUTS / packed[path])
     if not places:
         return job
     values, over = json.loads(job.config), json.loads(job.table)
@@ -121,11 +119,6 @@ def _laid(config: str, table: str) -> dict[str, Any]:
     return values
 
 
-def _settings(plan: Plan, runs: Iterable[Done]) -> Iterator[tuple[str, str]]:
-    """Configuration and what is laid over it, each pair that differs once."""
-    return iter(dict.fromkeys((plan.cases[done.number].config, done.table) for done in runs))
-
-
 def _pack_one(folder: Path, path: str) -> str:
     try:
         with open_ordinary(Path(path)) as file:
@@ -136,7 +129,7 @@ def _pack_one(folder: Path, path: str) -> str:
         raise ConfigError(
             f"{format_path(Path(path))} is longer than the {INPUT_LIMIT_BYTES} bytes that are packed"
         )
-    digest = sha256(data).hexdigest()
+    digest = hashlib.sha256(data).hexdigest()
     folder.mkdir(exist_ok=True)
     (folder / digest).write_bytes(data)
     return digest

@@ -1,6 +1,5 @@
 """The results of a campaign: one SQLite file, which may be read while it is written."""
 
-import hashlib
 import json
 import re
 import sqlite3
@@ -289,15 +288,6 @@ class Store:
                 if not 0 <= done.number < cases:
                     raise ValueError(f"run {done.key} is of case {done.number}, and there are {cases}")
                 yield done
-
-    def seed_hashes(self) -> dict[int, str]:
-        """SHA-256 of all that is kept of the runs of each seed. Raises ConfigError."""
-        digests: dict[int, hashlib._Hash] = {}
-        with self._readable():
-            for row in self._connection.execute("SELECT seed, * FROM runs ORDER BY key"):
-                text = json.dumps(row[1:]) + "\n"
-                digests.setdefault(int(row[0]), hashlib.sha256()).update(text.encode())
-        return {seed: digests[seed].hexdigest() for seed in sorted(digests)}
 
     def copy(self, path: Path) -> None:
         """Write all of it into one new file, which needs no other beside it. Raises ConfigError."""

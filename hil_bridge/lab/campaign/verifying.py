@@ -1,38 +1,62 @@
-"""Verifying a bundle: its files against the manifest, and a sample of its runs, done again bit by bit."""
+"""Verifying a bundle: its files against the manifest, and a sample of its runs, done again bit by bit.
 
+Nothing in a bundle is trusted: it may be cut off, altered, a bomb, or lead out of its folder.
+"""
+
+import hashlib
+import os
+import re
+import struct
 import tempfile
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO
 
 import msgspec
 from msgspec import Struct
 from pydantic import ValidationError
 
-from hil_bridge.control.controllers import controller_names
-from hil_bridge.errors import ConfigError
-from hil_bridge.errors.text_files import format_path, read_text
-from hil_bridge.lab.campaign.bundle import FORMAT, Manifest, count_words, draw_seeds, plan_text, versions
-from hil_bridge.lab.campaign.inputs import controller_named, with_inputs
-from hil_bridge.lab.campaign.judging import REFUSED, Job
-from hil_bridge.lab.campaign.overlay import config_with
-from hil_bridge.lab.campaign.plan import Plan
-from hil_bridge.lab.campaign.repeating import CheckedRun, Repeat, job_again, repeat_runs
-from hil_bridge.lab.campaign.store import Done, Store
-from hil_bridge.lab.campaign.unpacking import (
-    INPUTS,
+from hil_bridge.errors import ConfigError, SettingRefused
+from hil_bridge.errors.text_files import format_path, open_ordinary, read_text
+from hil_bridge.lab.campaign.bundle import (
+    FILES_MOST,
+    FORMAT,
     MANIFEST,
-    MANIFEST_LIMIT_BYTES,
     PLAN,
     RECORDINGS,
     RESULTS,
-    hash_file,
-    unpack,
+    UNPACKED_LIMIT_BYTES,
+    Manifest,
+    count_words,
+    draw_seeds,
+    versions,
 )
+from hil_bridge.lab.campaign.inputs import INPUTS, hash_file, with_inputs
+from hil_bridge.lab.campaign.judging import REFUSED, configure_run
+from hil_bridge.lab.campaign.plan import Plan
+from hil_bridge.lab.campaign.repeating import CheckedRun, Repeat, job_again, repeat_runs
+from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.settings.configuration import explain
 
 Advance = Callable[[int, int], object]
 """Told how many runs have been repeated since, and how many of them differ."""
+
+_NAME = re.compile(
+    rf"{re.escape(MANIFEST)}|{re.escape(RESULTS)}|{re.escape(PLAN)}|{RECORDINGS}/[0-9a-f]{{16}}\.mcap"
+    rf"|{INPUTS}/[0-9a-f]{{64}}"
+)
+_FOLDERS = (f"{RECORDINGS}/", f"{INPUTS}/")
+"""Other programs give a folder an entry of its own, which holds nothing."""
+_PIECE_BYTES = 1 << 20
+_END = struct.Struct("<4s4H2LH")
+"""End of a zip file. Source: APPNOTE.TXT of PKWARE, 4.3.16."""
+_LOCATOR_BYTES = 20
+"""Before it, where the file has the form for very many or very long files. Source: the same, 4.3.15."""
+_ENTRY_LIMIT_BYTES = 512
+"""Of the directory for each file at most. Chosen: five times what a name of ours needs."""
+_DAMAGES = (zipfile.BadZipFile, zlib.error, EOFError, ValueError, RuntimeError, struct.error)
 
 
 class OtherVersion(Struct, frozen=True):
@@ -41,20 +65,6 @@ class OtherVersion(Struct, frozen=True):
     package: str
     packed: str
     here: str
-
-
-class NotRepeated(Struct, frozen=True):
-    """Runs that cannot be repeated here, all for the same reason."""
-
-    why: str
-    """Reason, and remedy."""
-    seeds: tuple[int, ...]
-    runs: int
-
-    @property
-    def text(self) -> str:
-        """For people."""
-        return f"not repeated, {count_words(self.runs, 'run')} of {_seed_words(self.seeds)}: {self.why}"
 
 
 class Verified(Struct, frozen=True):
@@ -75,72 +85,47 @@ class Verified(Struct, frozen=True):
     """Files of the manifest that the bundle lacks."""
     unknown: tuple[str, ...]
     """Files that the manifest does not name."""
-    unreadable: str
-    """Why the results cannot be read; empty where they can."""
-    seeds: int
-    """Seeds of the results, whose runs were all compared with the manifest."""
-    seeds_altered: tuple[int, ...]
-    """Seeds whose runs are not those of the manifest, or do not belong to their keys."""
     other_versions: tuple[OtherVersion, ...]
-    repeated: tuple[int, ...]
-    """Seeds whose runs were repeated."""
-    runs: int
-    """Repeated runs."""
-    recordings: int
-    """Repeated runs that were compared with their recordings, cycle by cycle."""
-    differing: tuple[CheckedRun, ...]
-    """Repeated runs that are not the same to the last bit."""
-    not_repeated: tuple[NotRepeated, ...] = ()
-    """Runs of these seeds that cannot be repeated here."""
-    inputs: Mapping[str, str] = {}
+    inputs: Mapping[str, str]
     """Files of the bundle that settings name, by the path in the settings."""
+    repeated: tuple[int, ...] = ()
+    """Seeds whose runs were repeated; none where a file is not that of the manifest."""
+    runs: int = 0
+    """Repeated runs."""
+    recordings: int = 0
+    """Repeated runs that were compared with their recordings, cycle by cycle."""
+    differing: tuple[CheckedRun, ...] = ()
+    """Repeated runs that are not the same to the last bit."""
+    not_repeated: tuple[str, ...] = ()
+    """Reasons why runs cannot be repeated here, each with their number and a remedy."""
+
+    @property
+    def whole(self) -> bool:
+        """Whether the files are those of the manifest."""
+        return not (self.altered or self.missing or self.unknown)
 
     @property
     def good(self) -> bool:
-        """Nothing was altered, and nothing differs."""
-        wrong = (
-            self.altered,
-            self.missing,
-            self.unknown,
-            self.unreadable,
-            self.seeds_altered,
-            self.differing,
-            self.not_repeated,
-        )
-        return not any(wrong)
+        """Whether nothing was altered, and nothing differs."""
+        return self.whole and not self.not_repeated and not self.differing
 
     @property
     def lines(self) -> Iterator[str]:
-        """For people: what was checked, and what was found."""
+        """Lines for people: what was checked, and the result."""
         yield f"{self.bundle}: campaign {self.campaign}, packed {self.packed} UTC"
         yield f"  SHA-256 {self.sha256}"
         for names, word in ((self.altered, "altered"), (self.missing, "missing"), (self.unknown, "unknown")):
             yield from (f"{word}: {name}{self._settings_name(name)}" for name in names)
-        if not (self.altered or self.missing or self.unknown):
+        if self.whole:
             yield f"{self.files} files are those of the manifest"
         for other in self.other_versions:
             yield f"another version of {other.package}: packed with {other.packed}, here {other.here}"
-        if self.unreadable:
-            yield f"the results cannot be read: {self.unreadable}"
-            return
-        yield from (f"altered: the runs of seed {seed}" for seed in self.seeds_altered)
-        if not self.seeds_altered:
-            yield f"the runs of {self.seeds} seeds are those of the manifest"
-        yield from self._repeated()
-
-    def _settings_name(self, name: str) -> str:
-        """Path by which the settings name a file of the bundle, in words; empty for every other file."""
-        paths = [format_path(Path(path)) for path, packed in self.inputs.items() if packed == name]
-        return f", which the settings name {' and '.join(paths)}" if paths else ""
-
-    def _repeated(self) -> Iterator[str]:
-        for one in self.not_repeated:
-            yield one.text
-        if not self.repeated:
+        yield from self.not_repeated
+        if not self.runs:
             yield "no run was repeated"
             return
-        seeds = _seed_words(self.repeated)
-        yield f"{count_words(self.runs, 'run')} of {seeds} repeated, {self.recordings} compared with their recordings"
+        runs, seeds = count_words(self.runs, "run"), _seed_words(self.repeated)
+        yield f"{runs} of {seeds} repeated, {self.recordings} compared with their recordings"
         for run in self.differing:
             yield from run.lines
         if not self.differing:
@@ -148,17 +133,10 @@ class Verified(Struct, frozen=True):
         elif self.other_versions:
             yield "  another version may decide otherwise; verify with the versions of the bundle"
 
-
-class _Found(NamedTuple):
-    """The findings on the results of a bundle."""
-
-    seeds: int = 0
-    seeds_altered: tuple[int, ...] = ()
-    repeated: tuple[int, ...] = ()
-    checked: tuple[CheckedRun, ...] = ()
-    not_repeated: tuple[NotRepeated, ...] = ()
-    other_plan: bool = False
-    """The plan as JSON is not that of the results."""
+    def _settings_name(self, name: str) -> str:
+        """Path by which the settings name a file of the bundle, in words; empty for every other file."""
+        paths = [format_path(Path(path)) for path, packed in self.inputs.items() if packed == name]
+        return f", which the settings name {' and '.join(paths)}" if paths else ""
 
 
 def verify(path: Path, count: int | None, advance: Advance = lambda *told: None) -> Verified:
@@ -172,41 +150,49 @@ def verify(path: Path, count: int | None, advance: Advance = lambda *told: None)
         if not hashes.pop(MANIFEST):
             raise ConfigError(f"{format_path(path)}: its {MANIFEST} is damaged; get the bundle anew")
         manifest = _manifest(path, folder / MANIFEST)
-        whole = {name for name, sha256 in hashes.items() if _is_whole(name, sha256, manifest)}
-        altered = (hashes.keys() & manifest.files.keys()) - whole
-        found, unreadable = _Found(), f"there is no whole {RESULTS}"
-        if hashes.get(RESULTS):
-            try:
-                found, unreadable = _check_results(folder, manifest, count, whole, advance), ""
-            except ConfigError as error:
-                unreadable = str(error)
-        if found.other_plan:
-            altered.add(PLAN)
-        return Verified(
+        files, here = manifest.files, versions(manifest.versions.keys() - versions().keys())
+        checked = Verified(
             path.name,
             hash_file(path),
             manifest.campaign,
             manifest.packed,
-            len(manifest.files),
-            tuple(sorted(altered)),
-            tuple(sorted(manifest.files.keys() - hashes.keys())),
-            tuple(sorted(hashes.keys() - manifest.files.keys())),
-            unreadable,
-            found.seeds,
-            found.seeds_altered,
-            tuple(_other_versions(manifest.versions)),
-            found.repeated,
-            len(found.checked),
-            sum(run.cycles is not None for run in found.checked),
-            tuple(run for run in found.checked if not run.equal),
-            found.not_repeated,
+            len(files),
+            tuple(name for name in sorted(hashes.keys() & files.keys()) if not _fits(name, hashes, files)),
+            tuple(sorted(files.keys() - hashes.keys())),
+            tuple(sorted(hashes.keys() - files.keys())),
+            tuple(
+                OtherVersion(package, packed, here[package])
+                for package, packed in manifest.versions.items()
+                if here[package] != packed
+            ),
             {path: f"{INPUTS}/{sha256}" for path, sha256 in manifest.inputs.items()},
         )
+        if not checked.whole or count == 0:
+            return checked
+        try:
+            repeats, problems = _repeats(folder, manifest, count)
+        except ConfigError as error:
+            return msgspec.structs.replace(checked, not_repeated=(f"the results cannot be read: {error}",))
+        runs = repeat_runs(repeats, advance)
+        return msgspec.structs.replace(
+            checked,
+            repeated=tuple(sorted({run.seed for run in runs})),
+            runs=len(runs),
+            recordings=sum(run.cycles is not None for run in runs),
+            differing=tuple(run for run in runs if not run.equal),
+            not_repeated=problems,
+        )
+
+
+def _fits(name: str, hashes: Mapping[str, str], files: Mapping[str, str]) -> bool:
+    """Whether a file is that of the manifest, and one that settings name that of its own name."""
+    sha256 = hashes[name]
+    return sha256 == files[name] and (not name.startswith(f"{INPUTS}/") or name == f"{INPUTS}/{sha256}")
 
 
 def _manifest(path: Path, place: Path) -> Manifest:
     try:
-        manifest = msgspec.json.decode(read_text(place, MANIFEST_LIMIT_BYTES), type=Manifest)
+        manifest = msgspec.json.decode(read_text(place), type=Manifest)
     except (msgspec.MsgspecError, ConfigError, RecursionError) as error:
         raise ConfigError(f"{format_path(path)}: its {MANIFEST} is none that can be read: {error}") from error
     if manifest.format != FORMAT:
@@ -216,79 +202,118 @@ def _manifest(path: Path, place: Path) -> Manifest:
     return manifest
 
 
-def _check_results(
-    folder: Path, manifest: Manifest, count: int | None, whole: Container[str], advance: Advance
-) -> _Found:
-    """Compare the runs with the manifest and with their keys, and repeat some. `whole` are files to be trusted."""
+def _repeats(folder: Path, manifest: Manifest, count: int | None) -> tuple[list[Repeat], tuple[str, ...]]:
+    """The runs that can be repeated here, and reasons for those that cannot. Raises ConfigError."""
     with Store.open(folder / RESULTS) as store:
-        plan, hashes, code = store.plan(), store.seed_hashes(), store.fact("code")
-        runs = list(store.runs())
-    altered = {
-        seed for seed in hashes.keys() | manifest.seeds.keys() if hashes.get(seed) != manifest.seeds.get(seed)
+        plan, runs = store.plan(), list(store.runs())
+    drawn = manifest.drawn if count is None else draw_seeds(plan, runs, count)
+    inputs = {
+        path: sha256 for path, sha256 in manifest.inputs.items() if f"{INPUTS}/{sha256}" in manifest.files
     }
-    for done in runs:
-        if plan.cases[done.number].key(code, done.seed, done.table) != done.key:
-            altered.add(done.seed)
-    wanted = manifest.drawn if count is None else draw_seeds(plan, hashes, count)
-    again, left = _repeats(folder, manifest, plan, [done for done in runs if done.seed in wanted], whole)
-    checked = repeat_runs(again, advance)
-    repeated = tuple(sorted({run.seed for run in checked}))
-    other = (folder / PLAN).is_file() and (folder / PLAN).read_bytes() != plan_text(plan)
-    return _Found(len(hashes), tuple(sorted(altered)), repeated, tuple(checked), left, other)
-
-
-def _repeats(
-    folder: Path, manifest: Manifest, plan: Plan, runs: Iterable[Done], whole: Container[str]
-) -> tuple[list[Repeat], tuple[NotRepeated, ...]]:
-    """The runs that can be repeated here, with files of the bundle where their settings name some; and the others."""
-    again: list[Repeat] = []
+    repeats: list[Repeat] = []
     left: dict[str, list[int]] = {}
     for done in runs:
-        try:
-            job = with_inputs(job_again(plan, done), folder, manifest.inputs, whole)
-            problem = "" if done.outcome == REFUSED else _problem(job, manifest.packages)
-        except ConfigError as error:
-            problem = f"{error}; get the bundle anew"
-        except (ValueError, TypeError, KeyError, RecursionError) as error:
-            problem = f"their settings cannot be read: {error}"
-        if problem:
-            left.setdefault(problem, []).append(done.seed)
+        if done.seed not in drawn:
+            continue
+        repeat = _repeat(plan, done, folder, inputs)
+        if isinstance(repeat, str):
+            left.setdefault(repeat, []).append(done.seed)
         else:
-            name = f"{RECORDINGS}/{done.key}.mcap"
-            again.append(Repeat(job, done.figures, folder / name if name in whole else None))
-    return again, tuple(NotRepeated(why, tuple(sorted({*seeds})), len(seeds)) for why, seeds in left.items())
+            repeats.append(repeat)
+    return repeats, tuple(
+        f"not repeated, {count_words(len(seeds), 'run')} of {_seed_words(seeds)}: {why}"
+        for why, seeds in left.items()
+    )
 
 
-def _problem(job: Job, packages: Mapping[str, str]) -> str:
-    """Why a run cannot be done here; empty where it can. Code of a bundle is never run: a controller of
-    another package has to be installed by a person.
+def _repeat(plan: Plan, done: Done, folder: Path, inputs: Mapping[str, str]) -> Repeat | str:
+    """The run with files of the bundle where its settings name some, or the reason why it cannot be repeated here.
+
+    Code of a bundle is never run: a controller of another package has to be installed by a person.
     """
-    name = controller_named(job.config, job.table)
-    if name not in controller_names():
-        package = packages.get(name, "")[:80] or "the package that offers it"
-        return f"the controller {name[:80]!r} is not installed here, and a bundle holds no programs: install {package}"
     try:
-        config_with(job.config, job.table, job.seed)
+        job = with_inputs(job_again(plan, done), folder, inputs)
+        if done.outcome != REFUSED:
+            configure_run(job)
     except ValidationError as error:
         return explain(error, None, set()).without_source
+    except SettingRefused as error:
+        return error.without_source
     except ConfigError as error:
         return str(error)
-    return ""
-
-
-def _is_whole(name: str, sha256: str, manifest: Manifest) -> bool:
-    """Whether a file is that of the manifest, and one that settings name that of its own name."""
-    if not sha256 or manifest.files.get(name) != sha256:
-        return False
-    return not name.startswith(f"{INPUTS}/") or name == f"{INPUTS}/{sha256}"
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        return f"their settings cannot be read: {error}"
+    recording = folder / RECORDINGS / f"{done.key}.mcap"
+    return Repeat(job, done.figures, recording if recording.is_file() else None)
 
 
 def _seed_words(seeds: Sequence[int]) -> str:
+    seeds = sorted({*seeds})
     return f"{'seed' if len(seeds) == 1 else 'seeds'} {', '.join(map(str, seeds))}"
 
 
-def _other_versions(packed: Mapping[str, str]) -> Iterator[OtherVersion]:
-    here = versions(packed.keys() - versions().keys())
-    for package, version in packed.items():
-        if (mine := here[package]) != version:
-            yield OtherVersion(package, version, mine)
+def unpack(path: Path, folder: Path) -> dict[str, str]:
+    """Write the files of a bundle into an empty folder; SHA-256 by name, empty for a file that is damaged.
+
+    Raises ConfigError for a file that is no bundle, is too large, or holds what no bundle has.
+    """
+    with open_ordinary(path) as file:
+        try:
+            _check_end(file, path)
+            with zipfile.ZipFile(file) as packed:
+                entries = [one for one in packed.infolist() if one.filename not in _FOLDERS]
+                for problem in _problems(entries):
+                    raise ConfigError(f"{format_path(path)} {problem}; it is not a bundle of this program")
+                return {entry.filename: _unpack_one(packed, entry, folder) for entry in entries}
+        except OSError as error:
+            raise ConfigError(f"cannot unpack {format_path(path)}: {error.strerror or error}") from error
+        except _DAMAGES as error:
+            raise ConfigError(
+                f"{format_path(path)} is no zip file, or its end is damaged: {error}"
+            ) from error
+
+
+def _check_end(file: BinaryIO, path: Path) -> None:
+    """Check size and number of files before anything is read by them."""
+    size = file.seek(0, os.SEEK_END)
+    if size > UNPACKED_LIMIT_BYTES:
+        raise ConfigError(
+            f"{format_path(path)} has {size} bytes, of which at most {UNPACKED_LIMIT_BYTES} are read"
+        )
+    file.seek(max(size - _END.size - _LOCATOR_BYTES, 0))
+    tail = file.read()
+    mark, _, _, _, count, directory, _, _ = _END.unpack(tail[-_END.size :])
+    if mark != b"PK\5\6":
+        raise zipfile.BadZipFile("its last bytes are not those of one")
+    many = tail[: -_END.size].startswith(b"PK\6\7") or directory > count * _ENTRY_LIMIT_BYTES
+    if many or count > FILES_MOST:
+        raise ConfigError(f"{format_path(path)} has more files than the {FILES_MOST} of a bundle")
+
+
+def _problems(entries: Sequence[zipfile.ZipInfo]) -> Iterator[str]:
+    names = [entry.orig_filename for entry in entries]
+    for entry in entries:
+        usual = entry.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+        if not usual or not _NAME.fullmatch(entry.orig_filename):
+            yield f"holds {entry.orig_filename[:80]!r}{'' if usual else ', packed in another way'}"
+    if len(names) > len(set(names)):
+        yield "holds a file twice"
+    if sum(entry.file_size for entry in entries) > UNPACKED_LIMIT_BYTES:
+        yield f"holds more than {UNPACKED_LIMIT_BYTES} bytes"
+    if MANIFEST not in names:
+        yield f"holds no {MANIFEST}"
+
+
+def _unpack_one(packed: zipfile.ZipFile, entry: zipfile.ZipInfo, folder: Path) -> str:
+    """Write a file as far as its directory entry says, no farther; its SHA-256, empty where it is damaged."""
+    place, digest = folder / entry.filename, hashlib.sha256()
+    place.parent.mkdir(exist_ok=True)
+    with place.open("xb") as target:
+        try:
+            with packed.open(entry) as source:
+                while piece := source.read(_PIECE_BYTES):
+                    target.write(piece)
+                    digest.update(piece)
+        except _DAMAGES:
+            return ""
+    return digest.hexdigest()
