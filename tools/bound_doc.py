@@ -2,16 +2,12 @@
 
 The one compares it with its bound, at each period. The other has it by stiffness, approach speed and delay. With
 --measure the runs are made first, in virtual time, and their figures go to docs/explanation/bound.json; `--measure
-touch` makes those of one table alone. With --check nothing is written; the exit code is 1 when the document is not up
-to date.
+touch` makes those of one table alone.
 """
 
-import json
 import math
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import hil_bridge
@@ -20,10 +16,8 @@ from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.force_bound import force_bound_n
 from hil_bridge.settings.configuration import read_config
-from tools.pages import parser, placed, table, write
+from tools.pages import placed, table
 
-DOCS = Path(__file__).resolve().parent.parent / "docs" / "explanation"
-DOCUMENT, FIGURES = DOCS / "safety.md", DOCS / "bound.json"
 SENSORS = ("jr3", "jr3-uart", "jr3-board", "netft", "ati-can", "ft300")
 PERIODS_MS: Mapping[str, tuple[int, ...]] = {
     "s3": (0,),
@@ -132,7 +126,7 @@ def measure_touches() -> dict[str, Any]:
     return figures
 
 
-def measure() -> dict[str, Any]:
+def measure_bound() -> dict[str, Any]:
     """All runs: by robot, period and case the force and the bound with each sensor."""
     jobs = [
         (robot, sensor, period, case)
@@ -187,37 +181,11 @@ def renewed(text: str, figures: Mapping[str, Any]) -> str:
     return placed(text, {"bound": bound_table(figures["bound"]), "touch": touch_table(figures["touch"])})
 
 
-def as_json(figures: Mapping[str, Any]) -> str:
-    """A line for each row of a table."""
-    tables = []
-    for name, robots in figures.items():
-        rows = [
-            f"  {json.dumps(robot)}: {{\n"
-            + ",\n".join(f"   {json.dumps(row)}: {json.dumps(cells)}" for row, cells in by_row.items())
-            + "\n  }"
-            for robot, by_row in robots.items()
-        ]
-        tables.append(f" {json.dumps(name)}: {{\n" + ",\n".join(rows) + "\n }")
-    return "{\n" + ",\n".join(tables) + "\n}\n"
-
-
-MEASURES: Mapping[str, Callable[[], dict[str, Any]]] = {"bound": measure, "touch": measure_touches}
+MEASURES: Mapping[str, Callable[[], dict[str, Any]]] = {"bound": measure_bound, "touch": measure_touches}
 """The runs of each table."""
+JSON_DEPTH = 3
 
 
-def main() -> int:
-    """Measure if asked to, then write the document, or check it."""
-    options = parser(__doc__)
-    options.add_argument(
-        "--measure", nargs="*", choices=MEASURES, metavar="TABLE", help="make the runs first: bound, touch"
-    )
-    chosen = options.parse_args()
-    figures = json.loads(FIGURES.read_text(encoding="utf-8"))
-    if chosen.measure is not None:
-        figures |= {name: MEASURES[name]() for name in chosen.measure or MEASURES}
-        FIGURES.write_text(as_json(figures), encoding="utf-8")
-    return write(DOCUMENT, lambda text: renewed(text, figures), chosen.check)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def measure(names: Sequence[str], before: Mapping[str, Any]) -> dict[str, Any]:
+    """Make the runs of these tables, of both where none is named."""
+    return {**before, **{name: MEASURES[name]() for name in names or MEASURES}}

@@ -1,12 +1,6 @@
-"""Write the tables of docs/reference/computer-link.md from the tables that the code itself works with.
+"""Write the tables of docs/reference/computer-link.md from the tables that the code itself works with."""
 
-The prose between the tables is left as it is. With --check nothing is written; the exit code is 1 when the
-document is not up to date.
-"""
-
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 from protocol.devices.s3.adlp import HEADER_SIZE, Control, LinkProfile, check_character, encode_block
 from protocol.devices.s3.arap import (
@@ -33,11 +27,10 @@ from protocol.devices.s3.arap import (
 )
 from protocol.fields import Field, Layout
 from protocol.marks import settings
-from tools.pages import parser, placed, table, write
+from tools.pages import placed, table
 
 _TYPES = {**TYPE_NAMES, "d": "f64"}
 """An orders file has no type of eight bytes."""
-DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "reference" / "computer-link.md"
 
 
 def control_bytes() -> str:
@@ -204,7 +197,3 @@ TABLES: dict[str, Callable[[], str]] = {
 def renewed(text: str) -> str:
     """The document with every table as the code has it now. Raises ValueError for a table without its place."""
     return placed(text, {name: make() for name, make in TABLES.items()})
-
-
-if __name__ == "__main__":
-    sys.exit(write(DOCUMENT, renewed, parser(__doc__).parse_args().check))

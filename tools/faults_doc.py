@@ -1,15 +1,11 @@
 """Write the tables of docs/reference/faults.md: every emulated fault from the code, what a run did from runs.
 
-The prose between the tables is left as it is. With --measure the runs are made first, in virtual time, and their ends
-go to docs/reference/faults.json; it takes some minutes. `--measure egm ft300` makes those of these devices alone.
-With --check nothing is written; the exit code is 1 when the document is not up to date.
+With --measure the runs are made first, in virtual time, and their ends go to docs/reference/faults.json; it takes some
+minutes. `--measure egm ft300` makes those of these devices alone.
 """
 
 import gc
-import json
-import sys
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from emulators.cell import OWN_FAULTS
@@ -19,10 +15,7 @@ from hil_bridge.errors import BridgeError
 from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.settings.configuration import load_config
-from tools.pages import parser, placed, table, write
-
-DOCS = Path(__file__).resolve().parent.parent / "docs" / "reference"
-DOCUMENT, FIGURES = DOCS / "faults.md", DOCS / "faults.json"
+from tools.pages import placed, table
 
 ROBOT_NAMES = ("s3", "egm", "rtde", "rsi")
 SENSOR_NAMES = ("jr3", "jr3-uart", "jr3-board", "netft", "ati-can", "ft300", "ft300-urcap")
@@ -165,23 +158,4 @@ def renewed(text: str, figures: Mapping[str, Any]) -> str:
     return placed(text, tables)
 
 
-def as_json(figures: Mapping[str, Any]) -> str:
-    """A line for each run, so that a difference can be read."""
-    lines = (f" {json.dumps(key)}: {json.dumps(end, ensure_ascii=False)}" for key, end in figures.items())
-    return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def main() -> int:
-    """Measure if wanted, then write the document, or check it."""
-    options = parser(__doc__)
-    options.add_argument("--measure", nargs="*", metavar="DEVICE", help="make the runs first, all or these")
-    wanted = options.parse_args()
-    if wanted.measure is not None:
-        before = json.loads(FIGURES.read_text(encoding="utf-8")) if FIGURES.exists() else {}
-        FIGURES.write_text(as_json(measure(wanted.measure, before)), encoding="utf-8")
-    figures = json.loads(FIGURES.read_text(encoding="utf-8"))
-    return write(DOCUMENT, lambda text: renewed(text, figures), wanted.check)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+JSON_DEPTH = 1

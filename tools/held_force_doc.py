@@ -1,25 +1,21 @@
 """Write a table of docs/reference/rtde.md: our controllers over RTDE, on the surfaces of the maker's controller.
 
 With --measure the runs are made first, in virtual time, and their figures go to docs/reference/held-force.json; it
-takes some four minutes. With --check nothing is written; the exit code is 1 when the document is not up to date.
+takes some four minutes.
 """
 
 import math
 import statistics
-import sys
 from collections.abc import Mapping, Sequence
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import hil_bridge
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.record.analysis.latency import latency_of
-from tools.pages import document_of_figures, placed, table
+from tools.pages import placed, table
 
-DOCS = Path(__file__).resolve().parent.parent / "docs" / "reference"
-DOCUMENT, FIGURES = DOCS / "rtde.md", DOCS / "held-force.json"
 FORCE_N, RISEN_N = 10.0, 9.0
 TRACK_S, HELD_S = 8.0, 2.0
 """Time of tracking, and the end of it that counts for mean and RMS, s."""
@@ -68,7 +64,7 @@ def figures_of(case: tuple[str, str, int]) -> Mapping[str, Any]:
     }
 
 
-def measure() -> list[Mapping[str, Any]]:
+def measure(names: Sequence[str], before: object) -> list[Mapping[str, Any]]:
     """All runs, one a core at a time."""
     cases = list(product(CONTROLLERS, SENSORS, STIFFNESSES_KN_M))
     with own_processes() as pool:
@@ -96,7 +92,3 @@ def renewed(document: str, rows: Sequence[Mapping[str, Any]]) -> str:
     ]
     heads = [f"{stiffness} kN/m: mean, RMS, peak, rise to 9 N" for stiffness in STIFFNESSES_KN_M]
     return placed(document, {"held": table(("controller", "sensor", *heads, "lag"), lines)})
-
-
-if __name__ == "__main__":
-    sys.exit(document_of_figures(__doc__ or "", DOCUMENT, FIGURES, measure, renewed))

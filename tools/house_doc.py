@@ -1,21 +1,18 @@
 """Write the figures of docs/explanation/architecture.md: the house as it was counted before, and as it is now.
 
-What changes with every commit is told roughly: a number of lines stays on the page as long as it is nearly right. With
---check nothing is written; the exit code is 1 when the page is not up to date.
+What changes with every commit is told roughly: a number of lines stays on the page as long as it is nearly right.
 """
 
 import re
-import sys
 import tomllib
 from collections.abc import Iterator, Sequence
 
 import grimp
 
 from tools.arrows import ROOT, arrows, circles, room
-from tools.pages import parser, placed, table, write
+from tools.pages import placed, table
 from tools.size import KINDS, PARAMETERS_MOST, files, line_count, long_modules, too_wide
 
-DOCUMENT = ROOT / "docs" / "explanation" / "architecture.md"
 FIRST, BEFORE = "first count, `9b8b894`", "before the rooms, `fbbafb2`"
 HISTORY = {
     "hil_bridge": ("29, 117", "48, 213"),
@@ -73,12 +70,3 @@ def rows(page: str) -> Iterator[Sequence[object]]:
 def renewed(page: str) -> str:
     """The page with its figures as they are now. Raises ValueError for one without their place."""
     return placed(page, {"figures": table(["", FIRST, BEFORE, "now"], rows(page))})
-
-
-def main() -> int:
-    """Write the page, or check it."""
-    return write(DOCUMENT, renewed, parser(__doc__).parse_args().check)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

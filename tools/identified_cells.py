@@ -1,16 +1,13 @@
 """Write the tables of docs/reference/identify-cell.md: hidden settings of emulated cells, and what was found of them.
 
 With --measure the cells are run and identified first, in virtual time. Their figures go to
-docs/reference/identified-cells.json; it takes some six minutes. With --check nothing is written; the exit code is 1
-when the document is not up to date.
+docs/reference/identified-cells.json; it takes some six minutes.
 """
 
 import json
 import math
 import statistics
-import sys
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import hil_bridge
@@ -26,10 +23,8 @@ from hil_bridge.settings.configuration import lay_over, read_config
 from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 from protocol.devices.netft.records import INTERNAL_RATE_HZ, output_step
 from protocol.wrench import AXES
-from tools.pages import document_of_figures, placed, table
+from tools.pages import placed, table
 
-DOCS = Path(__file__).resolve().parent.parent / "docs" / "reference"
-DOCUMENT, FIGURES = DOCS / "identify-cell.md", DOCS / "identified-cells.json"
 TRACK_S = 10.0
 HARDEST_N_M = 3e4
 STREAMED = ("egm", "rtde", "rsi")
@@ -284,7 +279,7 @@ def figures_of(number: int) -> dict[str, Any]:
     }
 
 
-def measure() -> list[dict[str, Any]]:
+def measure(names: Sequence[str], before: object) -> list[dict[str, Any]]:
     """All cells, one a core at a time."""
     with own_processes() as pool:
         return in_order(
@@ -432,7 +427,3 @@ def renewed(document: str, figures: Sequence[Mapping[str, Any]]) -> str:
             "outside": table(("cell", "value", "true", "found"), _outside(figures)),
         },
     )
-
-
-if __name__ == "__main__":
-    sys.exit(document_of_figures(__doc__ or "", DOCUMENT, FIGURES, measure, renewed))

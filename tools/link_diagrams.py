@@ -1,24 +1,18 @@
 """Draw the states of the link's two roles into docs/reference/computer-link.md, from the table that it works by.
 
-Only the section between the marks of the state diagrams is written. With --check nothing is written; the exit code is 1
-when the section is not up to date.
+Only the section between the marks of the state diagrams is written.
 """
 
-import sys
 import textwrap
 from collections.abc import Iterator
 from itertools import permutations
-from pathlib import Path
 
 from protocol.devices.s3.adlp import TRANSITIONS, Action, LinkProfile, Role, State, Stimulus
-from tools.pages import parser, placed, write
+from tools.pages import placed
 from tools.state_picture import Bend, Layout, picture
-
-DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "reference" / "computer-link.md"
 
 SENDING = {State.BIDDING, State.HOLDING, State.AWAITING_ACK}
 """States whose arrows are drawn with the sender; those of the idle ones go with what they lead to."""
-PICTURES = DOCUMENT.parents[1] / "pictures"
 NAMES = {Role.HOST: "PC", Role.ROBOT: "S3"}
 
 PLACES = {
@@ -209,9 +203,3 @@ def section() -> str:
 def renewed(text: str) -> str:
     """The document with the section as the table has it now. Raises ValueError for a document without its place."""
     return placed(text, {"state diagrams": section()})
-
-
-if __name__ == "__main__":
-    check = parser(__doc__).parse_args().check
-    codes = [write(PICTURES / name, lambda _, text=text: text, check) for name, text in pictures().items()]
-    sys.exit(max(write(DOCUMENT, renewed, check), *codes))

@@ -1,11 +1,9 @@
 """Write the tables of docs/how-to/policies.md: what a policy that was trained without latency loses.
 
 With --measure both policies are trained and judged first, in virtual time, and their figures go to
-docs/how-to/policies.json; it takes some ten minutes on two cores. With --check nothing is written; the exit code is 1
-when the document is not up to date.
+docs/how-to/policies.json; it takes some ten minutes on two cores.
 """
 
-import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
@@ -22,10 +20,9 @@ from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.record import Outcome
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.given import config_of
-from tools.pages import parser, placed, table, write
+from tools.pages import placed, table
 
 ROOT = Path(__file__).resolve().parent.parent
-DOCUMENT, FIGURES = ROOT / "docs" / "how-to" / "policies.md", ROOT / "docs" / "how-to" / "policies.json"
 EXAMPLE = ROOT / "examples" / "policy" / "train.py"
 GENERATIONS = 10
 FORCE_N, TRACK_S, STIFFNESS_N_M = 10.0, 4.0, 1e4
@@ -93,7 +90,7 @@ def judge(job: tuple[Case, Sequence[float]]) -> Row:
     }
 
 
-def measured() -> Mapping[str, Any]:
+def measure(names: Sequence[str], before: object) -> Mapping[str, Any]:
     """Both policies trained, and all runs that judge them."""
     train = example()
     weights: dict[str, list[float]] = {
@@ -146,20 +143,3 @@ def renewed(text: str, figures: Mapping[str, Any]) -> str:
     return placed(
         text, {name: content for name, content in contents.items() if f"<!-- {name}: begin" in text}
     )
-
-
-def main() -> int:
-    """Measure if wanted, then write or check."""
-    options = parser(__doc__ or "")
-    options.add_argument("--measure", action="store_true", help="train and judge first")
-    chosen = options.parse_args()
-    if chosen.measure:
-        FIGURES.write_text(json.dumps(measured(), indent=1) + "\n", encoding="utf-8")
-    figures = json.loads(FIGURES.read_text(encoding="utf-8"))
-    page = write(DOCUMENT, lambda text: renewed(text, figures), chosen.check)
-    reference = DOCUMENT.parent.parent / "reference" / "gym.md"
-    return page | write(reference, lambda text: renewed(text, figures), chosen.check)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

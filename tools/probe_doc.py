@@ -1,14 +1,11 @@
 """Write the tables of docs/reference/probe.md: the answer of `probe robot` on each kind of robot, fault by fault.
 
-The probes are made each time, in virtual time; they take some seconds. With --check nothing is written; the exit code
-is 1 when the document is not up to date.
+The probes are made each time, in virtual time; they take some seconds.
 """
 
 import math
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,9 +20,8 @@ from hil_bridge.settings.configuration import load_config
 from hil_bridge.site import robot_probe
 from hil_bridge.site.s3 import probe as s3_probe
 from protocol.endpoint import Trouble
-from tools.pages import parser, placed, table, write
+from tools.pages import placed, table
 
-DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "reference" / "probe.md"
 KINDS = ("s3", "egm", "rtde", "rsi")
 TARGETS = ("robot", "pose", "wire")
 """Faults of the force that a robot feels itself, and of the wire of a program, are no subject of a probe."""
@@ -175,12 +171,3 @@ def answers(kind: str) -> str:
 def renewed(document: str) -> str:
     """The document with the tables of probes that are made now."""
     return placed(document, {kind: answers(kind) for kind in KINDS})
-
-
-def main() -> int:
-    """Write or check."""
-    return write(DOCUMENT, renewed, parser(__doc__ or "").parse_args().check)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

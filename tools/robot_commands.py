@@ -1,13 +1,14 @@
 """Write a table of docs/reference/commands.md: which commands work with which emulated robot.
 
 With --measure each command is run first, and its end goes to docs/reference/robot-commands.json;
-it takes some minutes. With --check nothing is written; the exit code is 1 when the document is not up to date.
+it takes some minutes.
 
     python -m tools.robot_commands --client URL
 
 moves a robot down by some millimetres through our own link: the client that `conform` judges here.
 """
 
+import argparse
 import itertools
 import json
 import signal
@@ -15,7 +16,6 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import NamedTuple
 
 from hil_bridge.clock import Clock, run_real
@@ -24,10 +24,8 @@ from hil_bridge.devices.kinds import ROBOTS, default_settings, robot_of
 from hil_bridge.devices.robots.seam import MotionLimits, RobotLink
 from hil_bridge.devices.wiring import Wiring
 from protocol.geometry import Pose
-from tools.pages import parser, placed, table, write
+from tools.pages import placed, table
 
-DOCS = Path(__file__).resolve().parent.parent / "docs" / "reference"
-DOCUMENT, FIGURES = DOCS / "commands.md", DOCS / "robot-commands.json"
 PROGRAM = (sys.executable, "-m", "hil_bridge")
 PATIENCE_S = 120.0
 """Longest time that a command may take."""
@@ -123,7 +121,7 @@ async def go_down(url: str) -> None:
         clock.close()
 
 
-def measure() -> list[dict[str, object]]:
+def measure(names: Sequence[str], before: object) -> list[dict[str, object]]:
     """All commands with all robots, one after the other."""
     rows = []
     for kind, (name, command) in itertools.product(ROBOTS.built_in, COMMANDS.items()):
@@ -152,20 +150,7 @@ def _cell(row: Mapping[str, object]) -> str:
     return "works" if row["attempts"] == 1 else f"works, at attempt {row['attempts']}"
 
 
-def main() -> int:
-    """Be the client, or measure if that is asked for, then write or check."""
-    options = parser(__doc__ or "")
-    options.add_argument("--measure", action="store_true", help="run the commands first")
-    options.add_argument("--client", metavar="URL", help="be the client that conform judges")
-    chosen = options.parse_args()
-    if chosen.client:
-        run_real(go_down(chosen.client))
-        return 0
-    if chosen.measure:
-        FIGURES.write_text(json.dumps(measure(), indent=1) + "\n", encoding="utf-8")
-    rows = json.loads(FIGURES.read_text(encoding="utf-8"))
-    return write(DOCUMENT, lambda document: renewed(document, rows), chosen.check)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("--client", metavar="URL", required=True, help="be the client that conform judges")
+    run_real(go_down(options.parse_args().client))

@@ -1,17 +1,10 @@
 """Draw the two pictures of docs/explanation/architecture.md: the rooms with the arrows that matter, and the data's way.
 
-Each box names its modules and each arrow stands for imports, so that a test compares both with the code. With --check
-nothing is written; the exit code is 1 when a picture is not up to date.
+Each box names its modules and each arrow stands for imports, so that a test compares both with the code.
 """
 
-import sys
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
-
-from tools.pages import parser, write
-
-PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 
 LOOK = """
   .band { fill: #f6f8fa; stroke: #d0d7de } .room { fill: #ffffff; stroke: #57708f } .real { fill: #fff1e5; stroke: #bc4c00 }
@@ -252,10 +245,3 @@ def data_way() -> str:
 def pictures() -> dict[str, str]:
     """Each picture by the name of its file."""
     return {"rooms.svg": rooms(), "data-way.svg": data_way()}
-
-
-if __name__ == "__main__":
-    check = parser(__doc__).parse_args().check
-    sys.exit(
-        max(write(PICTURES / name, lambda _, text=text: text, check) for name, text in pictures().items())
-    )

@@ -1,20 +1,17 @@
 """Write the tables of docs/explanation/safety.md: the conditions from the code, the times from runs that are measured.
 
-The prose between the tables is left as it is. With --measure the runs are made first, in virtual time, and their
-figures go to docs/explanation/safety.json; `--measure egm` makes those of these robots alone. With --check nothing is
-written; the exit code is 1 when the document is not up to date.
+With --measure the runs are made first, in virtual time, and their figures go to docs/explanation/safety.json;
+`--measure egm` makes those of these robots alone.
 """
 
 import asyncio
 import gc
-import json
 import math
 import random
 import statistics
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from hil_bridge.api import Config, Simulation, load, run_virtual, simulation
@@ -28,10 +25,8 @@ from hil_bridge.record.analysis.summary import RETRACT
 from hil_bridge.runs.ending import TRANSITIONS, RunState, Stimulus, Transition
 from hil_bridge.site.guard.conditions import HEAD, cells
 from protocol.devices.s3.arap import FunctionCode
-from tools.pages import parser, placed, table, write
+from tools.pages import placed, table
 
-DOCS = Path(__file__).resolve().parent.parent / "docs" / "explanation"
-DOCUMENT, FIGURES = DOCS / "safety.md", DOCS / "safety.json"
 SEEDS: Mapping[str, int] = {"s3": 20, "egm": 5, "rtde": 5, "rsi": 5}
 """Runs of a case by robot: fewer of a robot that streams, for each takes some seconds of processor time."""
 STIFFNESSES_N_M = (5e3, 5e4)
@@ -396,34 +391,4 @@ def renewed(text: str, figures: Mapping[str, Any]) -> str:
     return placed(text, tables)
 
 
-def _as_json(figures: Mapping[str, Any]) -> str:
-    """A line for each column, so that a difference can be read."""
-    cases = []
-    for name, by_robot in figures.items():
-        robots = []
-        for robot, by_stiffness in by_robot.items():
-            parts = []
-            for stiffness, runs in by_stiffness.items():
-                lines = (f"    {json.dumps(key)}: {json.dumps(values)}" for key, values in runs.items())
-                parts.append(f"   {json.dumps(stiffness)}: {{\n" + ",\n".join(lines) + "\n   }")
-            robots.append(f"  {json.dumps(robot)}: {{\n" + ",\n".join(parts) + "\n  }")
-        cases.append(f" {json.dumps(name, ensure_ascii=False)}: {{\n" + ",\n".join(robots) + "\n }")
-    return "{\n" + ",\n".join(cases) + "\n}\n"
-
-
-def main() -> int:
-    """Measure if asked to, then write the document, or check it."""
-    options = parser(__doc__)
-    options.add_argument(
-        "--measure", nargs="*", metavar="ROBOT", choices=list(ROBOTS), help="make the runs first"
-    )
-    given = options.parse_args()
-    if given.measure is not None:
-        before = json.loads(FIGURES.read_text(encoding="utf-8")) if given.measure else {}
-        FIGURES.write_text(_as_json(measure(given.measure, before)), encoding="utf-8")
-    figures = json.loads(FIGURES.read_text(encoding="utf-8"))
-    return write(DOCUMENT, lambda text: renewed(text, figures), given.check)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+JSON_DEPTH = 4

@@ -1,19 +1,17 @@
 """Keep docs/explanation/safety-tests.md in step with docs/explanation/safety.md: its sentences, and what holds each.
 
 A sentence that is new is entered as not tested, one that is gone is dropped, and the others keep what people wrote
-beside them. With --check nothing is written; the exit code is 1 when the page is not up to date.
+beside them.
 """
 
 import ast
 import re
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from tools.pages import parser, placed, table, write
+from tools.pages import placed, table
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE, DOCUMENT = (ROOT / "docs" / "explanation" / name for name in ("safety.md", "safety-tests.md"))
 NOT_TESTED = "not tested"
 NO_PROMISE = "no promise"
 """Of a sentence that explains, asks for something, or tells how figures were made."""
@@ -81,13 +79,3 @@ def missing_tests(text: str) -> list[str]:
 
 
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
-
-
-def main() -> int:
-    """Write the document, or check it."""
-    check: bool = parser(__doc__).parse_args().check
-    return write(DOCUMENT, lambda text: renewed(text, PAGE.read_text(encoding="utf-8")), check)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,26 +1,21 @@
 """Write two tables of docs/explanation/fidelity.md: runs with the errors of real sensors, and true faults beside them.
 
 With --measure the runs are made first, in virtual time, and their figures go to docs/explanation/sensor-errors.json; it
-takes some twenty minutes on two cores. With --check nothing is written; the exit code is 1 when the document is not up
-to date.
+takes some twenty minutes on two cores.
 """
 
 import gc
 import math
 import statistics
-import sys
 from collections.abc import Mapping, Sequence
 from itertools import product
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import hil_bridge
 from hil_bridge.errors import BridgeError
 from hil_bridge.lab.processes import in_order, own_processes
-from tools.pages import document_of_figures, placed, table
+from tools.pages import placed, table
 
-DOCS = Path(__file__).resolve().parent.parent / "docs" / "explanation"
-DOCUMENT, FIGURES = DOCS / "fidelity.md", DOCS / "sensor-errors.json"
 FORCE_N, TRACK_S, SETTLED_S, PERIOD_MS = 10.0, 12.0, 4.0, 20.0
 ROBOTS, SENSORS, STIFFNESSES_KN_M = ("rtde", "egm", "rsi"), ("netft", "ft300"), (5, 50)
 
@@ -124,7 +119,7 @@ def _seconds(recording: Any) -> float:
     return max(times) - min(times) if times else 0.0
 
 
-def measure() -> list[Mapping[str, Any]]:
+def measure(names: Sequence[str], before: object) -> list[Mapping[str, Any]]:
     """All runs, one a core at a time."""
     with own_processes() as pool:
         return in_order(pool, figures_of, jobs(), lambda count: print(".", end="", flush=True), chunk=1)
@@ -197,7 +192,3 @@ def renewed(document: str, rows: Sequence[Mapping[str, Any]]) -> str:
             "sensor-faults": table(("the sensor", *heads), faults),
         },
     )
-
-
-if __name__ == "__main__":
-    sys.exit(document_of_figures(__doc__ or "", DOCUMENT, FIGURES, measure, renewed))

@@ -2,16 +2,13 @@
 the first touch of a surface of unknown stiffness.
 
 With --measure the runs are made first, in virtual time, and their figures go to docs/explanation/streaming.json; it
-takes some fifteen minutes. With --check nothing is written; the exit code is 1 when the document is not up to date.
+takes some fifteen minutes.
 """
 
-import json
 import math
 import statistics
-import sys
 from collections.abc import Mapping, Sequence
 from itertools import pairwise, product
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from emulators.devices.rtde.profile import RtdeProfile
@@ -21,10 +18,8 @@ from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import read_config
 from tools.arm_error import left_over
-from tools.pages import parser, placed, table, write
+from tools.pages import placed, table
 
-DOCS = Path(__file__).resolve().parent.parent / "docs" / "explanation"
-DOCUMENT, FIGURES = DOCS / "streaming.md", DOCS / "streaming.json"
 ROBOTS: Mapping[str, str] = {"s3": "jr3", "egm": "netft", "rtde": "netft", "rsi": "netft"}
 """Robots, each with the sensor that it runs with."""
 FORCE_N = 10.0
@@ -192,21 +187,9 @@ def renewed(text: str, figures: Mapping[str, Sequence[Mapping[str, Any]]]) -> st
     return placed(text, tables)
 
 
-def main() -> int:
-    """Measure if wanted, then write or check."""
-    options = parser(__doc__ or "")
-    options.add_argument(
-        "--measure", nargs="*", metavar="ROBOT", help="make the runs first, of all robots or of these"
-    )
-    chosen = options.parse_args()
-    figures = json.loads(FIGURES.read_text(encoding="utf-8"))
-    if chosen.measure is not None:
-        for name, rows in measured(chosen.measure or list(ROBOTS)).items():
-            keyed = {_key(row): row for row in (*figures.get(name, ()), *rows)}
-            figures[name] = list(keyed.values())
-        FIGURES.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
-    return write(DOCUMENT, lambda text: renewed(text, figures), chosen.check)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def measure(names: Sequence[str], before: Mapping[str, Any]) -> dict[str, Any]:
+    """Make the runs with these robots, with all where none is named; rows of others are kept."""
+    figures = dict(before)
+    for name, rows in measured(names or list(ROBOTS)).items():
+        figures[name] = list({_key(row): row for row in (*figures.get(name, ()), *rows)}.values())
+    return figures

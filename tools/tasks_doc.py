@@ -1,13 +1,10 @@
 """Write the tables of docs/reference/tasks.md from the code: a program's words and paths with all their settings.
 
-The prose between the tables is left as it is. With --pictures the pictures of the examples are drawn anew, too. With
---check nothing is written; the exit code is 1 when the document is not up to date.
-"""
+With --measure the pictures of the examples are drawn anew."""
 
 import dataclasses
 import inspect
-import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
@@ -21,11 +18,10 @@ from hil_bridge.settings.configuration import FrameConfig, load_config
 from hil_bridge.settings.program import PATHS, STEPS
 from hil_bridge.show.report.task_plot import draw_task
 from hil_bridge.show.report.task_steps import list_steps, total_line
-from tools.pages import parser, placed, table, write
+from tools.pages import placed, table
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS, EXAMPLES = ROOT / "docs", ROOT / "examples" / "tasks"
-DOCUMENT = DOCS / "reference" / "tasks.md"
 
 OF_THE_TASK: Mapping[tuple[str, str], str] = {
     ("approach", "speed_mm_s"): "approach_speed_mm_s",
@@ -65,17 +61,6 @@ TASK_SETTINGS = ("file", "safe_height_mm", "force_n", "expected_stiffness_n_m")
 FRAME_SETTINGS = ("approach", "travel", "origin_mm", "follow_normal")
 
 
-def main() -> int:
-    """Write the document, or check it; draw the pictures where that is wanted."""
-    options = parser(__doc__)
-    options.add_argument("--pictures", action="store_true", help="draw the pictures of the examples anew")
-    wanted = options.parse_args()
-    if wanted.pictures:
-        for path in sorted(EXAMPLES.glob("*.toml")):
-            (DOCS / "pictures" / f"task-{path.stem}.png").write_bytes(picture(path))
-    return write(DOCUMENT, renewed, wanted.check)
-
-
 def renewed(text: str) -> str:
     """The document with every table as the code has it now. Raises ValueError for one without its place."""
     tables = {word: section_table(word, step) for word, step in STEPS.items()}
@@ -86,6 +71,13 @@ def renewed(text: str) -> str:
     tables["frame"] = frame_table()
     tables["facing"] = section_table("facing", Facing)
     return placed(text, tables)
+
+
+def measure(names: Sequence[str], before: object) -> None:
+    """Draw the pictures of these examples, of all where none is named."""
+    for path in sorted(EXAMPLES.glob("*.toml")):
+        if not names or path.stem in names:
+            (DOCS / "pictures" / f"task-{path.stem}.png").write_bytes(picture(path))
 
 
 def picture(path: Path) -> bytes:
@@ -184,7 +176,3 @@ def _choices(annotation: Any) -> tuple[str, ...]:
 
 def _one_line(text: str) -> str:
     return " ".join(text.split())
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,13 +1,11 @@
 """Draw the terminal view into docs/pictures: three sizes of terminal, and a run that a fault has stopped.
 
 The runs are made in virtual time, and the view is given their records as a run gives them. So the pictures are those of
-the code. Options are those of the other tools that write into docs: --check writes nothing.
+the code.
 """
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -21,9 +19,7 @@ from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.show.terminal.model import Health, Scene, Snapshot, ViewModel
 from hil_bridge.show.terminal.panel import panel
-from tools.pages import parser
 
-PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 PAPER = TerminalTheme(
     (24, 26, 31),
     (222, 226, 232),
@@ -109,19 +105,6 @@ def drawn(picture: Picture) -> str:
     return console.export_svg(title="hil-bridge run", theme=PAPER, unique_id=picture.name)
 
 
-def main() -> int:
-    """Draw them all."""
-    check = parser(__doc__ or "").parse_args().check
-    stale = 0
-    PICTURES.mkdir(exist_ok=True)
-    for picture in PICTURES_WANTED:
-        place, svg = PICTURES / f"{picture.name}.svg", drawn(picture)
-        if not check:
-            place.write_text(svg, encoding="utf-8")
-        elif not place.exists() or place.read_text(encoding="utf-8") != svg:
-            stale = 1
-    return stale
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def pictures() -> dict[str, str]:
+    """Each picture by the name of its file."""
+    return {f"{picture.name}.svg": drawn(picture) for picture in PICTURES_WANTED}

@@ -1,19 +1,11 @@
-"""Write the table of docs/reference/urscript.md from the code: each function of URScript, and how far it goes.
+"""Write the table of docs/reference/urscript.md from the code: each function of URScript, and how far it goes."""
 
-The prose around the table is left as it is. With --check nothing is written; the exit code is 1 when the document is
-not up to date.
-"""
-
-import sys
 from collections import Counter
-from pathlib import Path
 
 from emulators.devices.rtde.urscript import FUNCTIONS
 from emulators.devices.rtde.urscript.table import Support
 from protocol.devices.rtde.fields import NEVER, Number
-from tools.pages import parser, placed, table, write
-
-DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "reference" / "urscript.md"
+from tools.pages import placed, table
 
 
 def function_table() -> str:
@@ -41,12 +33,3 @@ def renewed(document: str) -> str:
     counts = Counter(function.support for function in FUNCTIONS.values())
     told = f"{counts[Support.MODELLED]} functions are modelled, {counts[Support.TAGGED]} are tagged."
     return placed(document, {"counts": told, "functions": function_table()})
-
-
-def main() -> int:
-    """The command."""
-    return write(DOCUMENT, renewed, parser(__doc__ or "").parse_args().check)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -18,7 +18,7 @@ def graph() -> grimp.ImportGraph:
 @pytest.mark.parametrize("name", list(pictures()))
 def test_each_picture_is_the_one_that_is_drawn(name: str) -> None:
     assert (PICTURES / name).read_text(encoding="utf-8") == pictures()[name], (
-        "run python -m tools.room_pictures"
+        "run python -m tools.documents rooms"
     )
 
 

@@ -22,7 +22,8 @@ from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.site.robot_probe import probe, site_toml
 from protocol.geometry import Pose
-from tools.probe_doc import DOCUMENT, KINDS, Case, Look, cases, look_at, renewed
+from tools.documents import DOCS
+from tools.probe_doc import KINDS, Case, Look, cases, look_at, renewed
 
 MOST_S = 5.0
 """An answer comes within so long, but for an S3: there many settings of the link are tried."""
@@ -149,8 +150,8 @@ def test_nothing_moves_and_the_answer_comes_in_time(case: Case) -> None:
 
 
 def test_the_page_has_the_answers_that_are_given() -> None:
-    text = Path(DOCUMENT).read_text(encoding="utf-8")
-    assert renewed(text) == text, "run python tools/probe_doc.py"
+    text = (DOCS / "reference" / "probe.md").read_text(encoding="utf-8")
+    assert renewed(text) == text, "run python -m tools.documents probe"
 
 
 def test_a_probe_beside_a_run_is_told_of_it_and_does_not_disturb_it() -> None:

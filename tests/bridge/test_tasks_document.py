@@ -22,7 +22,7 @@ def tool() -> dict[str, Any]:
 
 
 def test_the_tables_are_those_of_the_code(tool: dict[str, Any]) -> None:
-    assert tool["renewed"](PAGE) == PAGE, "run python -m tools.tasks_doc"
+    assert tool["renewed"](PAGE) == PAGE, "run python -m tools.documents tasks"
 
 
 def test_a_table_without_a_place_is_missed(tool: dict[str, Any]) -> None:

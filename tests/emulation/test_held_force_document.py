@@ -21,13 +21,13 @@ def tool() -> dict[str, Any]:
 
 
 def test_the_table_is_that_of_its_figures(tool: dict[str, Any]) -> None:
-    assert tool["renewed"](PAGE, FIGURES) == PAGE, "run python -m tools.held_force_doc"
+    assert tool["renewed"](PAGE, FIGURES) == PAGE, "run python -m tools.documents held-force"
 
 
 def test_each_controller_has_its_figures_with_each_sensor(tool: dict[str, Any]) -> None:
     cases = product(tool["CONTROLLERS"], tool["SENSORS"], tool["STIFFNESSES_KN_M"])
     keys = [(row["controller"], row["sensor"], row["stiffness_kn_m"]) for row in FIGURES]
-    assert keys == list(cases), "run python -m tools.held_force_doc --measure"
+    assert keys == list(cases), "run python -m tools.documents held-force --measure"
 
 
 def test_each_run_is_one_that_its_configuration_allows(tool: dict[str, Any]) -> None:

@@ -18,7 +18,7 @@ def tool() -> dict[str, Any]:
 
 
 def test_the_table_is_that_of_the_code(tool: dict[str, Any]) -> None:
-    assert tool["renewed"](PAGE) == PAGE, "run python -m tools.urscript_doc"
+    assert tool["renewed"](PAGE) == PAGE, "run python -m tools.documents urscript"
 
 
 def test_each_function_stands_in_the_table_once() -> None:

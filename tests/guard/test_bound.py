@@ -168,7 +168,7 @@ def figures() -> dict[str, Any]:
 
 def test_the_page_has_the_tables_of_its_figures() -> None:
     page = (PAGES / "safety.md").read_text(encoding="utf-8")
-    assert tool()["renewed"](page, figures()) == page, "run python -m tools.bound_doc"
+    assert tool()["renewed"](page, figures()) == page, "run python -m tools.documents bound"
     for periods in figures()["bound"].values():
         for by_case in periods.values():
             for cells in by_case.values():

@@ -22,7 +22,7 @@ def tool() -> dict[str, Any]:
 
 
 def test_the_tables_are_those_of_code_and_figures(tool: dict[str, Any]) -> None:
-    assert tool["renewed"](PAGE, FIGURES) == PAGE, "run python tools/faults_doc.py"
+    assert tool["renewed"](PAGE, FIGURES) == PAGE, "run python -m tools.documents faults"
 
 
 def test_a_table_without_a_place_is_missed(tool: dict[str, Any]) -> None:
@@ -31,7 +31,9 @@ def test_a_table_without_a_place_is_missed(tool: dict[str, Any]) -> None:
 
 
 def test_every_fault_was_measured_once(tool: dict[str, Any]) -> None:
-    assert list(FIGURES) == [job.key for job in tool["jobs"]()], "run python tools/faults_doc.py --measure"
+    assert list(FIGURES) == [job.key for job in tool["jobs"]()], (
+        "run python -m tools.documents faults --measure"
+    )
     for key, end in FIGURES.items():
         assert end["exit"] in (COMPLETED, STOPPED), key
         assert bool(end["cause"]) == bool(end["exit"]), key

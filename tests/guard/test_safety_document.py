@@ -22,7 +22,7 @@ def tool() -> dict[str, Any]:
 
 
 def test_the_tables_are_those_of_code_and_figures(tool: dict[str, Any]) -> None:
-    assert tool["renewed"](PAGE, FIGURES) == PAGE, "run python tools/safety_doc.py"
+    assert tool["renewed"](PAGE, FIGURES) == PAGE, "run python -m tools.documents safety"
 
 
 def test_a_table_without_a_place_is_missed(tool: dict[str, Any]) -> None:
@@ -58,7 +58,7 @@ def test_a_run_that_is_repeated_shows_the_same(tool: dict[str, Any], number: int
         then = kept[name][seed - 1]
         # In another version of the libraries the last digits may differ.
         assert value == then if value is None else value == pytest.approx(then, rel=0.02, abs=0.01), (
-            f"{name}: run python tools/safety_doc.py --measure"
+            f"{name}: run python -m tools.documents safety --measure"
         )
 
 
@@ -87,7 +87,7 @@ def sentences() -> dict[str, Any]:
 
 
 def test_each_sentence_of_the_page_has_its_row(sentences: dict[str, Any]) -> None:
-    assert sentences["renewed"](TESTS, PAGE) == TESTS, "run python tools/safety_sentences.py"
+    assert sentences["renewed"](TESTS, PAGE) == TESTS, "run python -m tools.documents safety-tests"
 
 
 def test_each_test_that_is_named_exists(sentences: dict[str, Any]) -> None:

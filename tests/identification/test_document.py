@@ -2,13 +2,11 @@
 
 import json
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
+from tools.documents import DOCS
 from tools.identified_cells import (
     CELLS,
-    DOCUMENT,
-    FIGURES,
     Row,
     all_rows,
     cell,
@@ -17,12 +15,12 @@ from tools.identified_cells import (
     within_of,
 )
 
-ROWS = json.loads(FIGURES.read_text(encoding="utf-8"))
-PAGE = Path(DOCUMENT).read_text(encoding="utf-8")
+ROWS = json.loads((DOCS / "reference" / "identified-cells.json").read_text(encoding="utf-8"))
+PAGE = (DOCS / "reference" / "identify-cell.md").read_text(encoding="utf-8")
 
 
 def test_the_tables_are_those_of_the_figures() -> None:
-    assert renewed(PAGE, ROWS) == PAGE, "run python -m tools.identified_cells"
+    assert renewed(PAGE, ROWS) == PAGE, "run python -m tools.documents identified-cells"
 
 
 def test_the_figures_are_of_the_cells_that_are_drawn() -> None:
@@ -31,7 +29,7 @@ def test_the_figures_are_of_the_cells_that_are_drawn() -> None:
         true = true_values(cell(one["cell"]))
         assert {row["key"]: row["true"] for row in one["rows"]} == {
             key: value for key, value in true.items() if any(row["key"] == key for row in one["rows"])
-        }, "run python -m tools.identified_cells --measure"
+        }, "run python -m tools.documents identified-cells --measure"
 
 
 def test_every_cell_draws_within_the_ranges_of_the_page_and_nothing_else() -> None:

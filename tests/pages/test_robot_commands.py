@@ -3,10 +3,11 @@
 import json
 
 from hil_bridge.devices.kinds import ROBOTS
-from tools.robot_commands import COMMANDS, DOCUMENT, FIGURES, renewed
+from tools.documents import DOCS
+from tools.robot_commands import COMMANDS, renewed
 
-ROWS = json.loads(FIGURES.read_text(encoding="utf-8"))
-TEXT = DOCUMENT.read_text(encoding="utf-8")
+ROWS = json.loads((DOCS / "reference" / "robot-commands.json").read_text(encoding="utf-8"))
+TEXT = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
 
 
 def test_every_command_was_run_with_every_robot_of_ours() -> None:

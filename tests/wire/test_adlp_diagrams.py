@@ -23,13 +23,15 @@ def drawn(role):
 
 
 def test_the_diagrams_are_those_of_the_table():
-    assert TOOL["renewed"](DOCUMENT) == DOCUMENT, "run python tools/link_diagrams.py"
+    assert TOOL["renewed"](DOCUMENT) == DOCUMENT, "run python -m tools.documents link-diagrams"
 
 
 @pytest.mark.parametrize("name", ["link-pc-sends.svg", "link-s3-sends.svg", "link-receives.svg"])
 def test_each_picture_is_that_of_the_table(name):
     file = ROOT / "docs" / "pictures" / name
-    assert TOOL["pictures"]()[name] == file.read_text(encoding="utf-8"), "run python tools/link_diagrams.py"
+    assert TOOL["pictures"]()[name] == file.read_text(encoding="utf-8"), (
+        "run python -m tools.documents link-diagrams"
+    )
     assert f"(../pictures/{name})" in DOCUMENT
 
 

@@ -11,7 +11,7 @@ renewed = runpy.run_path(str(ROOT / "tools" / "computer_link_doc.py"))["renewed"
 
 
 def test_the_tables_are_those_of_the_code():
-    assert renewed(DOCUMENT) == DOCUMENT, "run python tools/computer_link_doc.py"
+    assert renewed(DOCUMENT) == DOCUMENT, "run python -m tools.documents computer-link"
 
 
 def test_a_table_without_a_place_is_missed():

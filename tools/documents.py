@@ -1,0 +1,123 @@
+"""Write the parts of documents that follow from the code and from runs, or check them.
+
+    python -m tools.documents                          # all of them
+    python -m tools.documents faults tasks --check     # write nothing; the exit code is 1 when one is not up to date
+    python -m tools.documents faults --measure egm     # make the runs of one first; without a name all its runs
+
+The prose around them stays. A module of the table below has `renewed(text)`, or `renewed(text, figures)` where its runs
+take too long for each time, or `pictures()`; `measure(names, figures)` makes the runs, all where no name is given.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+
+
+class Document(NamedTuple):
+    """A module of tools that writes into documents."""
+
+    module: str
+    files: tuple[str, ...] = ()
+    """Pages that it renews."""
+    figures: str = ""
+    """JSON file of its runs, or a page, that it is given; empty for none."""
+
+
+DOCUMENTS: Mapping[str, Document] = {
+    "bound": Document("bound_doc", ("explanation/safety.md",), "explanation/bound.json"),
+    "computer-link": Document("computer_link_doc", ("reference/computer-link.md",)),
+    "faults": Document("faults_doc", ("reference/faults.md",), "reference/faults.json"),
+    "held-force": Document("held_force_doc", ("reference/rtde.md",), "reference/held-force.json"),
+    "house": Document("house_doc", ("explanation/architecture.md",)),
+    "identified-cells": Document(
+        "identified_cells", ("reference/identify-cell.md",), "reference/identified-cells.json"
+    ),
+    "link-diagrams": Document("link_diagrams", ("reference/computer-link.md",)),
+    "policies": Document("policy_doc", ("how-to/policies.md", "reference/gym.md"), "how-to/policies.json"),
+    "probe": Document("probe_doc", ("reference/probe.md",)),
+    "robot-commands": Document("robot_commands", ("reference/commands.md",), "reference/robot-commands.json"),
+    "rooms": Document("room_pictures"),
+    "safety": Document("safety_doc", ("explanation/safety.md",), "explanation/safety.json"),
+    "safety-tests": Document("safety_sentences", ("explanation/safety-tests.md",), "explanation/safety.md"),
+    "sensor-errors": Document(
+        "sensor_errors_doc", ("explanation/fidelity.md",), "explanation/sensor-errors.json"
+    ),
+    "streaming": Document("streaming_doc", ("explanation/streaming.md",), "explanation/streaming.json"),
+    "tasks": Document("tasks_doc", ("reference/tasks.md",)),
+    "terminal": Document("terminal_pictures"),
+    "urscript": Document("urscript_doc", ("reference/urscript.md",)),
+}
+
+
+def as_json(figures: Any, depth: int, indent: int = 1) -> str:
+    """Return figures as JSON, this number of levels one item a line, so that a difference can be read."""
+    if not depth:
+        return json.dumps(figures, ensure_ascii=False)
+    pad = " " * indent
+    lines = (
+        f"{pad}{json.dumps(key, ensure_ascii=False)}: {as_json(one, depth - 1, indent + 1)}"
+        for key, one in figures.items()
+    )
+    return "{\n" + ",\n".join(lines) + f"\n{' ' * (indent - 1)}}}"
+
+
+def measure(name: str, names: list[str]) -> None:
+    """Make the runs of a document, and keep their figures."""
+    document = DOCUMENTS[name]
+    module: Any = import_module(f"tools.{document.module}")
+    place = DOCS / document.figures
+    before = json.loads(place.read_text(encoding="utf-8")) if document.figures else {}
+    figures = module.measure(names, before)
+    if document.figures:
+        depth = getattr(module, "JSON_DEPTH", None)
+        text = json.dumps(figures, indent=1, allow_nan=False) if depth is None else as_json(figures, depth)
+        place.write_text(text + "\n", encoding="utf-8")
+
+
+def contents(document: Document) -> Iterator[tuple[Path, str]]:
+    """Each file of a document, and what it should hold."""
+    module: Any = import_module(f"tools.{document.module}")
+    given = []
+    if document.figures:
+        text = (DOCS / document.figures).read_text(encoding="utf-8")
+        given = [json.loads(text) if document.figures.endswith(".json") else text]
+    for name in document.files:
+        yield DOCS / name, module.renewed((DOCS / name).read_text(encoding="utf-8"), *given)
+    if hasattr(module, "pictures"):
+        for name, picture in module.pictures().items():
+            yield DOCS / "pictures" / name, picture
+
+
+def main() -> int:
+    """Measure if asked to, then write the documents, or check them."""
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("names", nargs="*", metavar="DOCUMENT", help=f"all, or of {', '.join(DOCUMENTS)}")
+    options.add_argument("--check", action="store_true", help="write nothing, say whether it is up to date")
+    options.add_argument("--measure", nargs="*", metavar="NAME", help="make the runs first, all or these")
+    chosen = options.parse_args()
+    if unknown := [name for name in chosen.names if name not in DOCUMENTS]:
+        options.error(f"no document {unknown[0]!r}; known: {', '.join(DOCUMENTS)}")
+    if chosen.measure is not None:
+        if len(chosen.names) != 1:
+            options.error("name one document with --measure")
+        measure(chosen.names[0], chosen.measure)
+    stale = False
+    for name in chosen.names or DOCUMENTS:
+        for place, text in contents(DOCUMENTS[name]):
+            if place.exists() and place.read_text(encoding="utf-8") == text:
+                continue
+            stale = True
+            print(f"{place}: {'not up to date' if chosen.check else 'written'}")
+            if not chosen.check:
+                place.write_text(text, encoding="utf-8")
+    return int(stale and chosen.check)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
