@@ -116,7 +116,7 @@ def _setting(key: str, value: object) -> Setting:
         raise ValueError(f"must be a range or a list, got {format_value(value)}")
     options: list[dict[str, Any]] = []
     for one in value:
-        option = dict(_flat(one)) if isinstance(one, dict) else {key: one}
+        option = dict(leaves(one)) if isinstance(one, dict) else {key: one}
         option.pop("label", None)
         weight = option.pop("weight", 1)
         if type(weight) is not int or not 1 <= weight <= MOST_WEIGHT:
@@ -129,10 +129,11 @@ def _setting(key: str, value: object) -> Setting:
     return Setting(key, None, tuple(options))
 
 
-def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+def leaves(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values of nested tables by dotted key."""
     for key, value in table.items():
         if isinstance(value, dict) and value:
-            yield from _flat(value, f"{before}{key}.")
+            yield from leaves(value, f"{before}{key}.")
         else:
             yield before + key, value
 

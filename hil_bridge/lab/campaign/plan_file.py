@@ -3,7 +3,7 @@
 import itertools
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,7 @@ from hil_bridge.clock import VIRTUAL_EPOCH
 from hil_bridge.errors import BridgeError, ConfigError, SettingRefused
 from hil_bridge.errors.text_files import format_path, format_value, read_toml
 from hil_bridge.lab.campaign.criteria import Criterion, problem_of
-from hil_bridge.lab.campaign.draw_file import draw_of, try_options
+from hil_bridge.lab.campaign.draw_file import draw_of, leaves, try_options
 from hil_bridge.lab.campaign.drawing import DRAWN, Draw
 from hil_bridge.lab.campaign.inputs import pin_policy
 from hil_bridge.lab.campaign.plan import RUNS_LIMIT, Case, Plan, fault_label
@@ -202,7 +202,7 @@ class _Reading:
         for place, tables in (("config", own), ("campaign.config", values)):
             if "faults" in tables:
                 self._wrong(f"{place}.faults", "belongs into tables [[campaign.fault]]")
-        for key, value in (*_leaves(own), *_leaves(self._given)):
+        for key, value in (*leaves(own), *leaves(self._given)):
             _put(values, key, value)
         return values
 
@@ -212,7 +212,7 @@ class _Reading:
             self._wrong("campaign.matrix", "must be a table of lists")
             return []
         axes: list[list[_Cell]] = []
-        for key, values in _leaves(given):
+        for key, values in leaves(given):
             where = f"campaign.matrix.{key}"
             if not isinstance(values, list) or not values:
                 self._wrong(where, f"must be a list of values, got {format_value(values)}")
@@ -295,7 +295,7 @@ def _value(key: str, value: object) -> _Cell:
     """One value of an axis; a table may tell its own label."""
     if not isinstance(value, dict):
         return _Cell(f"{key} {value}", f"{value}", {key: value})
-    values = dict(_leaves(value))
+    values = dict(leaves(value))
     label = values.pop("label", None) or ", ".join(f"{name} {one}" for name, one in values.items())
     return _Cell(f"{key} {label}", label, values)
 
@@ -335,15 +335,6 @@ def _check_emulated(config: Config) -> None:
     for key, url in (("robot.url", config.robot.url), ("sensor.url", config.sensor.url)):
         if url:
             raise ConfigError(f"{key}: a campaign runs against the emulated cell alone; leave the URL empty")
-
-
-def _leaves(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Values by dotted key."""
-    for key, value in table.items():
-        if isinstance(value, dict) and value:
-            yield from _leaves(value, f"{before}{key}.")
-        else:
-            yield before + key, value
 
 
 def _put(values: dict[str, Any], key: str, value: object) -> None:
