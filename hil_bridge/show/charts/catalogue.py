@@ -68,7 +68,7 @@ def _contact(facts: ChartFacts) -> list[Chart]:
             "Force along the approach, positive while pressing",
             "N",
             (
-                Series(CYCLE, "target", "target", "target", "step", dashed=True),
+                Series(CYCLE, "force_reference", "target", "target", "step", dashed=True),
                 Series(TRUTH, "force", "true force", "truth", layer=TRUTH),
                 Series(CYCLE, "force", "force", width=1.8),
                 Series(CYCLE, "clamped", "clamped by the supervisor", "limit", "points"),
@@ -84,8 +84,8 @@ def _contact(facts: ChartFacts) -> list[Chart]:
             "Force across the approach",
             "N",
             (
-                Series(CYCLE, "fx", "fx, tool frame", "1", width=1.0),
-                Series(CYCLE, "fy", "fy, tool frame", "3", width=1.0),
+                Series(CYCLE, "wrench_fx", "fx, tool frame", "1", width=1.0),
+                Series(CYCLE, "wrench_fy", "fy, tool frame", "3", width=1.0),
                 Series(CYCLE, "lateral", "across", "2"),
                 Series(CYCLE, "resultant", "resultant, along included", "7", width=1.0),
             ),
@@ -100,7 +100,7 @@ def _contact(facts: ChartFacts) -> list[Chart]:
             "Moments about the tool frame's origin",
             "N·m",
             (
-                *(Series(CYCLE, f"m{axis}", f"m{axis}", f"{k + 1}") for k, axis in enumerate(_AXES)),
+                *(Series(CYCLE, f"wrench_m{axis}", f"m{axis}", f"{k + 1}") for k, axis in enumerate(_AXES)),
                 Series(CYCLE, "moment", "magnitude", "7", width=1.0),
             ),
             limits=_limits(facts, MOMENT),
@@ -142,8 +142,8 @@ def _motion(facts: ChartFacts) -> list[Chart]:
             "Way over the surface from the start point",
             "mm",
             (
-                Series(CYCLE, "along", "along, commanded", "2", "step"),
-                Series(CYCLE, "across", "across, commanded", "3", "step"),
+                Series(CYCLE, "travel_commanded", "along, commanded", "2", "step"),
+                Series(CYCLE, "across_commanded", "across, commanded", "3", "step"),
             ),
             height_px=140,
             quiet_span=0.0,

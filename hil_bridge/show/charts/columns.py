@@ -27,14 +27,17 @@ FEED, SIGMA, NORMALS = "feed", "normal_sigma_deg", ("normal_x_deg", "normal_y_de
 _LEAST_TILT_DEG = 0.01
 """Tilt below which the tool's axis is the normal. Chosen: what rounding leaves."""
 
+PLACE = ("position_x", "position_y", "position_z")
 CYCLE = (
-    *("x", "force", "target", "clamped", "fx", "fy", "lateral", "resultant", "mx", "my", "mz", "moment"),
-    *("depth", "depth_commanded", "along", "across", "correction", "rests", *LEVELS, "stiffness", "gain"),
+    *("x", "force", "force_reference", "clamped", "wrench_fx", "wrench_fy", "lateral", "resultant"),
+    *("wrench_mx", "wrench_my", "wrench_mz", "moment"),
+    *("depth", "depth_commanded", "travel_commanded", "across_commanded", "correction", "rests", *LEVELS),
+    *("stiffness", "gain"),
     *("cycle_ms", "age_ms", "answer_ms", FEED, SIGMA),
     *(f"{name}{end}" for name in NORMALS for end in ("", "_low", "_high")),
-    *("px", "py", "pz", "touch"),
+    *(*PLACE, "in_contact"),
 )
-TRUTH = ("x", "force", "depth", "px", "py", "pz", "tilt", "tilt_touching")
+TRUTH = ("x", "force", "depth", *PLACE, "tilt", "tilt_touching")
 TABLES = {"cycle": CYCLE, "truth": TRUTH}
 _FORCE = CYCLE.index("force")
 Value: TypeAlias = float | None

@@ -80,10 +80,10 @@ var HilSketch = (() => {
         const added = rows[name];
         if (!added) continue;
         added.x.forEach((x, k) => {
-          const p = [added.px[k], added.py[k], added.pz[k]];
+          const p = [added.position_x[k], added.position_y[k], added.position_z[k]];
           if (!known(p)) return;
           table.x.push(x); table.p.push(p);
-          if (table.touch) table.touch.push(added.touch[k] === 1);
+          if (table.touch) table.touch.push(added.in_contact[k] === 1);
         });
         if (!whole && table.x.length > KEEP) for (const list of Object.values(table)) list.splice(0, list.length - KEEP);
       }
