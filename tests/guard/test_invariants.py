@@ -148,7 +148,7 @@ def test_a_planted_violation_is_found_alone(healthy: Evidence, name: str) -> Non
     if name in ("order deeper", "gate", "other depth"):  # the model sees them too
         others |= {Promise.MODEL}
     assert {violation.promise for violation in violations} == {promise} | others
-    text = violation_text(violations[0])
+    text = next(violation_text(one) for one in violations if one.promise is promise)
     assert text.startswith(f"{promise}: ")
     assert "{" not in text
     assert "\n" not in text
