@@ -154,6 +154,28 @@ def test_a_planted_violation_is_found_alone(healthy: Evidence, name: str) -> Non
     assert "\n" not in text
 
 
+def model_text(evidence: Evidence) -> str:
+    """Text of the promise of the model alone."""
+    (text,) = (violation_text(one) for one in broken_promises(evidence) if one.promise is Promise.MODEL)
+    return text
+
+
+def test_unaccepted_cycle_is_named_with_time_phase_and_causes(healthy: Evidence) -> None:
+    cycle = healthy.recording.cycles[-1]
+    assert model_text(tracks_again(healthy)) == (
+        f"model-accepts: the model of the guard does not accept cycle {cycle.cycle} "
+        f"(phase: track; causes: none; order: same) at {cycle.started_at:.2f} s of the run's clock"
+    )
+    assert "(phase: retract; causes: weight; order: " in model_text(with_event(healthy, "stop", Cause.WEIGHT))
+
+
+def test_unaccepted_end_is_named_with_outcome_and_cause(healthy: Evidence) -> None:
+    assert (
+        f"does not accept the end of the run after {len(healthy.recording.cycles)} cycles "
+        "(outcome: completed; cause: time-is-up) at "
+    ) in model_text(rest(healthy, depth_m=0.02))
+
+
 def test_every_promise_has_a_checker_and_a_plant() -> None:
     assert set(CHECKERS) == set(Promise) == {promise for promise, _ in PLANTS.values()}
 

@@ -42,7 +42,7 @@ _TEXTS: Mapping[Promise, str] = {
     Promise.WHOLE: "the recording is not whole, or the run lasted {lasted_s:.0f} s",
     Promise.EXIT: "the exit code {code:.0f} does not fit the outcome",
     Promise.BUG: "a bug ended the run",
-    Promise.MODEL: "the model of the guard does not accept what cycle {cycle:.0f} shows",
+    Promise.MODEL: "the model of the guard does not accept {detail}",
 }
 """Words for each promise that was broken, with places for its figures."""
 
@@ -57,6 +57,8 @@ class Violation(NamedTuple):
     """Figures that show it, by names with units."""
     unit: str = ""
     """Unit of the figures, where a promise is about several quantities."""
+    detail: str = ""
+    """What the recording shows there, where figures cannot say it."""
 
 
 def violation_text(violation: Violation) -> str:
@@ -66,7 +68,7 @@ def violation_text(violation: Violation) -> str:
 
 def violation_words(violation: Violation) -> str:
     """The same without the name of the promise."""
-    said = _TEXTS[violation.promise].format(**violation.figures, unit=violation.unit)
+    said = _TEXTS[violation.promise].format(**violation.figures, unit=violation.unit, detail=violation.detail)
     when = f" at {violation.at:.2f} s of the run's clock" if math.isfinite(violation.at) else ""
     return f"{said}{when}"
 
