@@ -1,6 +1,5 @@
 """`hil-bridge supervisor`: what the guard would do, and all that it does."""
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -24,37 +23,6 @@ def table() -> None:
     from hil_bridge.site.guard.conditions import as_text
 
     tell(as_text())
-
-
-EXIT_UNACCEPTED = 1
-"""The model breaks a rule, or does not accept a recording."""
-
-
-@supervisor.command(short_help="Search the small model of the guard, or hold a recording against it.")
-@click.argument("recording", metavar="[FILE.mcap]", required=False, type=FILE)
-def model(recording: Path | None) -> None:
-    """Search every state of the small model of the guard for a broken rule, or hold a recording against the model.
-
-    Without a recording it prints the phases, how much was searched, and each rule. With one it says whether the model
-    accepts every cycle and the end of the run, or at which cycle it does not. The exit code is 1 for a rule that is
-    broken, and for a recording that is not accepted.
-    """
-    from hil_bridge.lab.guard_model import GuardModel, first_unaccepted, search
-    from hil_bridge.lab.guard_model.telling import describe_model, describe_unaccepted
-    from hil_bridge.record import read
-
-    guard = GuardModel()
-    if recording is None:
-        found = search(guard)
-        tell(describe_model(guard, found))
-        sys.exit(EXIT_UNACCEPTED if found.broken else 0)
-    record = read(recording)
-    where = first_unaccepted(record, guard)
-    if where is not None:
-        tell(describe_unaccepted(where))
-        sys.exit(EXIT_UNACCEPTED)
-    end = " and the end of the run" if record.end else "; the recording does not tell its end"
-    tell([f"the model accepts {len(record.cycles)} cycles{end}"])
 
 
 def _number(name: str, key: str, text: str) -> Callable[[_Command], _Command]:

@@ -5,11 +5,9 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
 from msgspec.structs import replace as changed
 
 from hil_bridge import api
-from hil_bridge.cli.supervisor import supervisor
 from hil_bridge.control import Phase
 from hil_bridge.control.course.intent import CONNECT, TARE
 from hil_bridge.control.course.verdict import Stage
@@ -278,39 +276,3 @@ def test_a_person_who_ends_a_long_retraction_is_accepted() -> None:
     recording = api.run_virtual(main).result.recording
     assert recording.cycles[-2].depth_commanded < -0.5e-3  # farther back than task.retract_mm
     assert refused_at(recording) is None
-
-
-# --- the command
-
-
-def answer(*arguments: str) -> tuple[int, str]:
-    result = CliRunner().invoke(supervisor, ["model", *arguments])
-    return result.exit_code, result.output
-
-
-def test_the_command_tells_phases_size_and_rules() -> None:
-    code, said = answer()
-    assert code == 0
-    assert f"{search(MODEL).states} states, " in said
-    for rule in GuardRule:
-        assert f"  holds   {rule.value}\n" in said
-
-
-def test_the_command_holds_a_recording_against_the_model(
-    recordings: Recordings, stopped: Recording, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = recordings.path(NEAR)
-    assert answer(str(path)) == (
-        0,
-        f"the model accepts {len(recordings(NEAR).cycles)} cycles and the end of the run\n",
-    )
-
-    def wrong(path: Any) -> Recording:
-        return altered(stopped, len(stopped.cycles) - 3, depth_commanded=0.1)
-
-    monkeypatch.setattr("hil_bridge.record.read", wrong)
-    code, said = answer(str(path))
-    assert code == 1
-    assert said.startswith(f"the model does not accept cycle {len(stopped.cycles) - 3}, at ")
-    assert "it shows retract with no condition: deeper" in said
-    assert "will end with exit code 3" in said
