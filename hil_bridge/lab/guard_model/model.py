@@ -40,7 +40,6 @@ BY_ORDERS, AT_REST = "by orders", "at rest"
 WORKING = frozenset({Phase.APPROACH, Phase.TRACK, Phase.SEEK, Phase.MOVE, Phase.ZERO})
 CYCLES = WORKING | {Phase.RETRACT}
 """Phases that go cycle by cycle, and so stand in a recording."""
-PHASES = (CONNECT, TARE, *sorted(WORKING), Phase.RETRACT, BY_ORDERS, AT_REST, Phase.END)
 
 
 class GuardState(NamedTuple):
@@ -154,14 +153,6 @@ class GuardModel:
         if state.code is None and state.phase in self.follows:
             return self.follows[state.phase]
         return self.ends.get(state.phase, frozenset())
-
-    def steps(
-        self, state: GuardState, conditions: tuple[Cause, ...], phases: Collection[str] | None = None
-    ) -> Iterator[GuardStep]:
-        """Every step from a state while these conditions hold; `phases` leaves out those of other phases."""
-        for phase in self.next_phases(state):
-            if phases is None or phase in phases:
-                yield from self.judge(state, phase, conditions)
 
     def judge(self, state: GuardState, phase: str, conditions: tuple[Cause, ...]) -> Iterator[GuardStep]:
         """Every step of a sample in this phase."""

@@ -59,8 +59,6 @@ class Unaccepted(NamedTuple):
     """Number of the cycle; that of all cycles where it is the end of the run."""
     at: float
     """s on the run's clock."""
-    states: tuple[GuardState, ...]
-    """Where the run may have been before."""
     shown: Shown | None
     """The cycle; None for the end of the run."""
 
@@ -85,7 +83,7 @@ def _first(recording: Recording, model: GuardModel, behind: bool) -> Unaccepted 
         if after is None:
             after = known[states, shown] = _after_cycle(model, states, shown)
         if not after:
-            return Unaccepted(cycle.cycle, cycle.started_at, tuple(sorted(states)), shown)
+            return Unaccepted(cycle.cycle, cycle.started_at, shown)
         states = after
     if not recording.end:
         return None
@@ -95,7 +93,7 @@ def _first(recording: Recording, model: GuardModel, behind: bool) -> Unaccepted 
     moments = [tuple(cause for _, cause in group) for _, group in groupby(told, lambda each: each[0])]
     if not any(_ends(model, states, causes, recording.end, bool(events)) for causes in (alone, moments)):
         at = recording.events[-1].at if recording.events else last
-        return Unaccepted(len(cycles), at, tuple(sorted(states)), None)
+        return Unaccepted(len(cycles), at, None)
     return None
 
 
