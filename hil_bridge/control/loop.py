@@ -148,7 +148,15 @@ class ControlLoop:
         if advice is not None and advice.factor < 1.0:
             intent = calm(intent, contact.measurement, advice)
         reason, trace = (None, "") if failed is None else failed
-        return Proposal(contact, intent, reason, advice, program, oscillation, trace)
+        return Proposal(
+            contact=contact,
+            intent=intent,
+            failure=reason,
+            advice=advice,
+            program=program,
+            oscillation=oscillation,
+            trace=trace,
+        )
 
     # --- the verdict on a proposal
 
@@ -168,7 +176,14 @@ class ControlLoop:
         begins = intent.leg != state.program.course.leg
         against = self._against(proposal) if begins else proposal.contact.measurement.against
         observation = _observe(sample, proposal, against)
-        case = Case(route, state, sample, proposal, self.guards[intent.leg], observation)
+        case = Case(
+            route=route,
+            state=state,
+            sample=sample,
+            proposal=proposal,
+            guard=self.guards[intent.leg],
+            observation=observation,
+        )
         if route is _ORDER:
             ruling = self._supervise_order(case)
         elif route is _RETRACTION:
@@ -243,15 +258,20 @@ class ControlLoop:
             reported = measurement.position, depth
             trail = self.following.after(state.trail, reported, sample.now, sample.position_at)
         after = LoopState(
-            state.start, ruling.program, ruling.supervisor, case.proposal.oscillation, sample.now, trail
+            start=state.start,
+            program=ruling.program,
+            supervisor=ruling.supervisor,
+            oscillation=case.proposal.oscillation,
+            seen_at=sample.now,
+            trail=trail,
         )
         return after, Decision(
-            measurement.position,
-            measurement.force,
-            Target(depth, intent.target.travel, intent.target.across),
-            position,
-            intent,
-            ruling.verdict,
+            depth=measurement.position,
+            force=measurement.force,
+            target=Target(depth, intent.target.travel, intent.target.across),
+            position=position,
+            intent=intent,
+            verdict=ruling.verdict,
             ended=ruling.program.step.stroke.phase is _END or held or stands,
             stands=stands,
             quaternion=ruling.supervisor.quaternion,
@@ -339,7 +359,14 @@ class ControlLoop:
             target = x + aside * r, y + aside * s, z + aside * t
         learnt = None if intent.command is None else intent.command.stiffness
         stiffness = learnt, self.program.stroke.parameters.expected_stiffness_n_m
-        return Request(depth, target, frame.approach, barrier, intent.turned, stiffness)
+        return Request(
+            depth=depth,
+            position=target,
+            direction=frame.approach,
+            barrier=barrier,
+            quaternion=intent.turned,
+            stiffness=stiffness,
+        )
 
 
 def _stop_failure(case: Case) -> Ruling:
@@ -391,11 +418,11 @@ def _observe(sample: Sample, proposal: Proposal, against: float) -> Observation:
         sample = replace(sample, force=force, resultant=max(sample.resultant, math.hypot(*contact.force)))
     free = intent.phase in FREE_SPACE and not intent.in_contact
     return Observation(
-        sample,
-        measurement.position,
-        measurement.dt,
-        intent.in_contact,
-        against,
-        0.0 if sample.hidden is None else contact.aside,
-        measurement.force if free else None,
+        sample=sample,
+        depth=measurement.position,
+        dt=measurement.dt,
+        pressing=intent.in_contact,
+        against=against,
+        aside=0.0 if sample.hidden is None else contact.aside,
+        free_force=measurement.force if free else None,
     )

@@ -168,14 +168,14 @@ def as_command(answer: Any) -> Command:
         command: Command = answer
         return command
     return Command(
-        float(answer.position),
-        float(answer.correction),
-        None if answer.stiffness is None else float(answer.stiffness),
-        float(answer.gain),
-        bool(answer.held),
-        dict(answer.explanation),
-        float(getattr(answer, "across", 0.0)),
-        float(getattr(answer, "turn", 0.0)),
+        position=float(answer.position),
+        correction=float(answer.correction),
+        stiffness=None if answer.stiffness is None else float(answer.stiffness),
+        gain=float(answer.gain),
+        held=bool(answer.held),
+        explanation=dict(answer.explanation),
+        across=float(getattr(answer, "across", 0.0)),
+        turn=float(getattr(answer, "turn", 0.0)),
     )
 
 

@@ -25,14 +25,14 @@ def run_bounds(config: Config, facts: RobotFacts, sample_time: float, turns: boo
     """
     limits, lift = config.limits, config.task.zero_lift_mm * 1e-3
     return Bounds(
-        start,
-        config.frame.approach,
-        limits.correction_total_mm * 1e-3,
-        _move(limits.workspace_min_m, -lift),
-        _move(limits.workspace_max_m, lift),
-        math.radians(limits.turn_total_deg) if turns else 0.0,
-        limits.correction_mm_s * 1e-3,
-        limits.travel_mm_s * 1e-3,
+        start=start,
+        approach=config.frame.approach,
+        deepest=limits.correction_total_mm * 1e-3,
+        low=_move(limits.workspace_min_m, -lift),
+        high=_move(limits.workspace_max_m, lift),
+        tilt=math.radians(limits.turn_total_deg) if turns else 0.0,
+        deeper=limits.correction_mm_s * 1e-3,
+        across=limits.travel_mm_s * 1e-3,
         turn=math.radians(limits.turn_deg_s) if turns else 0.0,
         time=LONGEST_SAMPLES * sample_time + DECIDES_S,
         slack=_slack(facts),
@@ -64,11 +64,11 @@ def return_bounds(config: Config, facts: RobotFacts, goal: Vector, start: Pose) 
     limits = config.limits
     deeper = sum((b - a) * n for a, b, n in zip(start.position, goal, config.frame.approach, strict=True))
     return Bounds(
-        start,
-        config.frame.approach,
-        max(deeper, 0.0),
-        limits.workspace_min_m,
-        limits.workspace_max_m,
+        start=start,
+        approach=config.frame.approach,
+        deepest=max(deeper, 0.0),
+        low=limits.workspace_min_m,
+        high=limits.workspace_max_m,
         tilt=0.0,
         deeper=LIFT_SPEED_M_S,
         across=LIFT_SPEED_M_S,
@@ -81,12 +81,12 @@ def turning_bounds(config: Config, facts: RobotFacts, angle: float, start: Pose)
     """Bounds of turning a tool by an angle, rad, away from where it stands. The robot has its own speed of turning."""
     limits = config.limits
     return Bounds(
-        start,
-        config.frame.approach,
-        0.0,
-        limits.workspace_min_m,
-        limits.workspace_max_m,
-        angle,
+        start=start,
+        approach=config.frame.approach,
+        deepest=0.0,
+        low=limits.workspace_min_m,
+        high=limits.workspace_max_m,
+        tilt=angle,
         across=LIFT_SPEED_M_S,
         slack=_slack(facts),
     )

@@ -241,7 +241,15 @@ class Run:
         if answers and self._loop.supervisor.witness is not None:
             own = await self._zeroing.own_force.beside(force, self._loop.supervisor.witness, self._robot)
         tolerance = self._config.limits.weight_tolerance_n
-        left = Left(depth, force, tolerance, bool(sensor.saturated), own, hidden, unverified)
+        left = Left(
+            depth=depth,
+            force=force,
+            tolerance=tolerance,
+            saturated=bool(sensor.saturated),
+            own_force=own,
+            hidden=hidden,
+            unverified=unverified,
+        )
         if not self.ending.has_failed and (reason := left.failure) is not None:
             self._journal.blame(reason)
         last = self.ending.followed[-1] if self.ending.followed else self.ending.reason

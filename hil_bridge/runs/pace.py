@@ -145,15 +145,22 @@ def control_loop(config: Config, robot: RobotFacts) -> ControlLoop:
         robot.order_step_m,
         TaskParameters(**{field.name: getattr(config.task, field.name) for field in fields(TaskParameters)}),
     )
-    stroke = Stroke(numbers, controller, limits.force_limit_n, step, escape_mm_s, limits.friction_share)
+    stroke = Stroke(
+        parameters=numbers,
+        controller=controller,
+        force_limit_n=limits.force_limit_n,
+        position_step=step,
+        escape_mm_s=escape_mm_s,
+        friction_share=limits.friction_share,
+    )
     own = robot.witness
     witness = None if own is None else witness_of(config.limits, own.ordinary_n, own.delay_s)
     return ControlLoop(
-        program(config, stroke),
-        Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3, witness),
-        config.oscillation if config.limits.oscillation_guard else None,
-        following(robot, max(config.run.period_ms * 1e-3, tuned)),
-        tuned,
+        program=program(config, stroke),
+        supervisor=Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3, witness),
+        detector=config.oscillation if config.limits.oscillation_guard else None,
+        following=following(robot, max(config.run.period_ms * 1e-3, tuned)),
+        sample_time=tuned,
     )
 
 
@@ -166,12 +173,12 @@ def program(config: Config, stroke: Stroke) -> Program:
     origin = None if frame.origin_mm is None else metres(frame.origin_mm)
     facing = frame.facing if written else frame.contour
     ground = Ground(
-        stroke,
-        config.limits,
-        config.robot.velocity_mm_s,
-        origin is not None,
-        frame.follow_normal,
-        facing.shows_ground,
+        stroke=stroke,
+        limits=config.limits,
+        speed_mm_s=config.robot.velocity_mm_s,
+        origin_known=origin is not None,
+        follows=frame.follow_normal,
+        shows_ground=facing.shows_ground,
     )
     try:
         steps = config.task.program(config.run.duration_s)
@@ -196,12 +203,12 @@ def program(config: Config, stroke: Stroke) -> Program:
         )
     safe = None if point is None else point.start_m
     return Program(
-        row,
-        stroke,
-        WorkFrame(frame.approach, frame.travel, frame.across, origin or safe, safe),
-        facing,
-        face(config),
-        config.task.safe_height_mm * 1e-3,
+        row=row,
+        stroke=stroke,
+        frame=WorkFrame(frame.approach, frame.travel, frame.across, origin or safe, safe),
+        facing=facing,
+        face=face(config),
+        safe_height=config.task.safe_height_mm * 1e-3,
     )
 
 

@@ -56,12 +56,12 @@ def _point(program: Program, recording: Recording, config: Config, overlap_mm: f
     place = first[0] + origin[0] + x, first[1] + origin[1] + y
     offset, done = (before.leg - FIRST, before.way_mm) if before is not None else (0, 0.0)
     return ResumePoint(
-        number + offset,
-        way * 1e3 + (done if before is not None and number == FIRST else 0.0),
-        (place[0] * 1e3, place[1] * 1e3),
-        start,
-        before.quaternion if before is not None else _quaternion(recording),
-        own[-1].started_at - own[0].started_at,
+        leg=number + offset,
+        way_mm=way * 1e3 + (done if before is not None and number == FIRST else 0.0),
+        place_mm=(place[0] * 1e3, place[1] * 1e3),
+        start_m=start,
+        quaternion=before.quaternion if before is not None else _quaternion(recording),
+        spent_s=own[-1].started_at - own[0].started_at,
     )
 
 

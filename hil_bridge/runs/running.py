@@ -157,14 +157,14 @@ def run_end(result: RunResult, run: Running | None, facts: RobotFacts) -> RunEnd
     """The end of a run, for the record; `facts` are those of a robot that was never connected."""
     sensor = None if run is None else run.sensor
     return RunEnd(
-        result.outcome,
-        result.reason,
-        (facts if run is None else run.facts).line_floor_s,
-        {} if run is None else dict(run.robot.counters),
-        None if sensor is None else sensor.lost,
-        sensor.delay if sensor is not None and sensor.is_ready else None,
-        result.left,
-        result.followed,
-        {} if result.rest is None else result.rest.values,
-        "" if result.rest is None else result.rest.place,
+        outcome=result.outcome,
+        reason=result.reason,
+        line_floor_s=(facts if run is None else run.facts).line_floor_s,
+        link={} if run is None else dict(run.robot.counters),
+        sensor_lost=None if sensor is None else sensor.lost,
+        sensor_delay_s=sensor.delay if sensor is not None and sensor.is_ready else None,
+        left=result.left,
+        followed=result.followed,
+        rest={} if result.rest is None else result.rest.values,
+        place="" if result.rest is None else result.rest.place,
     )

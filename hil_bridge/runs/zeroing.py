@@ -61,12 +61,12 @@ def wrist(config: Config) -> Wrist:
     sensor, tool = config.sensor, config.tool
     mounting = turn_about((0.0, 0.0, 1.0), math.radians(sensor.mounting_deg))
     return Wrist(
-        product(sensor.quaternion, mounting),
-        metres(sensor.position_mm),
-        sensor.flip_fx_mx,
-        (*sensor.bias_n, *sensor.bias_nm),
-        tool.mass_kg or 0.0,
-        metres(tool.centre_of_gravity_mm),
+        orientation=product(sensor.quaternion, mounting),
+        position=metres(sensor.position_mm),
+        flip=sensor.flip_fx_mx,
+        bias=(*sensor.bias_n, *sensor.bias_nm),
+        mass=tool.mass_kg or 0.0,
+        centre_of_gravity=metres(tool.centre_of_gravity_mm),
     )
 
 

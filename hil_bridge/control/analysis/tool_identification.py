@@ -129,15 +129,15 @@ def identify_tool(poses: Sequence[ToolPose], wrist: Wrist) -> ToolEstimate:
     centre_variance = (np.diag(moment_covariance)[:3] + centre**2 * mass_variance) / mass**2
     variances = np.concatenate([np.diag(force_covariance)[1:], np.diag(moment_covariance)[3:]])
     return ToolEstimate(
-        float(mass),
-        math.sqrt(mass_variance),
-        _vector(centre),
-        _vector(np.sqrt(centre_variance)),
-        (*map(float, force_bias), *moment_bias.tolist()),
-        tuple(np.sqrt(variances).tolist()),
-        tuple(map(tuple, np.hstack([force_rest, moment_rest]).tolist())),
-        turned,
-        tuple(np.ptp(readings[:, :3], axis=0).tolist()),
+        mass=float(mass),
+        mass_uncertainty=math.sqrt(mass_variance),
+        centre_of_gravity=_vector(centre),
+        centre_of_gravity_uncertainty=_vector(np.sqrt(centre_variance)),
+        bias=(*map(float, force_bias), *moment_bias.tolist()),
+        bias_uncertainty=tuple(np.sqrt(variances).tolist()),
+        residuals=tuple(map(tuple, np.hstack([force_rest, moment_rest]).tolist())),
+        turned=turned,
+        swings=tuple(np.ptp(readings[:, :3], axis=0).tolist()),
     )
 
 

@@ -117,13 +117,13 @@ def watch_contact(
         return Contact(before.free, now, lasted)
     if before.touch is None or before.near is None:
         known = _known(stiffness, before.free, now)
-        return Contact(before.free, now, lasted, known, now, now)
+        return Contact(free=before.free, now=now, lasted=lasted, stiffness=known, touch=now, near=now)
     known, near = stiffness[0] or before.stiffness, before.near
     away = _STEEPEST * _across(near.place, place, now.depth - near.depth)
     # the first bound is never the larger one, and quickly made
     if away > limits.pull_limit_n / known and away > _allowed(limits, now.force, known):
         near = now
-    return Contact(before.free, now, lasted, known, before.touch, near)
+    return Contact(free=before.free, now=now, lasted=lasted, stiffness=known, touch=before.touch, near=near)
 
 
 def untold_depth(contact: Contact, limits: Limits) -> float:

@@ -143,7 +143,16 @@ class OscillationDetector:
         factor, since = state.factor, state.quiet_since
         if factor < 1.0 and not peaks and now - since >= window * 2.0**state.found:
             factor, since = min(1.0, factor / self.notch), now
-        state = OscillationState(now, since, extreme, extreme_at, peaks, factor, state.retract, state.found)
+        state = OscillationState(
+            time=now,
+            quiet_since=since,
+            extreme=extreme,
+            extreme_at=extreme_at,
+            peaks=peaks,
+            factor=factor,
+            retract=state.retract,
+            found=state.found,
+        )
         return state, _WHOLE if factor == 1.0 and not state.retract else Advice(_CALM, factor, state.retract)
 
     def band(self, stiffness: float | None) -> float:
@@ -169,14 +178,23 @@ class OscillationDetector:
         factor = before.factor if least else max(self.factor_min, before.factor * self.notch)
         newest = peaks[-self.peaks :]
         advice = Advice(
-            Finding.PERSISTING if least else Finding.OSCILLATING,
-            factor,
-            before.retract or least,
-            sum(abs(error) for _, error in newest) / len(newest),
-            2.0 * (newest[-1][0] - newest[0][0]) / (len(newest) - 1),
+            finding=Finding.PERSISTING if least else Finding.OSCILLATING,
+            factor=factor,
+            retract=before.retract or least,
+            amplitude=sum(abs(error) for _, error in newest) / len(newest),
+            period=2.0 * (newest[-1][0] - newest[0][0]) / (len(newest) - 1),
         )
         found = before.found + 1
-        return OscillationState(now, now, extreme, extreme_at, (), factor, advice.retract, found), advice
+        return OscillationState(
+            time=now,
+            quiet_since=now,
+            extreme=extreme,
+            extreme_at=extreme_at,
+            peaks=(),
+            factor=factor,
+            retract=advice.retract,
+            found=found,
+        ), advice
 
 
 def _add(

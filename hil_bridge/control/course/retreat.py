@@ -98,12 +98,12 @@ def _begin(limits: Limits, seen: Observation) -> Retreat:
     """State of a retraction at its first known force."""
     within = max(seen.sample.resultant, seen.sample.peak_resultant) <= limits.force_limit_n
     return Retreat(
-        seen.sample.now,
-        seen.pressing,
-        seen.sample.resultant,
-        seen.depth,
-        within,
-        seen.sample.force,
+        began_at=seen.sample.now,
+        from_contact=seen.pressing,
+        lowest=seen.sample.resultant,
+        depth=seen.depth,
+        within=within,
+        force=seen.sample.force,
         begun=seen.depth,
     )
 

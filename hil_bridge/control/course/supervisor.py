@@ -84,15 +84,15 @@ class Supervisor:
         (x, y, z), (a, b, c), (u, v, w) = state.position, request.direction, request.position
         slip = a * (u - x) + b * (v - y) + c * (w - z) - (request.depth - state.depth)
         cycle = Cycle(
-            self.limits,
-            state,
-            observation,
-            request,
-            slip,
-            still,
-            pressed,
-            self.speed,
-            self.presses_aside,
+            limits=self.limits,
+            state=state,
+            seen=observation,
+            request=request,
+            slip=slip,
+            still=still,
+            pressed=pressed,
+            speed=self.speed,
+            presses_aside=self.presses_aside,
         )
         stop, free = find_stop(cycle), None
         if stop is None and disagreed and self.witness is not None:
@@ -111,20 +111,20 @@ class Supervisor:
         verdict, quaternion, home, lag = self._bound(state, observation, request)
         return (
             SupervisorState(
-                verdict.depth,
-                verdict.position,
-                sample.sensor_sequence,
-                still,
-                pressed,
-                None,
-                None if sample.tilt is None else (sample.now, sample.position),
-                None,
-                quaternion,
-                home,
-                lag,
-                disagreed,
-                free,
-                contact,
+                depth=verdict.depth,
+                position=verdict.position,
+                sensor_sequence=sample.sensor_sequence,
+                still=still,
+                pressed=pressed,
+                stopped=None,
+                reported=None if sample.tilt is None else (sample.now, sample.position),
+                retreat=None,
+                quaternion=quaternion,
+                home=home,
+                lag=lag,
+                disagreed=disagreed,
+                free=free,
+                contact=contact,
             ),
             verdict,
         )

@@ -81,7 +81,14 @@ class _Fuzzy:
     ) -> Command:
         """The answer of the fuzzy PI."""
         correction = self._correction(explanation, gain)
-        return Command(measurement.commanded + correction, correction, stiffness, gain, False, explanation)
+        return Command(
+            position=measurement.commanded + correction,
+            correction=correction,
+            stiffness=stiffness,
+            gain=gain,
+            held=False,
+            explanation=explanation,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +206,14 @@ class FuzzyAdaptive(_Adaptive):
         correction = self._correction(explanation, gain)
         feedforward = self._feedforward(measurement, reference, stiffness)
         explanation["feedforward_m"] = feedforward
-        return Command(feedforward + correction, correction, stiffness, gain, False, explanation)
+        return Command(
+            position=feedforward + correction,
+            correction=correction,
+            stiffness=stiffness,
+            gain=gain,
+            held=False,
+            explanation=explanation,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,10 +245,24 @@ class ResolutionAware(_Adaptive):
         band = stiffness * self.resolution_mm * 1e-3 / 2 + self.force_uncertainty_n
         explanation["band_n"] = band
         if abs(measurement.force - reference) <= band:
-            return Command(measurement.commanded, 0.0, stiffness, 1.0, True, explanation)
+            return Command(
+                position=measurement.commanded,
+                correction=0.0,
+                stiffness=stiffness,
+                gain=1.0,
+                held=True,
+                explanation=explanation,
+            )
         feedforward = self._feedforward(measurement, reference, stiffness)
         explanation["feedforward_m"] = feedforward
-        return Command(feedforward, 0.0, stiffness, 1.0, False, explanation)
+        return Command(
+            position=feedforward,
+            correction=0.0,
+            stiffness=stiffness,
+            gain=1.0,
+            held=False,
+            explanation=explanation,
+        )
 
 
 def scheduled_gain(stiffness: float) -> float:

@@ -205,7 +205,15 @@ class Predictive:
         pairs = (state.pairs + (newest,))[-self.window :]  # noqa: RUF005 – half the time of unpacking
         near = measurement.force - reference > -_NEAR_SHARE * reference
         landing = math.inf if near else state.landing + measurement.dt
-        state = PredictiveState(estimate, pairs, state.slope, state.side, state.robustness, landing, served)
+        state = PredictiveState(
+            estimate=estimate,
+            pairs=pairs,
+            slope=state.slope,
+            side=state.side,
+            robustness=state.robustness,
+            landing=landing,
+            served=served,
+        )
         if stiffness is None:
             correction = self._land(state, self._probe(pairs, measurement, reference), measurement.dt)
             return state, self._answer(measurement, estimate, correction)
@@ -238,10 +246,23 @@ class Predictive:
         correction = 0.0 if resting else predicted - measurement.commanded
         correction = self._limit(self._land(state, correction, measurement.dt))
         position, gain = measurement.commanded + correction, 1.0 / (1.0 + relative_error)
-        command = Command(position, correction, stiffness, gain, resting, explanation)
+        command = Command(
+            position=position,
+            correction=correction,
+            stiffness=stiffness,
+            gain=gain,
+            held=resting,
+            explanation=explanation,
+        )
         learnt = slope if moving else 0.0
         return PredictiveState(
-            estimate, pairs, learnt, side, robustness, state.landing, state.served
+            estimate=estimate,
+            pairs=pairs,
+            slope=learnt,
+            side=side,
+            robustness=robustness,
+            landing=state.landing,
+            served=state.served,
         ), command
 
     def _probe(self, pairs: tuple[Pair, ...], measurement: Measurement, reference: float) -> float:

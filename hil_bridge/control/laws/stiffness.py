@@ -131,7 +131,15 @@ def observe(
     if known is not None and abs(travelled) > _LEAST_TRAVEL:
         seen = (position - estimate.position - pressed / known) / travelled
         learnt = slope + _SLOPE_GAIN * (within(seen, -1.0, 1.0) - slope)
-    newer = Stiffness(estimate.moved, estimate.pressed, force, position, travel, 0.0, learnt)
+    newer = Stiffness(
+        moved=estimate.moved,
+        pressed=estimate.pressed,
+        force=force,
+        position=position,
+        travel=travel,
+        age=0.0,
+        slope=learnt,
+    )
     size = abs(moved) if known is None else (abs(moved) + abs(pressed) / known) / 2.0
     if size < pairing.smallest_move * pairing.resolution_mm * 1e-3 * (1 - 1e-6):
         # Until there is an estimate, small moves of a careful beginning add up, though not for ever. A

@@ -129,11 +129,11 @@ def _leg(number: str, step: Step, ground: Ground, before: tuple[Place | None, bo
         tight = replace(tight, against_travel_n=tight.resultant_limit_n)
     follows = ground.follows or step.orientation == "normal"
     return Leg(
-        number,
-        replace(ground.stroke, parameters=parameters, force_limit_n=tight.force_limit_n),
-        tight,
-        profile,
-        way,
+        number=number,
+        stroke=replace(ground.stroke, parameters=parameters, force_limit_n=tight.force_limit_n),
+        limits=tight,
+        profile=profile,
+        way=way,
         follows=follows,
         shows_ground=follows and ground.shows_ground,
         phase=step.phase,

@@ -29,16 +29,16 @@ def outcome(state: ProgramState, leg: Leg, now: float, at: Vector | None = None)
     if leg.step.finds_end:
         found = at
     return Done(
-        course.leg,
-        now if course.began is None else course.began,
-        now,
-        step.local,
-        tally.force / tally.total if tally.total else None,
-        share,
-        passed,
-        found if leg.step.name else None,
-        text,
-        tally.good,
+        leg=course.leg,
+        began=now if course.began is None else course.began,
+        ended=now,
+        way=step.local,
+        force_mean=tally.force / tally.total if tally.total else None,
+        within=share,
+        passed=passed,
+        found=found if leg.step.name else None,
+        text=text,
+        resumable=tally.good,
     )
 
 

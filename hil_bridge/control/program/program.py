@@ -146,20 +146,20 @@ class Program:
         elif leg.phase is _MOVE:  # no path leads there
             against = 0.0
         measurement = Measurement(
-            sample.sensor_at,
-            force[0],
-            depth,
-            ordered,
-            True,  # not used: the stroke judges contact
-            paired,
-            travel,
-            0.0,
-            None,
-            0.0 if sample.held else 1.0,
-            sample.saturated,
-            dt,
-            against,
-            sample,
+            time=sample.sensor_at,
+            force=force[0],
+            position=depth,
+            commanded=ordered,
+            in_contact=True,  # not used: the stroke judges contact
+            paired_force=paired,
+            travel=travel,
+            travel_next=0.0,
+            free_position=None,
+            advance=0.0 if sample.held else 1.0,
+            saturated=sample.saturated,
+            dt=dt,
+            against=against,
+            sample=sample,
         )
         contact = ContactSample(sample, measurement, place, force, wrench)
         if course is not state.course or step is not state.step:
@@ -338,17 +338,17 @@ class Program:
             )
             notes["normal_sigma_deg"] = math.degrees(course.facing.sigma)
         return Intent(
-            order.phase,
-            Target(order.depth, x, y),
-            stroke.in_contact,
-            order.command,
-            stroke.losses,
-            course.reason,
-            course.failed,
-            order.reference,
-            course.turned,
-            course.leg,
-            notes,
+            phase=order.phase,
+            target=Target(order.depth, x, y),
+            in_contact=stroke.in_contact,
+            command=order.command,
+            losses=stroke.losses,
+            reason=course.reason,
+            failed=course.failed,
+            reference=order.reference,
+            turned=course.turned,
+            leg=course.leg,
+            notes=notes,
         )
 
 

@@ -101,11 +101,11 @@ def _press(
         return side * (last + stroke.careful_step(ahead, measurement.dt)), None
     memory = begin(stroke.controller) if memory is None else memory
     sideways = Measurement(
-        measurement.time,
-        force,
-        reported,
-        last,
-        force > stroke.parameters.loss_threshold_n,
+        time=measurement.time,
+        force=force,
+        position=reported,
+        commanded=last,
+        in_contact=force > stroke.parameters.loss_threshold_n,
         travel=measurement.travel,
         travel_next=measurement.travel,
         saturated=measurement.saturated,

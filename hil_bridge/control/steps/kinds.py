@@ -34,7 +34,16 @@ from hil_bridge.errors.plugins import find_plugin, offers, plugin_names, refuse_
 
 GROUP = "hil_bridge.steps"
 """Entry points of steps of other packages."""
-FIRST_SAMPLE = StepSample(0.0, 0.18, (5.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, True, 10.0)
+FIRST_SAMPLE = StepSample(
+    s=0.0,
+    dt=0.18,
+    force=(5.0, 0.0, 0.0),
+    moment=(0.0, 0.0, 0.0),
+    place=(0.0, 0.0),
+    depth=0.0,
+    in_contact=True,
+    force_n=10.0,
+)
 """A first sample: pressed with half the wanted force."""
 BUILT_IN: Mapping[str, type[Step]] = {
     "approach": Approach,

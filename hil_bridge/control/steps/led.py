@@ -136,15 +136,15 @@ class LedStep(PressingStep[LedMemory[M]], Generic[M]):
         first = measurement.position if before is None else before.first
         moment = wrench[3:6] if len(wrench) == 6 else (math.nan, math.nan, math.nan)
         sample = StepSample(
-            now - (now if course.began is None else course.began),
-            measurement.dt,
-            (measurement.force, contact.force[1], contact.force[2]),
-            moment,
-            (contact.place[0] - at[0], contact.place[1] - at[1]),
-            measurement.position - first,
-            state.stroke.in_contact,
-            context.plan.reference(local_way(context, state)),
-            self._is_last(context),
+            s=now - (now if course.began is None else course.began),
+            dt=measurement.dt,
+            force=(measurement.force, contact.force[1], contact.force[2]),
+            moment=moment,
+            place=(contact.place[0] - at[0], contact.place[1] - at[1]),
+            depth=measurement.position - first,
+            in_contact=state.stroke.in_contact,
+            force_n=context.plan.reference(local_way(context, state)),
+            last=self._is_last(context),
         )
         own, lead = self.answer(self.begin() if before is None else before.own, sample)
         trouble = Reason(Cause.STEP_TROUBLE, one_line(str(lead.trouble))) if lead.trouble else None

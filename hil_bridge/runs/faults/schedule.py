@@ -122,7 +122,9 @@ class FaultSchedule:
         """Tell what has become of a fault."""
         numbers = {key: float(value) for key, value in news.values.items() if not isinstance(value, str)}
         words = {key: value for key, value in news.values.items() if isinstance(value, str)}
-        note = FaultNote(news.target, news.fault, news.stage, numbers, words, struck)
+        note = FaultNote(
+            target=news.target, name=news.fault, stage=news.stage, values=numbers, words=words, struck=struck
+        )
         self._tell(EventRecord(self._clock.now(), EventKind.FAULT, news.text, fault=note))
 
 
