@@ -18,9 +18,9 @@ from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.facts import Hop, Owner, RobotHops
 from hil_bridge.devices.robots.s3.hops import robot_hops
 from hil_bridge.devices.robots.s3.link import S3Link
-from hil_bridge.record import CycleRecord, Recording, SensorRecord, TruthRecord
+from hil_bridge.record import Recording, SensorRecord, TruthRecord
 from hil_bridge.record.analysis.hops import JITTER, MIDDLE, SENSOR
-from hil_bridge.record.analysis.latency import earliest_arrivals, latency_budget, latency_of
+from hil_bridge.record.analysis.latency import STAMPS, earliest_arrivals, latency_budget, latency_of
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.settings.configuration import Config, dump
@@ -55,7 +55,7 @@ def test_every_hop_is_a_row_of_one_table() -> None:
     hops = {SENSOR, JITTER, *MIDDLE, *robot.to_answer, *robot.beside, *itertools.chain(*robot.to_motion)}
     assert len({hop.name for hop in hops}) == len(hops)
     assert {hop.owner for hop in hops} == set(Owner)
-    known = {field.name for kind in (CycleRecord, TruthRecord) for field in structs.fields(kind)}
+    known = {*STAMPS, *TruthRecord.__struct_fields__}
     derived = {"earliest_at", *(moment.name for moment in robot.moments)}
     assert {name for hop in hops for name in (hop.begin, hop.end)} <= known | derived
 
@@ -93,7 +93,10 @@ def test_without_the_truth_the_chain_ends_with_the_answer() -> None:
     """Frames arrive 4 ms after their time at least, every fourth one 2 ms later: the 4 ms are not known."""
     frames = tuple(SensorRecord(of.sample.sensor_at, of.sample.sensor_sequence, (0,) * 6) for of in CYCLES)
     late = tuple(structs.replace(f, at=f.at + 0.002 * (f.sequence % 4 == 3)) for f in frames)
-    cycles = tuple(structs.replace(c, sensor_at=f.at) for c, f in zip(CYCLES, late, strict=True))
+    cycles = tuple(
+        structs.replace(c, sample=structs.replace(c.sample, sensor_at=f.at))
+        for c, f in zip(CYCLES, late, strict=True)
+    )
     found = latency_of(recording(cycles, sensors=late))
     assert found is not None
     assert found.name == "sample's earliest arrival to answer"

@@ -50,7 +50,7 @@ def test_channels_are_those_of_the_recording(made: Path) -> None:
             "N",
             "N along the approach direction, positive while pressing.",
         )
-        assert (file.get("cycle.wrench_mx").unit, fz.unit, file.get("truth.joints_deg_0").unit) == (
+        assert (file.get("cycle.wrench_mx").unit, fz.unit, file.get("truth.joints_deg_1").unit) == (
             "N·m",
             "N",
             "deg",

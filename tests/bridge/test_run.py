@@ -182,7 +182,7 @@ def test_a_turned_and_left_handed_sensor_reads_the_same_force(bench: RunBench, p
     straight = plain.tracked()[-1]
     turned = bench(sensor={"mounting_deg": 90.0, "flip_fx_mx": True}).tracked()[-1]
     assert turned.force == pytest.approx(straight.force, abs=0.1)
-    assert turned.wrench[0] == pytest.approx(-straight.wrench[1], abs=0.1)
+    assert turned.sample.wrench[0] == pytest.approx(-straight.sample.wrench[1], abs=0.1)
 
 
 def test_too_much_force_stops_retracts_and_keeps_the_cause(bench: RunBench) -> None:

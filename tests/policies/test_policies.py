@@ -25,6 +25,7 @@ from hil_bridge.gym import PolicyController
 from hil_bridge.gym.follow import Options
 
 ROOT = Path(__file__).resolve().parents[2]
+FIGURES = ROOT / "docs" / "how-to" / "policies.json"
 SHORT: dict[str, Any] = {"run": {"duration_s": 1.5}}
 TRAIN = runpy.run_path(str(ROOT / "examples" / "policy" / "train.py"))
 WEIGHTS = (2.0, -0.4, -0.1)
@@ -197,7 +198,7 @@ def test_observation_stays_in_its_range() -> None:
 @pytest.mark.parametrize("controller", ["none", "drawn"])
 def test_row_of_the_document_repeats(controller: str) -> None:
     tool = runpy.run_path(str(ROOT / "tools" / "policy_doc.py"))
-    figures = json.loads(tool["FIGURES"].read_text(encoding="utf-8"))
+    figures = json.loads(FIGURES.read_text(encoding="utf-8"))
     case = ("s3", "no fault", controller, tool["SEEDS"][0])
     row = tool["judge"]((case, figures["weights"][controller]))
     assert row in figures["rows"]
@@ -205,7 +206,7 @@ def test_row_of_the_document_repeats(controller: str) -> None:
 
 def test_document_is_up_to_date() -> None:
     tool = runpy.run_path(str(ROOT / "tools" / "policy_doc.py"))
-    figures = json.loads(tool["FIGURES"].read_text(encoding="utf-8"))
+    figures = json.loads(FIGURES.read_text(encoding="utf-8"))
     for name in ("how-to/policies.md", "reference/gym.md"):
         page = (ROOT / "docs" / name).read_text(encoding="utf-8")
         assert tool["renewed"](page, figures) == page

@@ -31,7 +31,7 @@ def test_a_wall_is_found_by_its_force(play: Play, robot: str) -> None:
     assert (run.result.outcome, run.result.left) == ("completed", "retracted, 0.0 N")
     (found,) = [step for step in run.steps if step.name == "wall"]
     assert found.found[1] * 1e3 == pytest.approx(-95.0, abs=0.5)
-    assert run.of(1)[-1].position[1] * 1e3 == pytest.approx(-96.0, abs=0.7)
+    assert run.of(1)[-1].sample.position[1] * 1e3 == pytest.approx(-96.0, abs=0.7)
     assert run.largest < 30.0
     assert run.differs() == []
 
@@ -114,6 +114,6 @@ def test_a_repeat_makes_all_its_passes(play: Play) -> None:
     assert [step.label for step in tracks] == [f"1.2 (track, pass {n})" for n in (1, 2, 3)]
     assert [step.step for step in tracks] == [2, 6, 10]
     assert all(step.way == pytest.approx(5e-3, abs=1e-3) for step in tracks)
-    begins = [run.of(step.step)[0].position[1] for step in tracks]
+    begins = [run.of(step.step)[0].sample.position[1] for step in tracks]
     assert begins == pytest.approx([-0.1] * 3, abs=0.6e-3)
     assert run.differs() == []

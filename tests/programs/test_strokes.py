@@ -130,7 +130,7 @@ def test_it_turns_at_a_corner_no_faster_than_it_may(play: Play) -> None:
         {"limits": {"turn_deg_s": 20.0}},
     )
     assert run.result.outcome == "completed"
-    assert yaw(run.of(2)[-1].quaternion) == pytest.approx(90.0, abs=3.0)
+    assert yaw(run.of(2)[-1].sample.quaternion) == pytest.approx(90.0, abs=3.0)
     at = {record.cycle: (record.started_at, yaw(record.sample.quaternion)) for record in run.of(2)}
     for cycle, (time, angle) in at.items():
         if cycle + 20 in at:

@@ -87,7 +87,7 @@ def test_a_page_of_a_report_is_told_once_and_asks_for_nothing() -> None:
 
 
 def test_an_older_recording_is_refused_in_one_line() -> None:
-    with pytest.raises(ConfigError, match=r"^[^\n]+; 0\.5 is the last version that reads it$"):
+    with pytest.raises(ConfigError, match=r"^[^\n]+; 0\.6 is the last version that reads it$"):
         CliRunner().invoke(cli, ["view", str(OLD)], catch_exceptions=False)
 
 

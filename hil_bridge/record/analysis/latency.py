@@ -18,7 +18,7 @@ from hil_bridge.record.records import CycleRecord, SensorRecord, TruthRecord
 
 Floats: TypeAlias = NDArray[np.float64]
 
-_STAMPS: Mapping[str, Callable[[CycleRecord], float]] = {
+STAMPS: Mapping[str, Callable[[CycleRecord], float]] = {
     **{name: attrgetter(name) for name in CycleRecord.__struct_fields__ if name.endswith("_at")},
     "status_at": attrgetter("sample.now"),
     "sensor_at": attrgetter("sample.sensor_at"),
@@ -198,8 +198,8 @@ def timestamps(
                 values = [getattr(of_cycle.get(cycle.cycle), name, math.nan) for cycle in cycles]
             case "earliest_at":
                 values = [arrivals.get(cycle.sample.sensor_sequence, math.nan) for cycle in cycles]
-            case _ if name in _STAMPS:
-                values = [_STAMPS[name](cycle) for cycle in cycles]
+            case _ if name in STAMPS:
+                values = [STAMPS[name](cycle) for cycle in cycles]
             case _:
                 values = [math.nan] * len(cycles)
         return np.array(values, dtype=np.float64)

@@ -106,14 +106,15 @@ def _sensor(frames: Sequence[SensorRecord], scales: Any) -> tuple[NDArray[Any], 
 def _records(records: Sequence[Struct], kind: type[Struct], time: str) -> tuple[NDArray[Any], list[_Channel]]:
     """Every column of numbers, in order of time."""
     columns = Columns(records, kind)
-    texts = field_docstrings(kind) | field_docstrings(Sample)
+    own, sampled = field_docstrings(kind), field_docstrings(Sample)
     order = np.argsort(columns[time], kind="stable")
     channels = []
     for field, name, values in columns.named():
         if values.dtype == object or name == time:
             continue
         numbers = values.astype(np.uint8) if values.dtype == bool else values
-        text = texts.get(columns.path(field).rpartition(".")[2], "")
+        of_sample, _, name_in_record = columns.path(field).rpartition(".")
+        text = (sampled if of_sample else own).get(name_in_record, "")
         channels.append((name, numbers[order], unit_of(name), text))
     return columns[time][order], channels
 
