@@ -12,8 +12,6 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from hil_bridge.errors.event_kinds import EventKind
-
 SUITE_VERSION = "1"
 """Version of the suites; `hil_suite = "1"` in pytest's settings pins it. The next number comes with a test, or a limit,
 that an implementation may fail that has passed before. New words of a message keep the number.
@@ -215,6 +213,8 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
 
 def told_run(number: int, result: Any) -> list[tuple[str, str]]:
     """Properties of a run for a test's report: its end, each fault, each step of a program with its verdict."""
+    from hil_bridge.errors.event_kinds import EventKind
+
     name = f"hil_run.{number}"
     told = [(f"{name}.outcome", str(result.outcome)), (f"{name}.left", result.left)]
     if result.text:
