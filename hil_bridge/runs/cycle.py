@@ -205,7 +205,7 @@ class Run:
             else:
                 journal.event(*failure_event(error))
                 journal.blame(self._in_step(explain_exception(error)))
-            await self._retract(motion, in_flight=asked)
+            await self._retract(motion)
             if asked or not (isinstance(error, (Exception, SystemExit)) or of_others(error)):
                 raise
 
@@ -213,12 +213,12 @@ class Run:
         """Why the run stops, with the step of a program in which it does."""
         return reason if self._state is None else self._loop.program.where(self._state.program, reason)
 
-    async def _retract(self, motion: Motion, in_flight: bool = False) -> None:
+    async def _retract(self, motion: Motion) -> None:
         """Back to the depth of the start by orders alone."""
         if self._state is None or motion.halted:
             return
         self._journal.enter(Phase.RETRACT)
-        await self._way_out.retract(motion, self._state, self._orientation, self._journal.blame, in_flight)
+        await self._way_out.retract(motion, self._state, self._orientation, self._journal.blame)
 
     async def _left(self, start: RobotReport, commanded: Vector, answers: bool) -> Left:
         """Where the tool was left; a tool that is left pressing has not completed."""

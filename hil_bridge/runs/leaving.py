@@ -168,18 +168,18 @@ class WayOut:
         state: LoopState,
         orientation: Quaternion,
         blame: Callable[[Reason], None],
-        in_flight: bool = False,
     ) -> None:
         """Order the tool back to the depth of the start, where it has been, as long as the robot takes orders.
 
         Orders that are refused or not answered are given again for `limits.retract_patience_s`. `blame` is given what
-        prevents it. `in_flight`: an order deeper than that of the state may be under way, so that at least one is
-        given. Raises nothing but what cancels the task.
+        prevents it. At least one order is given where the robot may yet take one that the state does not know: it may
+        be deeper, and the movement ends at the last one. Raises nothing but what cancels the task.
         """
         limits, loop = self._config.limits, self._loop
         speed_mm_s, took = HASTE * loop.program.parameters.retract_speed_mm_s, loop.sample_time / HASTE
         supervisor = state.supervisor
         patience = self._clock.now() + limits.retract_patience_s
+        in_flight = _is_in_flight(motion, supervisor.position)
         goal = 0.0
         if state.program.in_contact:  # a surface may have risen above the start
             goal = min(goal, supervisor.depth - self._config.task.retract_mm * 1e-3)
@@ -293,3 +293,11 @@ class WayOut:
         if newest is None or peaks is None or self._sensor.newest_at < since:
             return math.nan
         return peaks.resultant(newest.values)
+
+
+def _is_in_flight(motion: Motion, known: Vector) -> bool:
+    """Return whether the newest order, which the robot may have taken or not, is another than this position."""
+    try:
+        return motion.commanded not in (None, known)
+    except BridgeError:
+        return True

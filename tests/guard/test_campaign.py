@@ -23,6 +23,7 @@ import numpy.typing as npt
 import pytest
 
 from hil_bridge.control import CONTROLLERS
+from hil_bridge.control.types import POSITION_STEP_MM
 from hil_bridge.errors import BridgeError, Cause, Part
 from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.lab.invariants import Evidence, Trace, broken_promises, violation_text
@@ -277,3 +278,16 @@ def test_every_fault_was_exercised(exercised: dict[str, Counter[tuple[str, str]]
     for kind in kinds:
         print(f"{kind[0]:<10}{kind[1]:<20}{exercised['injected'][kind]:>6}{exercised['struck'][kind]:>6}")
     assert [kind for kind in kinds if not exercised["struck"][kind]] == []
+
+
+def test_movement_does_not_end_at_an_order_that_was_never_taken(tmp_path: Path) -> None:
+    """The first order of the approach is lost on the wire, so that no cycle has been done when the run stops."""
+    drawn = Drawn.of(228)
+    code, recording = drawn(tmp_path / "run.mcap")
+    assert (code, drawn.cause) == (3, Cause.DEAD_LINK)
+    assert recording is not None
+    assert not recording.cycles
+    (stopped,) = [event.at for event in recording.events if event.kind == EventKind.STOP]
+    heights = [height for at, height in drawn.goals if at > stopped]
+    step = POSITION_STEP_MM * 1.001e-3  # the start as it was reported lies that much below its order
+    assert min(heights) == pytest.approx(max(heights), abs=step)
