@@ -108,7 +108,7 @@ class Exercising:
             for reason in verdict.holds:
                 self._strike("causes", reason.cause)
         elif isinstance(verdict, Stop):
-            self._strike("causes", verdict.cause)
+            self._strike("causes", verdict.reason.cause)
 
     def _led(self, state: ProgramState) -> None:
         self._told(state.course.reason)

@@ -138,6 +138,8 @@ class Run:
         finally:
             self.ending.end_movement()
         ending = self.ending
+        if ending.asked and ending.outcome is Outcome.COMPLETED:  # since the last cycle
+            ending.end_as_asked()
         rest = await self._left(start, commanded, answers) if moved else None
         if self._state is not None and ending.outcome is not Outcome.COMPLETED:
             self._steps.cut(self._state.program, ending.reason, self._journal.stopped_at)

@@ -7,7 +7,7 @@ import pytest
 
 from hil_bridge import api
 from hil_bridge.errors import BridgeError, Cause, Reason
-from hil_bridge.record import EventKind, EventRecord, Outcome
+from hil_bridge.record import CycleRecord, EventKind, EventRecord, Outcome
 from hil_bridge.runs.ending import (
     FOLLOWED_MAX,
     TRANSITIONS,
@@ -177,3 +177,35 @@ def test_failure_behind_the_last_cycle_is_reported() -> None:
     result = kept[0].result
     assert (result.outcome, result.cause) == (Outcome.STOPPED, Cause.CELL_FAILED)
     assert result.left.startswith("retracted")
+
+
+def test_request_behind_the_last_cycle_interrupts_the_run() -> None:
+    whole = result_with_request(cycle=None)
+    assert whole.outcome is Outcome.COMPLETED
+    cycles = len(whole.cycles)
+    result = result_with_request(cycle=cycles - 1)
+    assert (result.outcome, result.cause, len(result.cycles)) == (
+        Outcome.INTERRUPTED,
+        Cause.INTERRUPTED,
+        cycles,
+    )
+    assert result.left.startswith("retracted")
+
+
+def result_with_request(cycle: int | None) -> api.Result:
+    """The result of a short run that is asked to end when this cycle has been recorded; None for no request."""
+    kept: list[api.Simulation] = []
+
+    async def main() -> None:
+        async with api.simulation({"run": {"duration_s": 1.0}}, seed=7) as running:
+            kept.append(running)
+
+            def hear(record: CycleRecord) -> None:
+                if record.cycle == cycle:
+                    running.interrupt()
+
+            running._running.log.join(Listener({CycleRecord: hear}))
+            await running.finished()
+
+    api.run_virtual(main)
+    return kept[0].result
