@@ -89,7 +89,7 @@ def test_the_charts_tell_feed_and_normal_and_the_map_the_path(recording: Recordi
     assert texts[:-1][-3:] == list(steps), "phases stand before and after the steps alone"
     assert set(texts) - set(steps) <= {"connect", "tare", "retract"}
     cycle = charts.sources["cycle"]
-    for at, force in zip(recording.cycles, cycle["target"], strict=True):
+    for at, force in zip(recording.cycles, cycle["force_reference"], strict=True):
         assert force == (pytest.approx(at.force_reference, rel=1e-5) if at.phase == "track" else None)
     sigma = [c.explanation.get(SIGMA) if c.phase == "track" else None for c in recording.cycles]
     assert cycle[SIGMA] == [None if value is None else pytest.approx(value, rel=1e-5) for value in sigma]

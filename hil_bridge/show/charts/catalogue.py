@@ -118,7 +118,7 @@ def _motion(facts: ChartFacts) -> list[Chart]:
             "place",
             "Place of the tool from the start point, base frame",
             "mm",
-            tuple(Series(CYCLE, f"p{axis}", axis, f"{k + 1}") for k, axis in enumerate(_AXES)),
+            tuple(Series(CYCLE, f"position_{axis}", axis, f"{k + 1}") for k, axis in enumerate(_AXES)),
             height_px=170,
             least_span=0.5,
         )
