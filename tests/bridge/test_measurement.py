@@ -1,5 +1,6 @@
 """A recording as a measurement of ASAM, and a CAN log with its DBC file, opened by asammdf."""
 
+import io
 import math
 import re
 import shutil
@@ -18,6 +19,7 @@ from msgspec import structs
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.extras import install_command
 from hil_bridge.record import read
+from hil_bridge.record.analysis.columns import unit_of
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.export import export
 from hil_bridge.record.export.measurement import measurement
@@ -150,3 +152,21 @@ def test_a_can_log_and_its_dbc_file_decode_alike_in_asammdf_and_cantools(
         (fz,) = bus.extract_bus_logging({"CAN": [(tmp_path / "run.dbc", 0)]}).select(["fz"])
     assert len({*decoded}) > 10
     assert [*fz.samples] == decoded
+
+
+def test_frame_that_is_not_known_is_a_channel_of_numbers(made: Path) -> None:
+    recording = read(made)
+    unknown = structs.replace(recording.sensors[0], counts=(math.nan,) * 6)
+    data, _ = measurement(replace(recording, sensors=(unknown, *recording.sensors[1:])))
+    with MDF(io.BytesIO(data)) as file:
+        samples = file.get("sensor.counts_fz").samples
+    assert np.isnan(samples[0])
+    assert np.isfinite(samples[1:]).all()
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [("sample_force", "N"), ("position_x", "m"), ("wrench_mx", "N·m"), ("started_at", "s"), ("phase", "")],
+)
+def test_column_has_the_unit_of_its_field(column: str, unit: str) -> None:
+    assert unit_of(column) == unit

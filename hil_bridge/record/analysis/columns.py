@@ -51,6 +51,7 @@ def column_names(field: str, parts: int) -> Sequence[str]:
 
 def unit_of(column: str) -> str:
     """Unit of a column; empty where it has none."""
+    column = column.removeprefix("sample_")
     field, _, part = column.rpartition("_")
     if field == "wrench":
         return "N" if part.startswith("f") else "N·m"

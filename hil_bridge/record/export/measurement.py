@@ -98,7 +98,10 @@ def _groups(recording: Recording) -> Iterator[tuple[str, tuple[NDArray[Any], lis
 
 
 def _sensor(frames: Sequence[SensorRecord], scales: Any) -> tuple[NDArray[Any], list[_Channel]]:
-    columns = {name: np.array(values) for name, values in sensor_table(frames, scales).items()}
+    table = sensor_table(frames, scales)
+    columns = {
+        name: np.array(values, dtype=np.float64 if None in values else None) for name, values in table.items()
+    }
     time = columns.pop(TIME)
     return time, [(name, values, unit_of(name), "") for name, values in columns.items()]
 
