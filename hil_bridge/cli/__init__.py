@@ -1,43 +1,17 @@
-"""The command line `hil-bridge`. Each command imports what it needs when it runs, so that help comes at once."""
+"""The command line `hil-bridge`.
+
+The commands are found by entry point, and a command is imported when it is used. Each imports what it needs when it
+runs, so that help comes at once.
+"""
 
 import io
 import sys
-import traceback
+from collections.abc import Mapping
 from typing import Any
 
 import click
 
-from hil_bridge.cli.campaign import campaign
-from hil_bridge.cli.compare import compare
-from hil_bridge.cli.conform import conform
-from hil_bridge.cli.decode import decode
-from hil_bridge.cli.doctor import doctor
-from hil_bridge.cli.emulate import emulate
-from hil_bridge.cli.experiment import experiment
-from hil_bridge.cli.export import export
-from hil_bridge.cli.faults import faults
-from hil_bridge.cli.fidelity import fidelity
-from hil_bridge.cli.files import config, profile, report
-from hil_bridge.cli.force_source import force_source
-from hil_bridge.cli.free import free
-from hil_bridge.cli.identify_cell import identify_cell
-from hil_bridge.cli.identify_tool import identify_tool
-from hil_bridge.cli.latency import latency
-from hil_bridge.cli.layouts import layouts
-from hil_bridge.cli.monitor import monitor
-from hil_bridge.cli.panel import panel
-from hil_bridge.cli.plugins import controllers, plugins
-from hil_bridge.cli.probe import probe
-from hil_bridge.cli.replay import replay
-from hil_bridge.cli.run import run
-from hil_bridge.cli.runs import runs
-from hil_bridge.cli.serve_jr3 import serve_jr3
-from hil_bridge.cli.supervisor import supervisor
-from hil_bridge.cli.task import task
-from hil_bridge.cli.tune import tune
-from hil_bridge.cli.verify import verify
-from hil_bridge.cli.view import view
-from hil_bridge.cli.why import why
+from hil_bridge.cli.entry_points import COMMANDS, EntryPointGroup
 from hil_bridge.console.debugging import debug_option, debug_wanted, describe_bug
 from hil_bridge.console.screen import leave
 from hil_bridge.errors import BridgeError, ConfigError
@@ -48,6 +22,29 @@ EXIT_INTERRUPTED = 130
 EXIT_BUG = 70
 """Apart from what a command tells by its own. Source: EX_SOFTWARE of sysexits(3)."""
 
+HELP_SECTIONS: Mapping[str, tuple[str, ...]] = {
+    "Run": ("run", "free", "task", "supervisor", "controllers", "tune"),
+    "Look at recordings": (
+        "runs",
+        "view",
+        "report",
+        "why",
+        "latency",
+        "compare",
+        "replay",
+        "export",
+        "layouts",
+        "fidelity",
+    ),
+    "On site": ("doctor", "probe", "identify-tool", "identify-cell", "monitor", "decode", "serve-jr3"),
+    "Emulate and judge": ("emulate", "panel", "faults", "conform", "force-source"),
+    "Many runs": ("campaign", "verify", "experiment"),
+    "Settings and lists": ("config", "profile", "plugins"),
+}
+"""Names of the commands of hil-bridge by what they are for, in the order of the help."""
+PLUGINS = "Of plug-ins"
+"""Title of the commands of other packages in the help."""
+
 
 class ReaderLeft(Exception):
     """The reader of the output's pipe has left. Not an OSError, of which click makes exit code 1."""
@@ -57,16 +54,47 @@ class Bug(Exception):
     """An exception that no person was meant to read; the text is what the screen shows of it."""
 
 
-class _Commands(click.Group):
+class _Commands(EntryPointGroup):
     """The commands, with the ends of each told apart."""
 
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return the command of this name; None if there is none.
+
+        Raises ConfigError for a command of hil-bridge that is not installed, and for one that cannot be loaded.
+        """
+        command = super().get_command(ctx, cmd_name)
+        if command is None and any(cmd_name in names for names in HELP_SECTIONS.values()):
+            from hil_bridge.errors.extras import install_command
+
+            raise ConfigError(
+                f"the command {cmd_name!r} is not installed",
+                remedy=f"install hil-bridge again: {install_command()}",
+            )
+        return command
+
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
-        """The commands by what they are for."""
-        width = max(len(name) for name in self.commands)
-        for title, commands in GROUPS.items():
-            rows = [(f"{one.name:{width}}", one.get_short_help_str(formatter.width)) for one in commands]
-            with formatter.section(title):
-                formatter.write_dl(rows)
+        """Write the commands by what they are for; those of plug-ins come last."""
+        installed = self.list_commands(context)
+        known = {name for names in HELP_SECTIONS.values() for name in names}
+        sections = {**HELP_SECTIONS, PLUGINS: tuple(name for name in installed if name not in known)}
+        width = max(map(len, installed), default=0)
+        for title, names in sections.items():
+            rows = [
+                (f"{name:{width}}", self._short_help(context, name, formatter.width))
+                for name in names
+                if name in installed
+            ]
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
+
+    def _short_help(self, context: click.Context, name: str, width: int) -> str:
+        """The line of a command in the help; of one that cannot be loaded, why."""
+        try:
+            command = self.get_command(context, name)
+        except ConfigError as error:
+            return str(error)
+        return "" if command is None else command.get_short_help_str(width)
 
     def make_context(self, *arguments: Any, **options: Any) -> click.Context:
         """Parse the command line, which may print help. Raises ReaderLeft."""
@@ -103,11 +131,12 @@ class _Commands(click.Group):
             if isinstance(error, SystemExit):
                 raise
             what = "; ".join([f"{type(error).__name__}: {error}", *getattr(error, "__notes__", ())])
-            raise Bug(describe_bug(what, "".join(traceback.format_exception(error)), context)) from error
+            raise Bug(describe_bug(what, traceback_of(error), context)) from error
 
 
 @click.group(
     cls=_Commands,
+    entry_points=COMMANDS,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
@@ -123,20 +152,6 @@ def cli(context: click.Context) -> None:
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
-
-
-GROUPS: dict[str, tuple[click.Command, ...]] = {
-    "Run": (run, free, task, supervisor, controllers, tune),
-    "Look at recordings": (runs, view, report, why, latency, compare, replay, export, layouts, fidelity),
-    "On site": (doctor, probe, identify_tool, identify_cell, monitor, decode, serve_jr3),
-    "Emulate and judge": (emulate, panel, faults, conform, force_source),
-    "Many runs": (campaign, verify, experiment),
-    "Settings and lists": (config, profile, plugins),
-}
-"""The commands by what they are for, in the order of the help."""
-for group in GROUPS.values():
-    for command in group:
-        cli.add_command(command)
 
 
 def main() -> None:

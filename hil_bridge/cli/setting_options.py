@@ -1,6 +1,5 @@
 """The option --set of commands that take a configuration: one setting by its dotted key."""
 
-import tomllib
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,6 +8,8 @@ import click
 
 def _read(context: click.Context, parameter: click.Parameter, given: tuple[str, ...]) -> dict[str, Any]:
     """Values by key. A value is one of TOML; a word that is none stands for itself."""
+    import tomllib
+
     values: dict[str, Any] = {}
     for text in given:
         key, equals, value = (part.strip() for part in text.partition("="))

@@ -16,11 +16,10 @@ from typing import Any
 
 from hil_bridge.errors import BridgeError, Cause, DeviceError, Reason, TransportError
 from hil_bridge.errors.event_kinds import EventKind
-from hil_bridge.errors.offers import packages_of_modules
+from hil_bridge.errors.offers import OWN, packages_of_modules
 
 RAISED = BaseException
 """Whatever other packages' code may raise where it should return; see `raise_if_asked`."""
-OWN = frozenset(("hil_bridge", "emulators", "protocol"))
 _PYTHON = tuple({sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")})
 
 

@@ -1,13 +1,17 @@
-"""Entry points of other packages: all that they offer to hil-bridge, without importing any of it."""
+"""Entry points of installed packages: all that they offer to hil-bridge, without importing any of it."""
 
 import sys
 from functools import lru_cache
-from importlib.metadata import EntryPoint, EntryPoints, entry_points
+from importlib.metadata import EntryPoint, EntryPoints, distributions
 
+_PREFIX = "hil_bridge."
 GROUPS = tuple(
-    f"hil_bridge.{name}" for name in ("controllers", "rewards", "robots", "sensors", "steps", "surfaces")
+    f"{_PREFIX}{name}"
+    for name in ("commands", "controllers", "rewards", "robots", "sensors", "steps", "surfaces")
 )
 """Entry point groups that are looked through."""
+OWN = frozenset(("hil_bridge", "emulators", "protocol"))
+"""Outermost modules of hil-bridge itself, whose commands are entry points, too."""
 
 
 def offered() -> EntryPoints:
@@ -17,8 +21,13 @@ def offered() -> EntryPoints:
 
 @lru_cache(maxsize=1)
 def _offered(path: tuple[str, ...]) -> EntryPoints:
-    """To look through them takes milliseconds."""
-    return EntryPoints(point for group in GROUPS for point in entry_points(group=group))
+    """Cached, because reading the metadata of all packages takes milliseconds. Only those that name us are parsed."""
+    packages = [one for one in distributions() if _PREFIX in (one.read_text("entry_points.txt") or "")]
+    if len(packages) > 1:  # to read a name takes longer than all else
+        packages = list(
+            {one.name: one for one in reversed(packages)}.values()
+        )  # the first on the path hides the others
+    return EntryPoints(point for one in packages for point in one.entry_points if point.group in GROUPS)
 
 
 def package_of(point: EntryPoint) -> str:
@@ -27,6 +36,6 @@ def package_of(point: EntryPoint) -> str:
 
 
 def packages_of_modules() -> dict[str, str]:
-    """Packages that offer anything, with their versions, by the outermost module of their offers."""
+    """Other packages that offer anything, with their versions, by the outermost module of their offers."""
     modules = {point: point.value.partition(":")[0].partition(".")[0].strip() for point in offered()}
-    return {module: package_of(point) for point, module in modules.items()}
+    return {module: package_of(point) for point, module in modules.items() if module not in OWN}

@@ -9,7 +9,6 @@ import json
 import os
 import re
 import stat
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -137,6 +136,8 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     """The values of a TOML text. Raises ConfigError that names `source`."""
     if _DEEP_KEY.search(text):
         raise ConfigError(f"{source} is no TOML of ours: {_TOO_DEEP}")
+    import tomllib
+
     try:
         values = tomllib.loads(text)
     except RecursionError as error:

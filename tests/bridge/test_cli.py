@@ -7,17 +7,18 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 from click.shell_completion import ShellComplete
 
-from hil_bridge.cli import GROUPS, cli
+from hil_bridge.cli import HELP_SECTIONS, cli
 from hil_bridge.runs.serve import client_of
 from protocol.marks import Mark
 from tests.bridge.command_line import VIRTUAL, Command, refused
 
 STATUS_ORDER = "10 02 00 08 01 00 13 01 00 00 10 03"
 
-TITLES = {"Commands", *GROUPS}
+TITLES = {"Commands", *HELP_SECTIONS}
 """Titles of lists of commands in a help."""
 
 
@@ -304,7 +305,7 @@ def test_the_help_names_every_command_once_by_what_it_is_for(hil: Command) -> No
     listed = [
         line.split()[0] for line in output.splitlines() if re.match(r"  [a-z]", line) and "  " in line[2:]
     ]
-    assert sorted(listed) == sorted(cli.commands)
+    assert sorted(listed) == cli.list_commands(click.Context(cli))
     assert "\nOn site:\n" in output
 
 

@@ -1,0 +1,83 @@
+"""Commands found by entry point: those of hil-bridge, of its devices and of plug-ins, by one and the same door.
+
+A package adds a command by the name that a user types:
+
+    [project.entry-points."hil_bridge.commands"]
+    my-command = "my_package.command:my_command"
+
+The object is a `click.Command`. Its module is imported when the command is used, and for the list of all commands.
+"""
+
+from importlib.metadata import EntryPoint
+from typing import Any
+
+import click
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.errors.offers import offered, package_of
+
+COMMANDS = "hil_bridge.commands"
+"""Entry point group of the commands of `hil-bridge`."""
+
+
+class EntryPointGroup(click.Group):
+    """A command group with the commands of an entry point group, besides those that were added to it."""
+
+    def __init__(self, *arguments: Any, entry_points: str, **options: Any) -> None:
+        """Takes the name of the entry point group."""
+        super().__init__(*arguments, **options)
+        self.entry_points = entry_points
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of the commands, sorted. None is imported."""
+        return sorted({*self.commands, *offered().select(group=self.entry_points).names})
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return the command of this name; None if there is none. Raises ConfigError for one that cannot be loaded."""
+        return super().get_command(ctx, cmd_name) or load_command(self.entry_points, cmd_name)
+
+
+def load_command(group: str, name: str) -> click.Command | None:
+    """Return the command of this name in an entry point group; None if there is none.
+
+    Raises ConfigError that names the package when the command cannot be loaded, and when two packages offer it.
+    """
+    points = list(offered().select(group=group, name=name))
+    if len(points) != 1:
+        return _explain(group, name) if points else None
+    (point,) = points
+    try:
+        command = point.load()
+    except ModuleNotFoundError as error:
+        raise _missing(point, error.name or point.module) from error
+    except (Exception, SystemExit):
+        return _explain(group, name)
+    if not isinstance(command, click.Command):
+        raise ConfigError(
+            f"the command {name!r} of {package_of(point)} is of type {type(command).__name__}; "
+            "it must be a click.Command"
+        )
+    return command
+
+
+def _explain(group: str, name: str) -> click.Command | None:
+    """Raise ConfigError for a command that cannot be loaded. The import is slow, and needed for this alone."""
+    from hil_bridge.errors.plugins import find_plugin
+
+    found = find_plugin(group, "command", name)
+    return None if found is None else found.value
+
+
+def _missing(point: EntryPoint, module: str) -> ConfigError:
+    """The error for a command one of whose modules is not installed."""
+    from hil_bridge.errors.extras import NAME, install_command
+
+    outermost = module.partition(".")[0]
+    package = outermost
+    if outermost == point.module.partition(".")[0] and point.dist is not None:
+        package = point.dist.name
+    install = install_command() if package == NAME else f"pip install {package}"
+    return ConfigError(
+        f"the command {point.name!r} of {package_of(point)} cannot be loaded: the module {module} is missing",
+        remedy=f"install it: {install}",
+    )
