@@ -28,8 +28,8 @@ PARAMETERS_MOST = 5
 """Of a function. Chosen: the style's own."""
 FUNCTION_LIMIT = 60
 """Lines of a function. Chosen: the style's own."""
-COMMANDS = Path("hil_bridge", "cli")
-"""Folder of the commands: their options are parameters."""
+COMMANDS = frozenset(("cli", "commands", "commands.py"))
+"""Folders and modules of commands, whose options are parameters."""
 
 
 class Function(NamedTuple):
@@ -73,7 +73,7 @@ def own_functions(tree: Path) -> Iterator[Function]:
     """Functions of product and tools, those of commands left out."""
     folders = (*KINDS["product"], *KINDS["tools"])
     for path in (path for folder in folders for path in files(tree, folder)):
-        if path.suffix == ".py" and not path.is_relative_to(tree / COMMANDS):
+        if path.suffix == ".py" and COMMANDS.isdisjoint(path.relative_to(tree).parts):
             yield from functions(tree, path)
 
 

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from hil_bridge.cli.campaign import campaign
 from hil_bridge.control.course import supervisor
 from hil_bridge.control.course.verdict import Allow, Request
 from hil_bridge.errors import ConfigError
@@ -23,6 +22,7 @@ from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
 from hil_bridge.lab.campaign.shrinking import shrink_bad, smaller
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.working import missing, work
+from hil_bridge.lab.commands.campaign import campaign
 from hil_bridge.runs.faults.lying import CONTROLLER_FAULTS
 from hil_bridge.runs.replay import replay
 

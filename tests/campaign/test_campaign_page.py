@@ -13,7 +13,6 @@ from socket import gethostname
 import pytest
 from click.testing import CliRunner
 
-from hil_bridge.cli.campaign import campaign
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign import live
 from hil_bridge.lab.campaign.live import Results
@@ -21,6 +20,7 @@ from hil_bridge.lab.campaign.page import page
 from hil_bridge.lab.campaign.plan_file import read_plan
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.working import missing, work
+from hil_bridge.lab.commands.campaign import campaign
 from tests.campaign.study import STUDY, changed, study
 
 

@@ -9,7 +9,6 @@ from xml.etree import ElementTree
 import pytest
 from click.testing import CliRunner
 
-from hil_bridge.cli.campaign import campaign
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.criteria import Criterion, Unmet, unmet_of
 from hil_bridge.lab.campaign.digest import Tally, digest_of
@@ -17,6 +16,7 @@ from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
 from hil_bridge.lab.campaign.report_text import markdown_report, text_report
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.working import missing, work
+from hil_bridge.lab.commands.campaign import campaign
 from hil_bridge.lab.junit import RECORDING, REQUIREMENT
 from tests.campaign.conftest import SHORT
 from tests.campaign.study import changed

@@ -14,7 +14,6 @@ import pytest
 from click.testing import CliRunner
 
 from hil_bridge.api import simulate
-from hil_bridge.cli.campaign import campaign
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.lab.campaign import comparison
 from hil_bridge.lab.campaign.comparison import compare_campaigns
@@ -23,6 +22,7 @@ from hil_bridge.lab.campaign.page import page
 from hil_bridge.lab.campaign.plan_file import read_plan
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.working import missing
+from hil_bridge.lab.commands.campaign import campaign
 from hil_bridge.record import read
 from tests.campaign.study import STUDY, changed, done, study
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from hil_bridge.cli.experiment import experiment
 from hil_bridge.errors import ConfigError
+from hil_bridge.lab.commands.experiment import experiment
 from hil_bridge.lab.experiments import EXPERIMENTS
 from hil_bridge.lab.experiments.results import distinct, rows_where
 from tests.experiments.csv_rows import from_csv

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from hil_bridge.cli.campaign_results import bundle, compare, export, rerun
 from hil_bridge.cli.options import (
     ExtrasCommand,
     GroupedCommand,
@@ -20,6 +19,7 @@ from hil_bridge.cli.options import (
 from hil_bridge.cli.paths import FILE
 from hil_bridge.cli.setting_options import set_option
 from hil_bridge.errors import ConfigError
+from hil_bridge.lab.commands.campaign_results import bundle, compare, export, rerun
 
 if TYPE_CHECKING:
     from hil_bridge.lab.campaign.digest import Digest

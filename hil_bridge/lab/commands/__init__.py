@@ -1,0 +1,1 @@
+"""Commands of `hil-bridge` about many runs, found by entry point."""
