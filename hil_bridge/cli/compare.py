@@ -1,14 +1,14 @@
 """`hil-bridge compare`: several recordings, or the results of several campaigns, on one page."""
 
 from collections.abc import Mapping
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from hil_bridge.cli.bag_options import bag_options
-from hil_bridge.cli.options import json_option, output_option, overwrite_option, tell, tell_json
+from hil_bridge.cli.entry_points import extension
+from hil_bridge.cli.options import json_option, output_option, overwrite_option, tell_json
 from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
 
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from hil_bridge.record import Recording
     from hil_bridge.record.foreign import BagChoices
 
-DIFFERS = 1
-"""Exit code when the last campaign is significantly worse than the first."""
 RESULTS = ".sqlite"
 
 
@@ -50,7 +48,7 @@ def compare(
     if len(kinds) > 1:
         raise ConfigError(f"compare takes either recordings or results of campaigns ({RESULTS}), not both")
     if kinds == {True}:
-        _compare_campaigns(files, out, as_json, overwrite)
+        extension("compare-results", "results of campaigns")(files, out, as_json, overwrite)
     else:
         from hil_bridge.record.files import check_place
         from hil_bridge.record.ros.bag_reader import read_any
@@ -74,26 +72,3 @@ def _compare_recordings(
         return
     write_whole(out, compare_page(runs, align).encode(), overwrite)
     click.echo(out)
-
-
-def _compare_campaigns(files: tuple[Path, ...], out: Path, as_json: bool, overwrite: bool) -> None:
-    from hil_bridge.errors.text_files import harmless
-    from hil_bridge.lab.campaign.store import Store
-    from hil_bridge.lab.campaign.trend_page import trend_lines, trend_page
-    from hil_bridge.lab.campaign.trends import trend_of
-    from hil_bridge.record.files import check_place, write_whole
-    from hil_bridge.show.report.compare import names_of
-
-    if not as_json:
-        check_place(out, overwrite)
-    with ExitStack() as stack:
-        stores = zip(names_of(files), (stack.enter_context(Store.open(path)) for path in files), strict=True)
-        trend = trend_of(dict(stores))
-    if as_json:
-        tell_json(trend)
-    else:
-        write_whole(out, trend_page(trend).encode(), overwrite)
-        tell(harmless(line) for line in trend_lines(trend))
-        click.echo(out)
-    if trend.worse:
-        click.get_current_context().exit(DIFFERS)

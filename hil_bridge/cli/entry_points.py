@@ -8,6 +8,7 @@ A package adds a command by the name that a user types:
 The object is a `click.Command`. Its module is imported when the command is used, and for the list of all commands.
 """
 
+from collections.abc import Callable
 from importlib.metadata import EntryPoint
 from typing import Any
 
@@ -18,6 +19,8 @@ from hil_bridge.errors.offers import offered, package_of
 
 COMMANDS = "hil_bridge.commands"
 """Entry point group of the commands of `hil-bridge`."""
+EXTENSIONS = "hil_bridge.extensions"
+"""Entry point group of functions that a package above the core adds to commands of the core."""
 
 
 class EntryPointGroup(click.Group):
@@ -58,6 +61,24 @@ def load_command(group: str, name: str) -> click.Command | None:
             "it must be a click.Command"
         )
     return command
+
+
+def extension(name: str, subject: str) -> Callable[..., Any]:
+    """Return the function that extends a command of the core, by its name in the group `hil_bridge.extensions`.
+
+    `subject` is what it does, for the error. Raises ConfigError if it is not installed, or cannot be loaded.
+    """
+    from hil_bridge.errors.extras import install_command
+    from hil_bridge.errors.plugins import find_plugin
+
+    found = find_plugin(EXTENSIONS, "extension", name)
+    if found is None:
+        raise ConfigError(
+            f"{subject}: the extension {name!r} is not installed",
+            remedy=f"install hil-bridge again: {install_command()}",
+        )
+    function: Callable[..., Any] = found.value
+    return function
 
 
 def _explain(group: str, name: str) -> click.Command | None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from hil_bridge.cli.bag_options import bag_options
+from hil_bridge.cli.entry_points import extension
 from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import refuse_known_file
@@ -39,11 +40,7 @@ def view(file: Path, port: int, bag: "BagChoices") -> None:
     from hil_bridge.show.web.serving import show
 
     if file.suffix == RESULTS:
-        from hil_bridge.lab.campaign.live import Results
-        from hil_bridge.lab.campaign.store import Store
-
-        with Store.open(file) as store:
-            show(Results(store), "table.html", port, click.echo)
+        extension("view-results", "results of campaigns")(file, port)
     elif is_bag(file):
         show(_report_of(file, bag), "table.html", port, click.echo)
     elif file.suffix == RECORDING:

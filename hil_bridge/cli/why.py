@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.entry_points import extension
 from hil_bridge.cli.options import json_option, tell_json
 from hil_bridge.cli.paths import FILE
 
@@ -20,16 +21,16 @@ def why(recording: Path, as_json: bool) -> None:
     from msgspec.structs import asdict
 
     from hil_bridge.errors.text_files import harmless
-    from hil_bridge.lab.invariants.recorded import promises_broken
     from hil_bridge.record import read_with_traffic
     from hil_bridge.record.analysis.why import tracebacks, why, why_values
 
     record, _ = read_with_traffic(recording)
+    broken = extension("broken-promises", "promises of the guard")(record)
     if as_json:
-        tell_json({**asdict(why_values(record, recording)), "promises_broken": list(promises_broken(record))})
+        tell_json({**asdict(why_values(record, recording)), "promises_broken": list(broken)})
         return
     click.echo(harmless(why(record, recording)))
-    for text in promises_broken(record):
+    for text in broken:
         click.echo(harmless(f"A promise was broken. {text}."))
     for trace in tracebacks(record):
         click.echo(harmless(f"\n{trace.rstrip()}"))
