@@ -8,8 +8,8 @@ import click
 
 from hil_bridge.cli.bag_options import bag_options
 from hil_bridge.cli.entry_points import extension
-from hil_bridge.cli.options import json_option, output_option, overwrite_option, tell_json
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.options import json_option, output_option, overwrite_option, tell_json
+from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import tell
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.options import tell
+from hil_bridge.console.paths import FILE
 
 
 class _Kinds(click.Group):

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import json_option, tell_json
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.options import json_option, tell_json
+from hil_bridge.console.paths import FILE
 
 EXIT_UNFIT = 3
 """Exit code when something that the configuration names cannot work on this computer."""

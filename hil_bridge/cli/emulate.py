@@ -8,8 +8,8 @@ import click
 
 from hil_bridge.cli.completion import complete, robots, sensors, surfaces
 from hil_bridge.cli.devices import link_profile_option, refuse_link_profile
-from hil_bridge.cli.paths import FILE
 from hil_bridge.cli.setting_options import over, set_option
+from hil_bridge.console.paths import FILE
 
 
 @click.command(short_help="Serve the emulated cell, its robot or its sensor.")

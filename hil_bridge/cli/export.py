@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import ExtrasCommand, output_option, overwrite_option
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.options import ExtrasCommand, output_option, overwrite_option
+from hil_bridge.console.paths import FILE
 
 FORMAT_NAMES = ("candump", "blf", "asc", "dbc", "bytes", "csv", "parquet", "rosbag2", "mf4")
 

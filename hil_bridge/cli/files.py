@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import click
 
 from hil_bridge.cli.bag_options import bag_options
-from hil_bridge.cli.options import ExtrasCommand, output_option, overwrite_option
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.options import ExtrasCommand, output_option, overwrite_option
+from hil_bridge.console.paths import FILE
 
 if TYPE_CHECKING:
     from hil_bridge.record.foreign import BagChoices

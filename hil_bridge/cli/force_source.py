@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from hil_bridge.cli.completion import complete, surfaces
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.paths import FILE
 
 
 @click.command(name="force-source", short_help="Give a robot controller the force of an emulated surface.")

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from hil_bridge.cli.completion import complete, robots, sensors
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.paths import FILE
 
 
 @click.command(short_help="Lift a tool off that was left in contact.")

@@ -9,8 +9,8 @@ import click
 
 from hil_bridge.cli.completion import complete, robots, sensors
 from hil_bridge.cli.devices import device_settings, not_empty
-from hil_bridge.cli.options import output_option, overwrite_option
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.options import output_option, overwrite_option
+from hil_bridge.console.paths import FILE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

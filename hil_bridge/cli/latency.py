@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hil_bridge.cli.options import json_option, output_option, overwrite_option, tell_json
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.options import json_option, output_option, overwrite_option, tell_json
+from hil_bridge.console.paths import FILE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

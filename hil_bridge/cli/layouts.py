@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import output_option, overwrite_option
+from hil_bridge.console.options import output_option, overwrite_option
 
 
 @click.command(short_help="Write layouts for Foxglove, Lichtblick and PlotJuggler.")

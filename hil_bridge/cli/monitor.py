@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.paths import FILE
 
 
 @click.command(short_help="Show a link, one line for each block.")

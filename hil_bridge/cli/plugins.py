@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from hil_bridge.cli.options import tell
+from hil_bridge.console.options import tell
 
 OWN = "hil-bridge"
 """Package of our own."""

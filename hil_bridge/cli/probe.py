@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import json_option, output_option, overwrite_option, tell, tell_json
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.options import json_option, output_option, overwrite_option, tell, tell_json
+from hil_bridge.console.paths import FILE
 
 EXIT_REFUSED = 3
 """Exit code when the robot answers and a run would be refused."""

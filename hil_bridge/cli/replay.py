@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from hil_bridge.cli.completion import complete, controllers
-from hil_bridge.cli.options import overwrite_option, tell
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.options import overwrite_option, tell
+from hil_bridge.console.paths import FILE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -13,11 +13,11 @@ from hil_bridge.cli.devices import (
     link_profile_option,
     refuse_link_profile,
 )
-from hil_bridge.cli.options import overwrite_option
-from hil_bridge.cli.paths import FILE
 from hil_bridge.cli.setting_options import over, set_option
 from hil_bridge.cli.web_options import web_options
 from hil_bridge.console.debugging import debug_option
+from hil_bridge.console.options import overwrite_option
+from hil_bridge.console.paths import FILE
 
 CONTROLLERS = "fuzzy, fuzzy-adaptive, resolution-aware, pi, admittance, predictive"
 """Ours, for the help text alone: the configuration also knows those of installed packages."""

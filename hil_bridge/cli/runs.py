@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import json_option, tell, tell_json
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.options import json_option, tell, tell_json
+from hil_bridge.console.paths import FILE
 
 
 @click.command(short_help="List the runs of a folder, the newest last.")

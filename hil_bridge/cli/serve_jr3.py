@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.paths import FILE
 
 
 def _number(context: click.Context, parameter: click.Parameter, text: str) -> int:

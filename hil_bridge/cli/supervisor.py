@@ -6,8 +6,8 @@ from typing import Any, TypeVar
 
 import click
 
-from hil_bridge.cli.options import tell
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.options import tell
+from hil_bridge.console.paths import FILE
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import click
 
 from hil_bridge.cli.devices import device_options, device_settings
-from hil_bridge.cli.options import output_option, overwrite_option, tell
-from hil_bridge.cli.paths import FILE
 from hil_bridge.console.debugging import debug_option
+from hil_bridge.console.options import output_option, overwrite_option, tell
+from hil_bridge.console.paths import FILE
 
 if TYPE_CHECKING:
     from hil_bridge.control.program.leg import Row

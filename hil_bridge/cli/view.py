@@ -7,7 +7,7 @@ import click
 
 from hil_bridge.cli.bag_options import bag_options
 from hil_bridge.cli.entry_points import extension
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import refuse_known_file
 

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from hil_bridge.cli.options import (
+from hil_bridge.cli.setting_options import set_option
+from hil_bridge.console.options import (
     ExtrasCommand,
     GroupedCommand,
     json_option,
@@ -16,8 +17,7 @@ from hil_bridge.cli.options import (
     tell,
     tell_json,
 )
-from hil_bridge.cli.paths import FILE
-from hil_bridge.cli.setting_options import set_option
+from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.commands.campaign_results import bundle, compare, export, rerun
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import (
+from hil_bridge.console.options import (
     ExtrasCommand,
     json_option,
     output_option,
@@ -12,7 +12,7 @@ from hil_bridge.cli.options import (
     tell,
     tell_json,
 )
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
 
 DIFFERS = 1

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import overwrite_option, tell
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.options import overwrite_option, tell
+from hil_bridge.console.paths import FILE
 
 FAILED = 4
 """Exit code when a scenario failed."""

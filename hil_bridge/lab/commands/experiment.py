@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import output_option
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.options import output_option
+from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
 
 ALL = "all"

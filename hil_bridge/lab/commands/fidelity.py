@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import click
 
 from hil_bridge.cli.bag_options import bag_options
-from hil_bridge.cli.options import json_option, overwrite_option, tell
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.options import json_option, overwrite_option, tell
+from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.extras import install_command
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hil_bridge.cli.options import tell, tell_json
+from hil_bridge.console.options import tell, tell_json
 
 if TYPE_CHECKING:
     from hil_bridge.record import Recording

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hil_bridge.cli.completion import complete, controllers
-from hil_bridge.cli.options import output_option, overwrite_option, tell
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.options import output_option, overwrite_option, tell
+from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
 
 if TYPE_CHECKING:

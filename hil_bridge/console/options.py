@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 import click
 
-from hil_bridge.cli.paths import FILE
+from hil_bridge.console.paths import FILE
 
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace files that are there already.")
 
