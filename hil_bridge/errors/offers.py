@@ -7,7 +7,17 @@ from importlib.metadata import EntryPoint, EntryPoints, distributions
 _PREFIX = "hil_bridge."
 GROUPS = tuple(
     f"{_PREFIX}{name}"
-    for name in ("commands", "controllers", "extensions", "rewards", "robots", "sensors", "steps", "surfaces")
+    for name in (
+        "commands",
+        "commands.decode",
+        "controllers",
+        "extensions",
+        "rewards",
+        "robots",
+        "sensors",
+        "steps",
+        "surfaces",
+    )
 )
 """Entry point groups that are looked through."""
 OWN = frozenset(("hil_bridge", "emulators", "protocol"))

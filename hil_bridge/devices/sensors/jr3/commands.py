@@ -1,9 +1,13 @@
-"""`hil-bridge serve-jr3`: a real board of this computer, for a bridge on this or another one."""
+"""Commands of the JR3: `hil-bridge serve-jr3`, and the subcommands `decode jr3-can` and `decode jr3-uart`.
+
+`serve-jr3` serves a real board of this computer for a bridge on this or another one.
+"""
 
 from pathlib import Path
 
 import click
 
+from hil_bridge.console.pasted import print_items, read_bytes, read_frames
 from hil_bridge.console.paths import FILE
 
 
@@ -51,3 +55,34 @@ def serve_jr3(
 
     words = () if program is None else read_program(program)
     serve_pci(open_pci(address, channel, offset, words, sysfs or SYSFS), listen, offset)
+
+
+@click.command("jr3-can", short_help="Decode frames of the JR3 CAN gateway.")
+@click.argument("frames", metavar="ID#DATA…", nargs=-1, required=True)
+def jr3_can(frames: tuple[str, ...]) -> None:
+    """Decode frames of the JR3 CAN gateway, 201#C80010270000, or lines of candump, each quoted.
+
+    Ends with exit code 2 when anything in it is wrong.
+    """
+    from hil_bridge.errors import ConfigError
+    from protocol.devices.jr3 import describe, parse_frame
+
+    items = []
+    for text in read_frames(frames):
+        try:
+            items.append(describe(parse_frame(text)))
+        except ValueError as error:
+            raise ConfigError(f"frame {text!r}: {error}") from error
+    print_items(items)
+
+
+@click.command("jr3-uart", short_help="Decode bytes of the JR3 UART gateway.")
+@click.argument("hex_bytes", metavar="HEX…", nargs=-1, required=True)
+def jr3_uart(hex_bytes: tuple[str, ...]) -> None:
+    """Decode bytes of the JR3 UART gateway's line, of either direction or both: "3C 30 36 3E".
+
+    Ends with exit code 2 when anything in it is wrong.
+    """
+    from protocol.devices.jr3.uart_gateway import describe
+
+    print_items(describe(read_bytes(hex_bytes)))

@@ -1,0 +1,52 @@
+"""Pasted bytes and frames of `hil-bridge decode`: read from its arguments, and printed as JSON when decoded."""
+
+import json
+import sys
+
+from hil_bridge.console.options import tell
+from hil_bridge.errors import ConfigError
+
+
+def print_items(items: list[dict[str, object]]) -> None:
+    """Print decoded items as JSON. Exits with code 2 when anything in them is wrong."""
+    tell([json.dumps(items, indent=1, ensure_ascii=False)])
+    if any(item.get("problem") or item.get("problems") or item.get("kind") == "noise" for item in items):
+        sys.exit(2)
+
+
+def read_bytes(hex_bytes: tuple[str, ...]) -> bytes:
+    """Return the pasted bytes. Raises ConfigError that names the invalid digit."""
+    text = "".join(hex_bytes).replace(":", "").replace(",", "")
+    text = "".join(text.split())
+    if not text:
+        raise ConfigError("HEX: nothing to decode; give byte pairs like 10 02")
+    for position, character in enumerate(text):
+        if character not in "0123456789abcdefABCDEF":
+            raise ConfigError(
+                f"HEX: {character!r} at digit {position + 1} is no hexadecimal digit; give byte pairs like 10 02"
+            )
+    if len(text) % 2:
+        raise ConfigError(f"HEX: {len(text)} digits are no whole bytes; one digit is missing or too many")
+    return bytes.fromhex(text)
+
+
+def read_frames(texts: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the pasted frames as `ID#DATA`, also those in lines of candump. Raises ConfigError that names a line."""
+    from protocol.can.text import parse_candump
+
+    if any(
+        text.startswith("(") or len(text.split()) > 1 for text in texts
+    ):  # quoted, or a line that the shell split
+        quoted = all(len(text.split()) > 1 for text in texts)
+        lines = "\n".join(texts).splitlines() if quoted else [" ".join(texts)]
+    elif len(texts) > 1 and not all("#" in text for text in texts):
+        lines = [" ".join(texts)]
+    else:
+        return texts
+    frames = []
+    for line in filter(str.strip, lines):
+        try:
+            frames.append(str(parse_candump(line).frame))
+        except ValueError as error:
+            raise ConfigError(f"{line.strip()[:80]!r}: {error}; quote each line of candump") from error
+    return tuple(frames)

@@ -1,0 +1,35 @@
+"""Commands of the S3: the subcommand `hil-bridge decode computer-link`."""
+
+from pathlib import Path
+
+import click
+
+from hil_bridge.console.pasted import print_items, read_bytes
+from hil_bridge.console.paths import FILE
+
+
+@click.command("computer-link", short_help="Decode bytes of the S3 computer link.")
+@click.argument("hex_bytes", metavar="HEX…", nargs=-1, required=True)
+@click.option(
+    "--orders",
+    "orders_file",
+    type=FILE,
+    metavar="FILE",
+    help="TOML file of orders that the site knows beside the usual ones.",
+)
+def computer_link(hex_bytes: tuple[str, ...], orders_file: Path | None) -> None:
+    """Decode bytes of the S3 computer link, control bytes and blocks mixed.
+
+    HEX may be spaced as you like: "10 02 00 08 01 00 13 01 00 00 10 03 18" or 100200…
+    Ends with exit code 2 when anything in it is wrong.
+    """
+    from protocol.devices.s3.adlp import LinkProfile
+    from protocol.devices.s3.arap import KNOWN, describe
+
+    raw = read_bytes(hex_bytes)
+    longest, orders = LinkProfile().max_telegram, KNOWN
+    if orders_file is not None:
+        from hil_bridge.devices.robots.s3.orders_file import read_orders
+
+        orders = read_orders(orders_file, longest)
+    print_items(describe(raw, max_telegram=longest, orders=orders))
