@@ -9,13 +9,12 @@ from hil_bridge.console.options import json_option, output_option, overwrite_opt
 from hil_bridge.console.paths import FILE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from hil_bridge.devices.matching import LateSensor, LateSettings
     from hil_bridge.record import Recording
     from hil_bridge.record.analysis.answers import Answers
     from hil_bridge.record.analysis.latency import Latency, Part
-    from hil_bridge.settings.configuration import Config
-    from protocol.devices.s3.adlp import LinkProfile
 
 
 @click.command(short_help="Tell where the time from force to motion goes.")
@@ -100,39 +99,42 @@ def _values(found: "Latency", answers: "Answers | None") -> "dict[str, Any]":
 
 def _site(record: "Recording") -> tuple[str, str]:
     """A configuration file whose emulated cell is as late as the recorded one, and what it leaves out, if anything."""
-    from hil_bridge.devices.sensors.jr3.latency import NOT_EMULATED, is_emulated
-    from hil_bridge.devices.sensors.jr3.settings import Jr3Settings
     from hil_bridge.errors import ConfigError
     from hil_bridge.runs.replay import recorded_config
     from hil_bridge.settings.devices import robot_in, sensor_in
 
     config = recorded_config(record, {})
-    robot, sensor = robot_in(config).kind.name, sensor_in(config).kind
-    if robot != "s3" or sensor.settings is not Jr3Settings:
+    robot, sensor = robot_in(config), sensor_in(config)
+    late_robot = None if robot.kind.emulation is None else robot.kind.emulation.late
+    late_sensor = None if sensor.kind.emulation is None else sensor.kind.emulation.late
+    if late_robot is None or late_sensor is None:
         raise ConfigError(
-            f"-o writes settings of an emulated s3 and a JR3; this was a {robot} with a {sensor.name}: leave -o out"
+            "-o writes settings of an emulated s3 and a JR3; "
+            f"this was a {robot.kind.name} with a {sensor.kind.name}: leave -o out"
         )
-    return site_settings(record, _line(config), sensor.name), "" if is_emulated(sensor.name) else NOT_EMULATED
+    return site_settings(record, lambda times: late_robot(times, robot.url, robot.settings), late_sensor)
 
 
-def site_settings(record: "Recording", line: "LinkProfile", sensor: str) -> str:
-    """A configuration file whose emulated cell is as late as the recorded one.
+def site_settings(
+    record: "Recording",
+    late_robot: "Callable[[Mapping[str, Sequence[float]]], LateSettings]",
+    late_sensor: "LateSensor",
+) -> tuple[str, str]:
+    """A configuration file whose emulated cell is as late as the recorded one, and what it leaves out, if anything.
 
-    `line` is the line as it was, `sensor` what stood before the sensor, as `sensor.emulated` names it. Raises
-    ConfigError for a recording that is too short or was not stamped.
+    Raises ConfigError for a recording that is too short or was not stamped.
     """
-    from hil_bridge.devices.robots.s3 import latency as robot
-    from hil_bridge.devices.sensors.jr3 import latency as jr3
     from hil_bridge.record.analysis.site_latency import (
         as_configuration,
         frame_quantiles_ms,
         robot_quantiles_ms,
     )
 
-    sections = robot.late_settings(robot_quantiles_ms(record), line)
-    note, more = jr3.late_settings(sensor, lambda: frame_quantiles_ms(record))
-    notes = (*robot.NOTES, note, "In a file that has a section already, its lines go there.")
-    return as_configuration(notes, {**sections, **more})
+    robot = late_robot(robot_quantiles_ms(record))
+    sensor = late_sensor(lambda: frame_quantiles_ms(record))
+    notes = (*robot.notes, *sensor.notes, "In a file that has a section already, its lines go there.")
+    left_out = "; ".join(filter(None, (robot.left_out, sensor.left_out)))
+    return as_configuration(notes, {**robot.sections, **sensor.sections}), left_out
 
 
 def _lines(found: "Latency") -> "Iterator[str]":
@@ -164,13 +166,3 @@ def _row(part: "Part") -> str:
 
 def _figures(*seconds: float) -> str:
     return "".join(f"{value * 1e3:8.2f}" for value in seconds)
-
-
-def _line(config: "Config") -> "LinkProfile":
-    """The line as it was: a URL may have set it."""
-    from hil_bridge.devices.robots.s3.room import robot_wire
-    from hil_bridge.settings.devices import robot_in
-
-    robot = robot_in(config)
-    link: LinkProfile = robot.settings.client.link
-    return robot_wire(robot.url, link)[1] if robot.url else link

@@ -25,7 +25,7 @@ from emulators.panel import Controls
 from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kind_checks import fault_of
-from hil_bridge.devices.matching import MatchRobot, MatchSensor
+from hil_bridge.devices.matching import LateRobot, LateSensor, MatchRobot, MatchSensor
 from hil_bridge.devices.playing import Play
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import Cause, ConfigError
@@ -111,6 +111,8 @@ class RobotEmulation(Generic[_Client, _Emulated]):
     """Plays a course of orders to the emulated robot over its protocol, for `hil-bridge fidelity`; None: it cannot."""
     match: MatchRobot | None = None
     """Settings under which the emulated robot shows measured figures, for `hil-bridge identify-cell`; None: none."""
+    late: LateRobot | None = None
+    """Settings under which the emulated robot is as late as a recorded one, for `hil-bridge latency -o`; None: none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +186,8 @@ class SensorEmulation(Generic[_Client, _Emulated]):
     """As of a `RobotEmulation`."""
     packets_per_frame: int = 1
     """Packets on its wire that make a frame: each of them may be lost."""
+    late: LateSensor | None = None
+    """As of a `RobotEmulation`."""
 
 
 class CanBus(NamedTuple):

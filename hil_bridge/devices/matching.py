@@ -5,7 +5,7 @@ figures. A figure that the recording does not show is NaN, and its setting stays
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 from protocol.geometry import Wrench
@@ -46,6 +46,22 @@ class SensorFigures(NamedTuple):
 MatchRobot: TypeAlias = Callable[[Any, RobotFigures], Sections]
 MatchSensor: TypeAlias = Callable[[Any, SensorFigures], Sections]
 """From the `KindSettings` of a device and its figures."""
+
+
+class LateSettings(NamedTuple):
+    """Settings under which an emulated device is as late as a recorded one, for `hil-bridge latency -o`."""
+
+    notes: Sequence[str]
+    """Lines of a comment above the settings."""
+    sections: Sections
+    left_out: str = ""
+    """Delay that is not emulated, in words; empty if there is none."""
+
+
+LateRobot: TypeAlias = Callable[[Mapping[str, Sequence[float]], str, Any], LateSettings]
+"""From quantiles of the robot's own hops by name, in ms, its URL ("" for the emulated one) and its `KindSettings`."""
+LateSensor: TypeAlias = Callable[[Callable[[], Sequence[float]]], LateSettings]
+"""From a function that returns quantiles of the delay of its frames, in ms. It raises ConfigError without delays."""
 
 
 def split_servo(servo_s: float, response_s: float, damping_ratio: float) -> tuple[float, float]:

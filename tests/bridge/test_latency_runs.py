@@ -4,6 +4,7 @@ import dataclasses
 import math
 import random
 import tomllib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,10 @@ from msgspec import structs
 from emulators.quantiles import draw
 from hil_bridge.cli import cli
 from hil_bridge.cli.latency import site_settings
+from hil_bridge.devices.matching import LateSettings
+from hil_bridge.devices.robots.s3 import latency as s3
 from hil_bridge.devices.robots.s3.room import ROBOT as S3
+from hil_bridge.devices.sensors.jr3 import latency as jr3
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import Recording, SensorRecord, TruthRecord, read
 from hil_bridge.record.analysis.latency import latency_of, timestamps
@@ -87,6 +91,16 @@ def test_the_sample_time_of_a_real_sensor_is_unknown() -> None:
     assert math.isnan(told[0].sampled_at)
 
 
+def written(site: Recording, line: LinkProfile, sensor: str) -> str:
+    """The configuration of a cell with an S3 on this line and a JR3 that is as late as the recorded one."""
+    text, _ = site_settings(
+        site,
+        lambda times: LateSettings(s3.NOTES, s3.late_settings(times, line)),
+        partial(jr3.late_settings, sensor),
+    )
+    return text
+
+
 @pytest.mark.parametrize(("sensor", "gateway"), [("jr3", "gateway"), ("jr3-uart", "uart")])
 def test_a_sites_latency_comes_back_from_its_emulation(tmp_path: Path, sensor: str, gateway: str) -> None:
     """Run with an odd distribution, measure, emulate, run, measure: the same quantiles."""
@@ -95,12 +109,12 @@ def test_a_sites_latency_comes_back_from_its_emulation(tmp_path: Path, sensor: s
         "jr3": {gateway: {"delay_ms": ODD_DELAY}},
     }
     site = run(tmp_path / "site.mcap", cell=cell, sensor={"emulated": sensor})
-    settings = tomllib.loads(site_settings(site, LinkProfile(), sensor))
+    settings = tomllib.loads(written(site, LinkProfile(), sensor))
     measured = settings["cell"]
     assert settings.get("sensor") == (None if sensor == "jr3" else {"emulated": sensor})
     assert "robot" not in settings, "the line is the usual one"
     again = run(tmp_path / "again.mcap", **settings, run={"duration_s": 40.0, "seed": 5})
-    emulated = tomllib.loads(site_settings(again, LinkProfile(), sensor))["cell"]
+    emulated = tomllib.loads(written(again, LinkProfile(), sensor))["cell"]
     for kind, section, name, odd, apart_ms in (
         ("s3", "robot", "status_turnaround_ms", ODD_STATUS, 8.0),
         ("s3", "robot", "move_turnaround_ms", ODD_MOVE, 8.0),
@@ -123,7 +137,7 @@ def test_rare_late_frames_stay_rare() -> None:
     late = structs.replace(early[500], at=early[500].at + 0.009)
     frames = tuple(late if frame is early[500] else frame for frame in early)
     site = dataclasses.replace(recording(CYCLES), sensors=frames)
-    quantiles = tomllib.loads(site_settings(site, LinkProfile(), "jr3"))["cell"]["jr3"]["gateway"]["delay_ms"]
+    quantiles = tomllib.loads(written(site, LinkProfile(), "jr3"))["cell"]["jr3"]["gateway"]["delay_ms"]
     assert len(quantiles) == MOST_QUANTILES
     assert quantiles[-1] == pytest.approx(9.0, abs=0.1)
     source = random.Random(1)
@@ -133,15 +147,15 @@ def test_rare_late_frames_stay_rare() -> None:
 
 def test_a_short_run_has_no_distribution() -> None:
     with pytest.raises(ConfigError, match="20 stamped cycles, a distribution needs 21: record a longer run"):
-        site_settings(recording(CYCLES[:20]), LinkProfile(), "jr3-board")
+        written(recording(CYCLES[:20]), LinkProfile(), "jr3-board")
     with pytest.raises(ConfigError, match="0 stamped sensor frames"):
-        site_settings(recording(CYCLES), LinkProfile(), "jr3")
+        written(recording(CYCLES), LinkProfile(), "jr3")
     with pytest.raises(ConfigError, match="link's settings"):
-        site_settings(Recording(CYCLES), LinkProfile(), "jr3-board")
+        written(Recording(CYCLES), LinkProfile(), "jr3-board")
 
 
 def test_another_line_is_emulated_too() -> None:
-    text = site_settings(recording(CYCLES), LinkProfile(baudrate=19200, dle_stuffing="double"), "jr3-board")
+    text = written(recording(CYCLES), LinkProfile(baudrate=19200, dle_stuffing="double"), "jr3-board")
     assert text.count('baudrate = 19200\ndle_stuffing = "double"') == 2
     config = read_config(tomllib.loads(text))
     assert config.sensor.emulated == "jr3-board"

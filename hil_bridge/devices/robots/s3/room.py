@@ -1,5 +1,6 @@
 """The S3's room, as the house sees it: its kind of robot, its client and its emulator behind their wires."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,8 +9,10 @@ from emulators.devices.s3 import S3_CONTROLS, S3_FAULTS, S3Profiles, S3Site, mak
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.devices.matching import LateSettings
 from hil_bridge.devices.robots.probing import Probed, first_answer
 from hil_bridge.devices.robots.s3.facts import robot_facts
+from hil_bridge.devices.robots.s3.latency import NOTES, late_settings
 from hil_bridge.devices.robots.s3.link import S3Link
 from hil_bridge.devices.robots.s3.matching import match
 from hil_bridge.devices.robots.s3.orders_file import read_orders
@@ -126,13 +129,24 @@ def usual(settings: KindSettings[S3Settings, S3Profiles], virtual: bool) -> str:
 
 MISHAPS = {"refused": "key-manual", "stopped": "safeguard-stop"}
 
+
+def late(
+    quantiles_ms: Mapping[str, Sequence[float]], url: str, settings: KindSettings[S3Settings, S3Profiles]
+) -> LateSettings:
+    """Settings of a controller that is so late, on the line as it was: a URL may have set it."""
+    link = settings.client.link
+    return LateSettings(NOTES, late_settings(quantiles_ms, robot_wire(url, link)[1] if url else link))
+
+
 ROBOT = RobotKind(
     "s3",
     "ABB S3 controller by its computer link",
     S3Settings,
     connect,
     facts,
-    RobotEmulation(S3Profiles, make, serve, usual, S3_FAULTS, S3_CONTROLS, MISHAPS, 200.0, match=match),
+    RobotEmulation(
+        S3Profiles, make, serve, usual, S3_FAULTS, S3_CONTROLS, MISHAPS, 200.0, match=match, late=late
+    ),
     check=robot_site,
     parse=lambda url, settings: parse_url(url, CONNECT_BYTES),
     describe=describe,

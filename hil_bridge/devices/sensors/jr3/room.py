@@ -1,6 +1,7 @@
 """The JR3's room, as the house sees it: a sensor behind a CAN gateway, a UART gateway or a receiver board."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from emulators.devices.jr3.faults import BOARD_FAULTS, CAN_GATEWAY_FAULTS, UART_
 from emulators.seams import SensorFactory
 from emulators.wires.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.devices.kinds import CanBus, KindSettings, SensorEmulation, SensorKind
+from hil_bridge.devices.sensors.jr3.latency import late_settings
 from hil_bridge.devices.sensors.jr3.matching import match_gateway, match_uart
 from hil_bridge.devices.sensors.jr3.registers import (
     ListenerProfile,
@@ -181,6 +183,7 @@ CAN_GATEWAY = SensorKind(
         {"status": "unplugged"},
         match_gateway,
         packets_per_frame=2,
+        late=partial(late_settings, "jr3"),
     ),
     parse=lambda url, settings: _parse_can(url),
     describe=_describe_frame,
@@ -202,6 +205,7 @@ UART_GATEWAY = SensorKind(
         {"status": "unplugged"},
         match_uart,
         packets_per_frame=_UART_BYTES,
+        late=partial(late_settings, "jr3-uart"),
     ),
     parse=lambda url, settings: parse_url(uart_line(url, CONNECT_BYTES), CONNECT_BYTES),
     describe=uart_gateway.describe,
@@ -219,6 +223,7 @@ RECEIVER_BOARD = SensorKind(
         _serve_board,
         _usual("tcp-listen://127.0.0.1:0", "memory:sensor"),
         BOARD_FAULTS,
+        late=partial(late_settings, "jr3-board"),
     ),
     parse=lambda url, settings: parse_url(board_wire(url, settings.client.board)[0], CONNECT_BYTES),
     section=_SECTION,
