@@ -44,9 +44,10 @@ def surfaces() -> Sequence[str]:
 
 def link_profiles() -> Sequence[str]:
     """Named settings of an S3's computer link."""
-    from protocol.devices.s3.adlp import PROFILES
+    from hil_bridge.cli.entry_points import extension
 
-    return tuple(PROFILES)
+    names: Sequence[str] = extension("link-profiles", "--link-profile")()
+    return names
 
 
 def controllers() -> Sequence[str]:

@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from hil_bridge.cli.completion import complete, link_profiles, robots, sensors, surfaces
+from hil_bridge.cli.entry_points import extension
 
 
 def not_empty(context: click.Context, parameter: click.Parameter, url: str | None) -> str | None:
@@ -18,13 +19,7 @@ def not_empty(context: click.Context, parameter: click.Parameter, url: str | Non
 def known_profile(context: click.Context, parameter: click.Parameter, name: str | None) -> str | None:
     """Raises ConfigError for a profile that there is not, with the names that there are."""
     if name is not None:
-        from hil_bridge.errors import ConfigError
-        from protocol.devices.s3.adlp import settings_of_profile
-
-        try:
-            settings_of_profile(name)
-        except ValueError as error:
-            raise ConfigError(f"--link-{error}") from error
+        extension("check-link-profile", "--link-profile")(name)
     return name
 
 

@@ -1,5 +1,6 @@
-"""Commands of the S3: the subcommand `hil-bridge decode computer-link`."""
+"""Commands of the S3: the subcommand `hil-bridge decode computer-link`, and the values of `--link-profile`."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -33,3 +34,21 @@ def computer_link(hex_bytes: tuple[str, ...], orders_file: Path | None) -> None:
 
         orders = read_orders(orders_file, longest)
     print_items(describe(raw, max_telegram=longest, orders=orders))
+
+
+def link_profiles() -> Sequence[str]:
+    """Return the names of the settings that `--link-profile` takes."""
+    from protocol.devices.s3.adlp import PROFILES
+
+    return tuple(PROFILES)
+
+
+def check_link_profile(name: str) -> None:
+    """Raise ConfigError for an unknown name, with the known ones."""
+    from hil_bridge.errors import ConfigError
+    from protocol.devices.s3.adlp import settings_of_profile
+
+    try:
+        settings_of_profile(name)
+    except ValueError as error:
+        raise ConfigError(f"--link-{error}") from error
