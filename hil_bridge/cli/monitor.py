@@ -5,7 +5,11 @@ from typing import Any
 
 import click
 
+from hil_bridge.cli.entry_points import EXTENSIONS, extension
 from hil_bridge.console.paths import FILE
+
+_OTHERWISE = "monitor-s3"
+"""Extension that takes what names no other device: text captures, and the links of robots."""
 
 
 @click.command(short_help="Show a link, one line for each block.")
@@ -45,15 +49,12 @@ def monitor(
     Nothing is ever sent. Times are those at which the bytes were seen. In a recording, bytes from the PC are seen when
     they are handed to the port, before they are on the line.
     """
-    from hil_bridge.devices.kinds import SENSORS, robot_of
-    from hil_bridge.devices.robots.s3.orders_file import read_orders
-    from hil_bridge.devices.robots.s3.room import ROBOT as S3
-    from hil_bridge.devices.sensors.jr3.monitor import monitor_can
+    from hil_bridge.devices.kinds import SENSORS
     from hil_bridge.errors import ConfigError
+    from hil_bridge.errors.plugins import plugin_names
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.settings.devices import sensor_in
-    from hil_bridge.settings.kinds import settings_of
-    from hil_bridge.site.s3.monitor import monitor_file, monitor_link
+    from hil_bridge.site.monitoring import MonitorOptions
     from hil_bridge.site.traffic import (
         is_candump,
         is_recording,
@@ -61,7 +62,6 @@ def monitor(
         monitor_traffic,
         recorded_robot,
     )
-    from protocol.devices.s3.arap import KNOWN
 
     first = sources[0]
     if device and not (len(sources) == 1 and is_recording(Path(first))):
@@ -82,23 +82,7 @@ def monitor(
             )
         monitor_candump(Path(first), sensor, raw)
         return
-    settings = settings_of(config, S3).client
-    link, file = settings.link, settings.orders_file
-    named = orders_file or (Path(file) if file else None)
-    orders = read_orders(named, link.max_telegram) if named else KNOWN
-    if len(sources) == 1 and (Path(first).exists() or Path(first).suffix == ".mcap"):
-        monitor_file(Path(first), link if config_file else None, orders, raw)
-        return
-    if SENSORS.split(first)[0] == "jr3":
-        if len(sources) > 1:
-            raise ConfigError("one CAN bus at a time: give one URL")
-        monitor_can(SENSORS.split(first)[1], raw)
-        return
-    if len(sources) > 2:
-        raise ConfigError("two URLs at most: what the PC sends and what the robot sends")
-    wires = [robot_of(source) for source in sources]
-    if other := next((kind for kind, _ in wires if kind is not S3), None):
-        raise ConfigError(
-            f"a link is heard of an s3, not of a {other.name}; record a run, and name the recording"
-        )
-    monitor_link(tuple(wire for _, wire in wires), link, orders, raw, save)
+    kind = SENSORS.split(first)[0]
+    listener = f"monitor-{kind}" if f"monitor-{kind}" in plugin_names(EXTENSIONS) else _OTHERWISE
+    options = MonitorOptions(raw, save, config, config_file is not None, orders_file)
+    extension(listener, "monitor")(sources, options)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.entry_points import extension
 from hil_bridge.console.options import json_option, output_option, overwrite_option, tell, tell_json
 from hil_bridge.console.paths import FILE
 
@@ -57,13 +58,12 @@ def robot(
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.settings.kinds import settings_of
     from hil_bridge.site import robot_probe
-    from hil_bridge.site.s3.probe import probe_robot
 
     kind, wire = robot_of(url)
     settings = settings_of(load_config(config_file, {}), kind)
     if kind.name == "s3":
         say = partial(click.echo, err=as_json)
-        wire, settings = probe_robot(wire, out, patience_s, overwrite, say)
+        wire, settings = extension("probe-s3", "probe robot")(wire, out, patience_s, overwrite, say)
     elif out is not None:
         check_place(out, overwrite)
     found = robot_probe.probe_robot(kind, wire, settings)

@@ -11,16 +11,21 @@ from pydantic import TypeAdapter
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.console.printing import Printer, end, stop_on_signals
+from hil_bridge.devices.kinds import robot_of
+from hil_bridge.devices.robots.s3.orders_file import read_orders
+from hil_bridge.devices.robots.s3.room import ROBOT as S3
 from hil_bridge.devices.robots.s3.room import robot_wire
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import open_ordinary, parse_json, read_text
 from hil_bridge.record import read_link
+from hil_bridge.settings.kinds import settings_of
+from hil_bridge.site.monitoring import MonitorOptions
 from hil_bridge.site.s3.capture import Piece, Sender, link_pieces, parse_capture
 from hil_bridge.site.s3.link_monitor import Counts, LinkMonitor
 from hil_bridge.site.s3.printing import counts_text, print_lines
 from hil_bridge.transports import connect_bytes
 from protocol.devices.s3.adlp import LinkProfile
-from protocol.devices.s3.arap import OrderBook
+from protocol.devices.s3.arap import KNOWN, OrderBook
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 _TICK_S = 0.25
@@ -141,3 +146,23 @@ def _recorded_link(config: str) -> LinkProfile:
         return robot_wire(robot["url"], link)[1] if robot["url"] else link
     except (ValueError, TypeError, KeyError, ConfigError):
         return LinkProfile()
+
+
+def monitor(sources: Sequence[str], options: MonitorOptions) -> None:
+    """Show a file, or the links at one or two URLs, as the extension `monitor-s3`. Raises ConfigError."""
+    first = sources[0]
+    settings = settings_of(options.config, S3).client
+    link, file = settings.link, settings.orders_file
+    named = options.orders_file or (Path(file) if file else None)
+    orders = read_orders(named, link.max_telegram) if named else KNOWN
+    if len(sources) == 1 and (Path(first).exists() or Path(first).suffix == ".mcap"):
+        monitor_file(Path(first), link if options.is_configured else None, orders, options.raw)
+        return
+    if len(sources) > 2:
+        raise ConfigError("two URLs at most: what the PC sends and what the robot sends")
+    wires = [robot_of(source) for source in sources]
+    if other := next((kind for kind, _ in wires if kind is not S3), None):
+        raise ConfigError(
+            f"a link is heard of an s3, not of a {other.name}; record a run, and name the recording"
+        )
+    monitor_link(tuple(wire for _, wire in wires), link, orders, options.raw, options.save)

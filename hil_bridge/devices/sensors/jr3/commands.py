@@ -3,7 +3,9 @@
 `serve-jr3` serves a real board of this computer for a bridge on this or another one.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -86,3 +88,17 @@ def jr3_uart(hex_bytes: tuple[str, ...]) -> None:
     from protocol.devices.jr3.uart_gateway import describe
 
     print_items(describe(read_bytes(hex_bytes)))
+
+
+def monitor(sources: Sequence[str], options: Any) -> None:
+    """Show the frames of a CAN bus, as the extension `monitor-jr3` of `hil-bridge monitor`.
+
+    `options` are `hil_bridge.site.monitoring.MonitorOptions`. Raises ConfigError.
+    """
+    from hil_bridge.devices.kinds import SENSORS
+    from hil_bridge.devices.sensors.jr3.monitor import monitor_can
+    from hil_bridge.errors import ConfigError
+
+    if len(sources) > 1:
+        raise ConfigError("one CAN bus at a time: give one URL")
+    monitor_can(SENSORS.split(sources[0])[1], options.raw)
