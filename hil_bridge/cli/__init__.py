@@ -72,29 +72,17 @@ class _Commands(EntryPointGroup):
             )
         return command
 
-    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands by what they are for; those of plug-ins come last."""
-        installed = self.list_commands(context)
+        installed = self.list_commands(ctx)
         known = {name for names in HELP_SECTIONS.values() for name in names}
         sections = {**HELP_SECTIONS, PLUGINS: tuple(name for name in installed if name not in known)}
         width = max(map(len, installed), default=0)
         for title, names in sections.items():
-            rows = [
-                (f"{name:{width}}", self._short_help(context, name, formatter.width))
-                for name in names
-                if name in installed
-            ]
+            rows = self.short_helps(ctx, [name for name in names if name in installed], formatter.width)
             if rows:
                 with formatter.section(title):
-                    formatter.write_dl(rows)
-
-    def _short_help(self, context: click.Context, name: str, width: int) -> str:
-        """The line of a command in the help; of one that cannot be loaded, why."""
-        try:
-            command = self.get_command(context, name)
-        except ConfigError as error:
-            return str(error)
-        return "" if command is None else command.get_short_help_str(width)
+                    formatter.write_dl([(f"{name:{width}}", text) for name, text in rows])
 
     def make_context(self, *arguments: Any, **options: Any) -> click.Context:
         """Parse the command line, which may print help. Raises ReaderLeft."""

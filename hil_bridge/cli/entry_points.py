@@ -8,14 +8,14 @@ A package adds a command by the name that a user types:
 The object is a `click.Command`. Its module is imported when the command is used, and for the list of all commands.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib.metadata import EntryPoint
 from typing import Any
 
 import click
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.errors.offers import offered, package_of
+from hil_bridge.errors.offers import OWN, offered, package_of
 
 COMMANDS = "hil_bridge.commands"
 """Entry point group of the commands of `hil-bridge`."""
@@ -39,28 +39,38 @@ class EntryPointGroup(click.Group):
         """Return the command of this name; None if there is none. Raises ConfigError for one that cannot be loaded."""
         return super().get_command(ctx, cmd_name) or load_command(self.entry_points, cmd_name)
 
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of commands, also of those that cannot be loaded."""
+        names = self.list_commands(ctx)
+        if names:
+            with formatter.section("Commands"):
+                formatter.write_dl(self.short_helps(ctx, names, formatter.width - 6 - max(map(len, names))))
+
+    def short_helps(self, ctx: click.Context, names: Iterable[str], width: int) -> list[tuple[str, str]]:
+        """Return names with the line of each command in the help; of one that cannot be loaded, with the error."""
+        rows = []
+        for name in names:
+            try:
+                command = self.get_command(ctx, name)
+            except ConfigError as error:
+                rows.append((name, str(error)))
+            else:
+                rows.append((name, "" if command is None else command.get_short_help_str(width)))
+        return rows
+
 
 def load_command(group: str, name: str) -> click.Command | None:
     """Return the command of this name in an entry point group; None if there is none.
 
     Raises ConfigError that names the package when the command cannot be loaded, and when two packages offer it.
     """
-    points = list(offered().select(group=group, name=name))
-    if len(points) != 1:
-        return _explain(group, name) if points else None
-    (point,) = points
-    try:
-        command = point.load()
-    except ModuleNotFoundError as error:
-        raise _missing(point, error.name or point.module) from error
-    except (Exception, SystemExit):
-        return _explain(group, name)
-    if not isinstance(command, click.Command):
-        raise ConfigError(
-            f"the command {name!r} of {package_of(point)} is of type {type(command).__name__}; "
-            "it must be a click.Command"
-        )
-    return command
+    command = _load(group, "command", name)
+    if command is None or isinstance(command, click.Command):
+        return command
+    (point,) = offered().select(group=group, name=name)
+    raise ConfigError(
+        f"the command {name!r} of {package_of(point)} is of type {type(command).__name__}; it must be a click.Command"
+    )
 
 
 def extension(name: str, subject: str) -> Callable[..., Any]:
@@ -68,37 +78,47 @@ def extension(name: str, subject: str) -> Callable[..., Any]:
 
     `subject` is what it does, for the error. Raises ConfigError if it is not installed, or cannot be loaded.
     """
-    from hil_bridge.errors.extras import install_command
-    from hil_bridge.errors.plugins import find_plugin
+    function: Callable[..., Any] | None = _load(EXTENSIONS, "extension", name)
+    if function is None:
+        from hil_bridge.errors.extras import install_command
 
-    found = find_plugin(EXTENSIONS, "extension", name)
-    if found is None:
         raise ConfigError(
             f"{subject}: the extension {name!r} is not installed",
             remedy=f"install hil-bridge again: {install_command()}",
         )
-    function: Callable[..., Any] = found.value
     return function
 
 
-def _explain(group: str, name: str) -> click.Command | None:
-    """Raise ConfigError for a command that cannot be loaded. The import is slow, and needed for this alone."""
-    from hil_bridge.errors.plugins import find_plugin
+def _load(group: str, thing: str, name: str) -> Any:
+    """Return the object of this name in an entry point group; None if there is none. Raises ConfigError."""
+    points = list(offered().select(group=group, name=name))
+    if not points:
+        return None
+    if len(points) == 1:
+        try:
+            return points[0].load()
+        except ModuleNotFoundError as error:
+            raise _missing(points[0], thing, error.name or points[0].module) from error
+        except (Exception, SystemExit):  # find_plugin meets it again, and explains it
+            pass
+    from hil_bridge.errors.plugins import find_plugin  # slow, and needed for an error alone
 
-    found = find_plugin(group, "command", name)
+    found = find_plugin(group, thing, name)
     return None if found is None else found.value
 
 
-def _missing(point: EntryPoint, module: str) -> ConfigError:
-    """The error for a command one of whose modules is not installed."""
+def _missing(point: EntryPoint, thing: str, module: str) -> ConfigError:
+    """The error for an object one of whose modules is not installed."""
     from hil_bridge.errors.extras import NAME, install_command
 
     outermost = module.partition(".")[0]
     package = outermost
-    if outermost == point.module.partition(".")[0] and point.dist is not None:
+    if outermost in OWN:
+        package = NAME
+    elif outermost == point.module.partition(".")[0] and point.dist is not None:
         package = point.dist.name
     install = install_command() if package == NAME else f"pip install {package}"
     return ConfigError(
-        f"the command {point.name!r} of {package_of(point)} cannot be loaded: the module {module} is missing",
+        f"the {thing} {point.name!r} of {package_of(point)} cannot be loaded: the module {module} is missing",
         remedy=f"install it: {install}",
     )

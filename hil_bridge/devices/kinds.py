@@ -29,6 +29,7 @@ from hil_bridge.devices.matching import LateRobot, LateSensor, MatchRobot, Match
 from hil_bridge.devices.playing import Play
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import Cause, ConfigError
+from hil_bridge.errors.extras import install_command
 from hil_bridge.errors.plugins import find_plugin, plugin_names
 from hil_bridge.transports import Transport
 from hil_bridge.transports.urls import (
@@ -290,7 +291,13 @@ class Registry(Generic[_Kind]):
             )
             raise ConfigError(f"there is no {self.thing} {name!r}; {known}")
         module, _, attribute = self.built_in[name].partition(":")
-        kind: _Kind = getattr(import_module(module), attribute)
+        try:
+            kind: _Kind = getattr(import_module(module), attribute)
+        except ModuleNotFoundError as error:
+            raise ConfigError(
+                f"the {self.thing} {name!r} is not installed: the module {error.name} is missing",
+                remedy=f"install it: {install_command()}",
+            ) from error
         return kind
 
     def split(self, url: str) -> tuple[str, str]:

@@ -1,5 +1,6 @@
 """Commands of the command line by entry point: those of a plug-in, and those whose package is missing or broken."""
 
+import sys
 from importlib.metadata import EntryPoints
 from pathlib import Path
 
@@ -70,3 +71,29 @@ def test_command_of_ours_not_installed_names_the_remedy(
         hil("tune")
     )
     assert "No such command 'nothing'" in refused(hil("nothing"))
+
+
+def test_missing_module_of_a_device_is_one_line(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "hil_bridge.devices.robots.egm.room", None)
+    assert (
+        "the robot 'egm' is not installed: the module hil_bridge.devices.robots.egm.room is missing; "
+        in refused(hil("run", "--virtual", "--no-view", "--robot", "egm"))
+    )
+
+
+def test_missing_subcommand_leaves_the_help_of_its_group(
+    hil: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "hil_bridge.devices.robots.s3.commands", None)
+    assert "the command 'computer-link' of hil-bridge " in refused(hil("decode", "computer-link", "10"))
+    code, output, _ = hil("decode", "--help")
+    assert code == 0
+    assert "cannot be loaded" in " ".join(output.split())
+    assert "\n  jr3-can " in output
+
+
+def test_missing_extension_names_what_to_install(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "hil_bridge.lab.commands.results", None)
+    line = refused(hil("compare", "a.sqlite", "b.sqlite"))
+    assert "the extension 'compare-results' of hil-bridge " in line
+    assert "the module hil_bridge.lab.commands.results is missing; install it: pip install " in line
