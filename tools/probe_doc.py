@@ -12,13 +12,13 @@ import numpy as np
 
 from emulators.orders import Act, HeardOrder
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_commands.s3 import probe as s3_probe
 from hil_bridge.devices.kinds import ROBOTS
 from hil_bridge.errors import BridgeError
 from hil_bridge.runs.compose import emulated_cell
 from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.site import robot_probe
-from hil_bridge.site.s3 import probe as s3_probe
 from protocol.endpoint import Trouble
 from tools.pages import placed, table
 

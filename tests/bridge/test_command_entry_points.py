@@ -84,7 +84,7 @@ def test_missing_module_of_a_device_is_one_line(hil: Command, monkeypatch: pytes
 def test_missing_subcommand_leaves_the_help_of_its_group(
     hil: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "hil_bridge.devices.robots.s3.commands", None)
+    monkeypatch.setitem(sys.modules, "hil_bridge.device_commands.s3.commands", None)
     assert "the command 'computer-link' of hil-bridge " in refused(hil("decode", "computer-link", "10"))
     code, output, _ = hil("decode", "--help")
     assert code == 0

@@ -21,6 +21,7 @@ import hil_bridge
 from hil_bridge.cli import cli
 from hil_bridge.cli.export import FORMAT_NAMES
 from hil_bridge.control.sample import Sample
+from hil_bridge.device_commands.s3.capture import link_pieces, parse_capture
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import (
     CycleRecord,
@@ -36,7 +37,6 @@ from hil_bridge.record.export import FORMATS, export
 from hil_bridge.record.export.can_logs import asc, blf, candump
 from hil_bridge.record.export.tables import COLUMNS_MAX, as_csv, cycle_table, sensor_table
 from hil_bridge.record.export.traffic import WireFrame, can_frames, wire_text
-from hil_bridge.site.s3.capture import link_pieces, parse_capture
 from hil_bridge.transports.can.message import from_message
 from protocol.can.frame import CanFrame
 from protocol.wrench import AXES

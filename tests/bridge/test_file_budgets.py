@@ -15,13 +15,13 @@ import zstandard
 from click.testing import CliRunner
 
 from hil_bridge.cli.why import why
+from hil_bridge.device_commands.s3.monitor import monitor_file
 from hil_bridge.devices.robots.s3.program_folder import read_programs
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import TOML_LIMIT_BYTES, parse_toml, read_text
 from hil_bridge.lab.campaign.store import FORMAT, Store
 from hil_bridge.record import mcap_file, read
 from hil_bridge.settings.configuration import load_config
-from hil_bridge.site.s3.monitor import monitor_file
 from hil_bridge.site.traffic import is_recording
 from protocol.devices.s3.arap import KNOWN
 

@@ -14,16 +14,16 @@ from hypothesis import strategies as st
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.console.printing import Printer
+from hil_bridge.device_commands.s3.capture import Piece, Sender, link_pieces, parse_capture
+from hil_bridge.device_commands.s3.link_monitor import Line, LinkMonitor
+from hil_bridge.device_commands.s3.monitor import listen
+from hil_bridge.device_commands.s3.wording import telegram_text
 from hil_bridge.devices.sensors.jr3.monitor import frame_text, listen_can
 from hil_bridge.errors import ConfigError, TransportEnded
 from hil_bridge.record import LinkLog, LinkRecord, read, read_link
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import load_config
-from hil_bridge.site.s3.capture import Piece, Sender, link_pieces, parse_capture
-from hil_bridge.site.s3.link_monitor import Line, LinkMonitor
-from hil_bridge.site.s3.monitor import listen
-from hil_bridge.site.s3.wording import telegram_text
 from hil_bridge.transports import connect_can, listen_bytes
 from protocol.devices.jr3 import parse_frame
 from protocol.devices.s3.adlp import LinkProfile, NoticeKind, encode_block

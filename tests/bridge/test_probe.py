@@ -9,6 +9,17 @@ from typing import Any
 import pytest
 
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_commands.s3.probe import (
+    find_trouble,
+    finding_rows,
+    probe,
+    profile_evidence,
+    site_toml,
+    try_text,
+    url_with_line,
+)
+from hil_bridge.device_commands.s3.prober import Prober, Said, profile_of
+from hil_bridge.device_commands.s3.search import Finding, Outcome, Query, Reply, Search, Try, likely_lines
 from hil_bridge.devices.robots.s3.room import ROBOT as S3
 from hil_bridge.errors import ConfigError, TransportUnavailable
 from hil_bridge.record import Outcome as RunOutcome
@@ -20,17 +31,6 @@ from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.settings.kinds import settings_of
-from hil_bridge.site.s3.probe import (
-    find_trouble,
-    finding_rows,
-    probe,
-    profile_evidence,
-    site_toml,
-    try_text,
-    url_with_line,
-)
-from hil_bridge.site.s3.prober import Prober, Said, profile_of
-from hil_bridge.site.s3.search import Finding, Outcome, Query, Reply, Search, Try, likely_lines
 from hil_bridge.transports import LineSettings, Parity, Tap, listen_bytes
 from hil_bridge.transports.pump import Pump
 from protocol.devices.s3.adlp import Control, DleStuffing, LengthStyle, LinkProfile, encode_block

@@ -14,6 +14,7 @@ from emulators.devices.rtde import RtdeRobot
 from emulators.seams import StartPose
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_commands.rtde.force_source import ForceOptions, ForceSource, feed, make_surface
 from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.kinds import ROBOTS
 from hil_bridge.devices.robots.rtde import serving as ports
@@ -24,7 +25,6 @@ from hil_bridge.errors import BridgeError, ConfigError, DeviceError
 from hil_bridge.record import read
 from hil_bridge.settings.configuration import Config, read_config
 from hil_bridge.settings.kinds import settings_of
-from hil_bridge.site.force_source import ForceOptions, ForceSource, feed, make_surface
 from protocol.devices.rtde import packets
 from protocol.devices.rtde.force import ForceClient, Lost, Seen
 from protocol.devices.rtde.packets import Kind

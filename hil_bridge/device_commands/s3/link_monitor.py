@@ -10,8 +10,8 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from hil_bridge.site.s3.capture import Piece, Sender
-from hil_bridge.site.s3.wording import telegram_text
+from hil_bridge.device_commands.s3.capture import Piece, Sender
+from hil_bridge.device_commands.s3.wording import telegram_text
 from protocol.devices.s3.adlp import (
     BLOCK_OVERHEAD,
     CHUNK,

@@ -4,7 +4,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from hil_bridge.site.s3.search import Outcome, Query, Reply, Try
+from hil_bridge.device_commands.s3.search import Outcome, Query, Reply, Try
 from hil_bridge.transports import LineSettings, Parity
 from protocol.devices.s3.adlp import Control, LinkFailure, LinkProfile
 from protocol.devices.s3.arap import (

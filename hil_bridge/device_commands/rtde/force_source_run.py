@@ -6,10 +6,10 @@ from contextlib import suppress
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import real_time_thread
+from hil_bridge.device_commands.rtde.force_source import ForceOptions, feed
 from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.settings.configuration import Config
-from hil_bridge.site.force_source import ForceOptions, feed
 
 
 def run_source(url: str, config: Config, options: ForceOptions, duration_s: float | None) -> str:

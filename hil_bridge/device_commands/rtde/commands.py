@@ -43,11 +43,11 @@ def force_source(
     `hil-bridge emulate robot --robot rtde`. Its program that plays is ended at the start, unless --keep-program is
     given. Ctrl-C takes the force away and ends.
     """
+    from hil_bridge.device_commands.rtde.force_source import ForceOptions
+    from hil_bridge.device_commands.rtde.force_source_run import run_source
     from hil_bridge.devices.kinds import robot_of
     from hil_bridge.errors import ConfigError
     from hil_bridge.settings.configuration import load_config
-    from hil_bridge.site.force_source import ForceOptions
-    from hil_bridge.site.force_source_run import run_source
 
     kind, _ = robot_of(url)
     if kind.name != "rtde":

@@ -11,6 +11,9 @@ from pydantic import TypeAdapter
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.console.printing import Printer, end, stop_on_signals
+from hil_bridge.device_commands.s3.capture import Piece, Sender, link_pieces, parse_capture
+from hil_bridge.device_commands.s3.link_monitor import Counts, LinkMonitor
+from hil_bridge.device_commands.s3.printing import counts_text, print_lines
 from hil_bridge.devices.kinds import robot_of
 from hil_bridge.devices.robots.s3.orders_file import read_orders
 from hil_bridge.devices.robots.s3.room import ROBOT as S3
@@ -20,9 +23,6 @@ from hil_bridge.errors.text_files import open_ordinary, parse_json, read_text
 from hil_bridge.record import read_link
 from hil_bridge.settings.kinds import settings_of
 from hil_bridge.site.monitoring import MonitorOptions
-from hil_bridge.site.s3.capture import Piece, Sender, link_pieces, parse_capture
-from hil_bridge.site.s3.link_monitor import Counts, LinkMonitor
-from hil_bridge.site.s3.printing import counts_text, print_lines
 from hil_bridge.transports import connect_bytes
 from protocol.devices.s3.adlp import LinkProfile
 from protocol.devices.s3.arap import KNOWN, OrderBook

@@ -1,8 +1,8 @@
 """The lines of a link monitor on a terminal."""
 
 from hil_bridge.console.printing import Printer, Row
-from hil_bridge.site.s3.capture import Sender
-from hil_bridge.site.s3.link_monitor import Counts, LinkMonitor
+from hil_bridge.device_commands.s3.capture import Sender
+from hil_bridge.device_commands.s3.link_monitor import Counts, LinkMonitor
 
 _DIRECTIONS = {Sender.PC: "PC→S3", Sender.ROBOT: "S3→PC", Sender.UNKNOWN: "?"}
 

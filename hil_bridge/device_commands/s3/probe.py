@@ -11,6 +11,16 @@ from urllib.parse import parse_qsl, quote, urlencode
 import click
 
 from hil_bridge.clock import Clock, run_real
+from hil_bridge.device_commands.s3.prober import ProbeEvent, Prober, Said, profile_of
+from hil_bridge.device_commands.s3.search import (
+    LINE_WRONG,
+    Finding,
+    Outcome,
+    Reply,
+    Search,
+    Try,
+    likely_lines,
+)
 from hil_bridge.devices.kinds import KindSettings, default_settings
 from hil_bridge.devices.robots.s3.room import ROBOT as S3
 from hil_bridge.devices.robots.s3.room import robot_wire
@@ -19,8 +29,6 @@ from hil_bridge.errors import DeviceError, TransportUnavailable
 from hil_bridge.errors.text_files import toml_pair
 from hil_bridge.record.files import check_place, write_whole
 from hil_bridge.site.robot_probe import FOUND, TO_FILL_IN
-from hil_bridge.site.s3.prober import ProbeEvent, Prober, Said, profile_of
-from hil_bridge.site.s3.search import LINE_WRONG, Finding, Outcome, Reply, Search, Try, likely_lines
 from hil_bridge.transports import LineSettings, Parity, Transport, connect_bytes
 from hil_bridge.transports.pump import Pump
 from hil_bridge.transports.urls import CONNECT_BYTES, parse_url

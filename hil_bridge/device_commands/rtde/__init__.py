@@ -1,0 +1,1 @@
+"""Commands for controllers of Universal Robots: `force-source`."""
