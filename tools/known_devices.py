@@ -75,9 +75,9 @@ def known_devices() -> str:
         "drivers and documents of others are the witnesses, and files that others recorded of real devices. "
         "[Fidelity](../../explanation/fidelity.md) tells what each of them showed.",
         "## Robots",
-        _overview(ROBOTS.built_in, config),
+        _overview(ROBOTS.own, config),
         "## Sensors",
-        _overview(SENSORS.built_in, config),
+        _overview(SENSORS.own, config),
         "An S3 is asked; its cycle is as long as its line takes. A sensor without a cycle tells it in its stream.",
         "## What held them",
         table(
@@ -96,7 +96,7 @@ def known_devices() -> str:
 
 
 def _overview(names: Mapping[str, str], config: Config) -> str:
-    registry = ROBOTS if names is ROBOTS.built_in else SENSORS
+    registry = ROBOTS if names is ROBOTS.own else SENSORS
     kinds: list[DeviceKind] = [registry.kind(name) for name in names]
     rows = ((_link(kind.name), kind.summary, _scheme(kind, config), _cycle(kind, config)) for kind in kinds)
     return table(("kind", "device and wire", "emulated device listens on", "cycle"), rows)
@@ -129,7 +129,7 @@ def _cycle(kind: DeviceKind, config: Config) -> str:
 def _mark_rows(config: Config) -> Iterator[tuple[object, ...]]:
     by_section: dict[str, list[DeviceKind]] = {}
     for registry in (ROBOTS, SENSORS):
-        for kind in map(registry.kind, registry.built_in):
+        for kind in map(registry.kind, registry.own):
             by_section.setdefault(section_of(kind), []).append(kind)
     for section, kinds in by_section.items():
         marks = count_marks(config, section)

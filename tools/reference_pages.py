@@ -112,7 +112,7 @@ def wires() -> str:
     kinds = [
         (f"`{kind.name}`", thing, kind.summary)
         for registry, thing in ((ROBOTS, "robot"), (SENSORS, "sensor"))
-        for kind in map(registry.kind, registry.built_in)
+        for kind in map(registry.kind, registry.own)
     ]
     return (
         "# URLs of robots, sensors and wires\n\n"
@@ -134,7 +134,7 @@ def panels() -> str:
         "page of `emulate --web` and of `run --web` has the same controls as buttons. "
         "[The robot alone](../../how-to/robot-alone.md) shows both.",
     ]
-    for kind in map(ROBOTS.kind, ROBOTS.built_in):
+    for kind in map(ROBOTS.kind, ROBOTS.own):
         emulation = kind.emulation
         assert emulation is not None
         assert emulation.controls is not None

@@ -124,7 +124,7 @@ async def go_down(url: str) -> None:
 def measure(names: Sequence[str], before: object) -> list[dict[str, object]]:
     """All commands with all robots, one after the other."""
     rows = []
-    for kind, (name, command) in itertools.product(ROBOTS.built_in, COMMANDS.items()):
+    for kind, (name, command) in itertools.product(ROBOTS.own, COMMANDS.items()):
         attempts, end = 1, command(kind)
         while end.code and attempts < TRIES:
             attempts, end = attempts + 1, command(kind)

@@ -9,13 +9,12 @@ The object is a `click.Command`. Its module is imported when the command is used
 """
 
 from collections.abc import Callable, Iterable
-from importlib.metadata import EntryPoint
 from typing import Any
 
 import click
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.errors.offers import OWN, offered, package_of
+from hil_bridge.errors.offers import offered, package_of
 
 COMMANDS = "hil_bridge.commands"
 """Entry point group of the commands of `hil-bridge`."""
@@ -97,28 +96,9 @@ def _load(group: str, thing: str, name: str) -> Any:
     if len(points) == 1:
         try:
             return points[0].load()
-        except ModuleNotFoundError as error:
-            raise _missing(points[0], thing, error.name or points[0].module) from error
         except (Exception, SystemExit):  # find_plugin meets it again, and explains it
             pass
     from hil_bridge.errors.plugins import find_plugin  # slow, and needed for an error alone
 
     found = find_plugin(group, thing, name)
     return None if found is None else found.value
-
-
-def _missing(point: EntryPoint, thing: str, module: str) -> ConfigError:
-    """The error for an object one of whose modules is not installed."""
-    from hil_bridge.errors.extras import NAME, install_command
-
-    outermost = module.partition(".")[0]
-    package = outermost
-    if outermost in OWN:
-        package = NAME
-    elif outermost == point.module.partition(".")[0] and point.dist is not None:
-        package = point.dist.name
-    install = install_command() if package == NAME else f"pip install {package}"
-    return ConfigError(
-        f"the {thing} {point.name!r} of {package_of(point)} cannot be loaded: the module {module} is missing",
-        remedy=f"install it: {install}",
-    )

@@ -26,7 +26,7 @@ def _robots_with() -> dict[str, tuple[str, list[str]]]:
     from hil_bridge.devices.kinds import ROBOTS
 
     known: dict[str, tuple[str, list[str]]] = {}
-    for kind in map(ROBOTS.kind, ROBOTS.built_in):
+    for kind in map(ROBOTS.kind, ROBOTS.own):
         controls = None if kind.emulation is None else kind.emulation.controls
         for name, control in ({} if controls is None else controls.controls).items():
             call = f"{name} {'|'.join(control.choices)}"

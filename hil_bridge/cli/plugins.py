@@ -80,7 +80,7 @@ def _rows(with_own: bool) -> list[dict[str, str]]:
         ("step", kinds.step_kind, kinds.GROUP, list(kinds.BUILT_IN)),
     ]
     trials = {"controller": controllers.trial, "step": kinds.trial}
-    found += [(one.thing, one.kind, one.group, list(one.built_in)) for one in (ROBOTS, SENSORS, SURFACES)]
+    found += [(one.thing, one.kind, one.group, list(one.own)) for one in (ROBOTS, SENSORS, SURFACES)]
     rows = []
     for thing, choose, group, own in found:
         mine = [(name, OWN, "") for name in own] if with_own else []

@@ -2,7 +2,7 @@
 
 A URL names its kind before the wire, `KIND+WIRE`: `s3+serial:///dev/ttyUSB0`, `jr3+can+socketcan://can0`.
 
-Another package offers a kind through an entry point, by the name of the kind:
+A package offers a kind through an entry point, by the name of the kind, as hil-bridge itself does:
 
     [project.entry-points."hil_bridge.robots"]
     mydev = "mydev.room:ROBOT"
@@ -14,9 +14,7 @@ Kinds of one device behind several receivers may share their sections.
 """
 
 from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, fields
-from importlib import import_module
 from typing import Any, Generic, NamedTuple, Self, TypeAlias, TypeVar
 
 from emulators.cell import OWN_FAULTS, CellProfile
@@ -29,8 +27,7 @@ from hil_bridge.devices.matching import LateRobot, LateSensor, MatchRobot, Match
 from hil_bridge.devices.playing import Play
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import Cause, ConfigError
-from hil_bridge.errors.extras import install_command
-from hil_bridge.errors.plugins import find_plugin, plugin_names
+from hil_bridge.errors.plugins import find_plugin, own_names, plugin_names
 from hil_bridge.transports import Transport
 from hil_bridge.transports.urls import (
     CONNECT_BYTES,
@@ -43,24 +40,6 @@ from hil_bridge.transports.urls import (
 from protocol.can.dbc import CanMessage
 from protocol.marks import Mark, setting
 from protocol.wrench import SensorClient
-
-_ROBOTS = {
-    "s3": "hil_bridge.devices.robots.s3.room:ROBOT",
-    "egm": "hil_bridge.devices.robots.egm.room:ROBOT",
-    "rsi": "hil_bridge.devices.robots.rsi.room:ROBOT",
-    "rtde": "hil_bridge.devices.robots.rtde.room:ROBOT",
-}
-_SENSORS = {
-    "jr3": "hil_bridge.devices.sensors.jr3.room:CAN_GATEWAY",
-    "jr3-uart": "hil_bridge.devices.sensors.jr3.room:UART_GATEWAY",
-    "jr3-board": "hil_bridge.devices.sensors.jr3.room:RECEIVER_BOARD",
-    "netft": "hil_bridge.devices.sensors.netft.room:SENSOR",
-    "ft300": "hil_bridge.devices.sensors.ft300.room:SENSOR",
-    "ft300-urcap": "hil_bridge.devices.sensors.ft300.room:URCAP",
-    "ati-can": "hil_bridge.devices.sensors.ati_can.room:SENSOR",
-}
-_SURFACES = {"soft-body": "hil_bridge.devices.surfaces.soft_body:SOFT_BODY"}
-
 
 _Client = TypeVar("_Client")
 _Emulated = TypeVar("_Emulated")
@@ -261,44 +240,35 @@ _Kind = TypeVar("_Kind", RobotKind[Any, Any], SensorKind[Any, Any], SurfaceKind)
 
 @dataclass(frozen=True, slots=True)
 class Registry(Generic[_Kind]):
-    """All kinds of one thing, ours and those of other packages. A room is imported when its kind is chosen."""
+    """All kinds of one thing that installed packages offer. A room is imported when its kind is chosen."""
 
     thing: str
     group: str
-    built_in: Mapping[str, str]
-    """Module and attribute of our own, by name."""
     type: type[_Kind]
 
     @property
     def names(self) -> Sequence[str]:
-        """Names of all kinds, ours first."""
-        return [*self.built_in, *(name for name in plugin_names(self.group) if name not in self.built_in)]
+        """Names of all kinds, sorted."""
+        return plugin_names(self.group)
+
+    @property
+    def own(self) -> Sequence[str]:
+        """Names of the kinds that come with hil-bridge, sorted."""
+        return own_names(self.group)
 
     def kind(self, name: str) -> _Kind:
-        """The kind of a name. Raises ConfigError for a name that is not known, and for a package that is broken."""
-        found = find_plugin(self.group, self.thing, name, self.built_in)
-        if found is not None:
-            if not (isinstance(found.value, self.type) and found.value.name == name):
-                raise ConfigError(
-                    f"{found.where}: {found.source} must be a {self.type.__name__} of that name"
-                )
-            if fault := fault_of(found.value, _SECTIONS):
-                raise ConfigError(f"{found.where}: {found.source} cannot be used: {fault}")
-            return found.value
-        if name not in self.built_in:
+        """Return the kind of a name. Raises ConfigError for an unknown name, and for a kind that cannot be used."""
+        found = find_plugin(self.group, self.thing, name)
+        if found is None:
             known = (
                 f"choose one of {', '.join(self.names)}" if self.names else "no installed package offers one"
             )
             raise ConfigError(f"there is no {self.thing} {name!r}; {known}")
-        module, _, attribute = self.built_in[name].partition(":")
-        try:
-            kind: _Kind = getattr(import_module(module), attribute)
-        except ModuleNotFoundError as error:
-            raise ConfigError(
-                f"the {self.thing} {name!r} is not installed: the module {error.name} is missing",
-                remedy=f"install it: {install_command()}",
-            ) from error
-        return kind
+        if not (isinstance(found.value, self.type) and found.value.name == name):
+            raise ConfigError(f"{found.where}: {found.source} must be a {self.type.__name__} of that name")
+        if fault := fault_of(found.value, _SECTIONS):
+            raise ConfigError(f"{found.where}: {found.source} cannot be used: {fault}")
+        return found.value
 
     def split(self, url: str) -> tuple[str, str]:
         """The kind that a URL names, and the wire's URL; "" where it names none."""
@@ -319,9 +289,9 @@ class CellSection(CellProfile):
 
 _SECTIONS = frozenset(field.name for field in fields(CellSection))
 """Names in the section of the cell that no kind may have."""
-ROBOTS: Registry[RobotKind[Any, Any]] = Registry("robot", "hil_bridge.robots", _ROBOTS, RobotKind)
-SENSORS: Registry[SensorKind[Any, Any]] = Registry("sensor", "hil_bridge.sensors", _SENSORS, SensorKind)
-SURFACES: Registry[SurfaceKind] = Registry("surface", "hil_bridge.surfaces", _SURFACES, SurfaceKind)
+ROBOTS: Registry[RobotKind[Any, Any]] = Registry("robot", "hil_bridge.robots", RobotKind)
+SENSORS: Registry[SensorKind[Any, Any]] = Registry("sensor", "hil_bridge.sensors", SensorKind)
+SURFACES: Registry[SurfaceKind] = Registry("surface", "hil_bridge.surfaces", SurfaceKind)
 
 
 def section_of(kind: DeviceKind | SurfaceKind) -> str:
@@ -340,11 +310,6 @@ def default_settings(
 ) -> KindSettings[Any, Any]:
     """The settings of a device of which a configuration says nothing."""
     return KindSettings(kind.settings(), None if kind.emulation is None else kind.emulation.settings())
-
-
-def usual_bus() -> CanBus:
-    """The CAN bus of the first of our kinds that has one: what an interface is for that no sensor's URL names."""
-    return next(kind.bus for kind in map(SENSORS.kind, SENSORS.built_in) if kind.bus is not None)
 
 
 def robot_of(url: str) -> tuple[RobotKind[Any, Any], str]:
@@ -379,22 +344,29 @@ def _with_usual_wires(url: str, registry: Registry[Any]) -> str:
         return ""
     if not colon and "." not in host and host != "localhost":
         return ""
-    kinds = [registry.kind(name)] if colon else map(registry.kind, registry.built_in)
+    kinds = [registry.kind(name)] if colon else map(registry.kind, registry.own)
     wires = ((kind.name, getattr(kind, "usual_wire", "")) for kind in kinds)
     return " or ".join(f"{kind}+{wire.format(host=host)}" for kind, wire in wires if wire)
 
 
 def _meant(url: str, registry: Registry[Any]) -> str:
-    """The URL of the first of our kinds that takes this wire, perhaps without one of its options; empty for none."""
+    """Return the URLs of our kinds that take this wire, perhaps without one of its options; empty for none."""
     head, _, query = url.partition("?")
     options = [option for option in query.split("&") if option]
     for left in (options, *(options[:k] + options[k + 1 :] for k in range(len(options)))):
         wire = f"{head}?{'&'.join(left)}" if left else head
-        for kind in map(registry.kind, registry.built_in):
-            with suppress(ConfigError):
-                kind.parse(wire, default_settings(kind))
-                return f"{kind.name}+{wire}"
+        if taking := [kind.name for kind in map(registry.kind, registry.own) if _takes(kind, wire)]:
+            return " or ".join(f"{name}+{wire}" for name in taking)
     return ""
+
+
+def _takes(kind: DeviceKind, wire: str) -> bool:
+    """Return whether a wire's URL can be of this kind."""
+    try:
+        kind.parse(wire, default_settings(kind))
+    except ConfigError:
+        return False
+    return True
 
 
 Faults: TypeAlias = Mapping[str, Mapping[str, Fault]]
@@ -457,8 +429,8 @@ class EmulatedKinds(NamedTuple):
 
     def others_with(self, on: str, fault: str, given: Mapping[str, object]) -> str:
         """The kinds of our own to choose instead, for a fault that this cell cannot have; empty for none."""
-        robots = [(kind.name, self._replace(robot=kind)) for kind in map(ROBOTS.kind, ROBOTS.built_in)]
-        sensors = [(kind.name, self._replace(sensor=kind)) for kind in map(SENSORS.kind, SENSORS.built_in)]
+        robots = [(kind.name, self._replace(robot=kind)) for kind in map(ROBOTS.kind, ROBOTS.own)]
+        sensors = [(kind.name, self._replace(sensor=kind)) for kind in map(SENSORS.kind, SENSORS.own)]
         for key, now, cells in (
             ("robot.emulated", self.robot, robots),
             ("sensor.emulated", self.sensor, sensors),

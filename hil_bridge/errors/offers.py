@@ -21,7 +21,7 @@ GROUPS = tuple(
 )
 """Entry point groups that are looked through."""
 OWN = frozenset(("hil_bridge", "emulators", "protocol"))
-"""Outermost modules of hil-bridge itself, whose commands are entry points, too."""
+"""Outermost modules of hil-bridge itself, whose commands and kinds of devices are entry points, too."""
 
 
 def offered() -> EntryPoints:
@@ -45,7 +45,16 @@ def package_of(point: EntryPoint) -> str:
     return f"{point.dist.name} {point.dist.version}" if point.dist else "an unknown package"
 
 
+def outermost_module(point: EntryPoint) -> str:
+    """Return the outermost module of an offer."""
+    return point.value.partition(":")[0].partition(".")[0].strip()
+
+
+def is_own(point: EntryPoint) -> bool:
+    """Return whether an offer comes with hil-bridge itself."""
+    return outermost_module(point) in OWN
+
+
 def packages_of_modules() -> dict[str, str]:
-    """Other packages that offer anything, with their versions, by the outermost module of their offers."""
-    modules = {point: point.value.partition(":")[0].partition(".")[0].strip() for point in offered()}
-    return {module: package_of(point) for point, module in modules.items() if module not in OWN}
+    """Return the plug-ins, with their versions, by the outermost module of their offers."""
+    return {outermost_module(point): package_of(point) for point in offered() if not is_own(point)}

@@ -1,5 +1,4 @@
-"""Extensions from other packages, found through entry points: controllers, robots, sensors,
-steps, surfaces.
+"""Objects that packages offer through entry points: controllers, robots, sensors, steps, surfaces, rewards.
 
 A package offers one in its pyproject.toml, for example:
 
@@ -15,9 +14,10 @@ from importlib.metadata import EntryPoint
 from typing import Any
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.extras import NAME, install_command
 from hil_bridge.errors.failures import failure
 from hil_bridge.errors.moved_names import SINCE, old_names
-from hil_bridge.errors.offers import offered, package_of
+from hil_bridge.errors.offers import OWN, is_own, offered, outermost_module, package_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,14 +32,19 @@ class Found:
 
 
 def plugin_names(group: str) -> list[str]:
-    """Names that other packages offer in an entry point group, each once, sorted."""
+    """Return the names that packages offer in an entry point group, each once, sorted."""
     return sorted({point.name for point in offered().select(group=group)})
 
 
+def own_names(group: str) -> list[str]:
+    """Return the names that hil-bridge itself offers in an entry point group, sorted."""
+    return sorted({point.name for point in offered().select(group=group) if is_own(point)})
+
+
 def offers(group: str) -> list[tuple[str, str, str]]:
-    """Offers of other packages in an entry point group: name, package with version, and place in it, sorted."""
+    """Return what plug-ins offer in an entry point group: name, package with version, and place in it, sorted."""
     points = offered().select(group=group)
-    return sorted({(point.name, package_of(point), point.value) for point in points})
+    return sorted({(point.name, package_of(point), point.value) for point in points if not is_own(point)})
 
 
 def find_plugin(group: str, thing: str, name: str, built_in: Collection[str] = ()) -> Found | None:
@@ -64,10 +69,28 @@ def find_plugin(group: str, thing: str, name: str, built_in: Collection[str] = (
         )
     try:
         return Found(point.load(), where, point.value)
+    except ModuleNotFoundError as error:
+        if not is_own(point):
+            refuse_old_names(where, point.module, failure(error))
+        raise missing(point, where, error.name or point.module) from error
     # Foreign code may raise anything while it is imported.
     except (Exception, SystemExit) as error:
         refuse_old_names(where, point.module, failure(error))
         raise ConfigError(f"{where} cannot be loaded: {failure(error)}") from error
+
+
+def missing(point: EntryPoint, where: str, module: str) -> ConfigError:
+    """Return the error for an object, named by `where`, one of whose modules is not installed."""
+    outermost = module.partition(".")[0]
+    package = outermost
+    if outermost in OWN:
+        package = NAME
+    elif outermost == outermost_module(point) and point.dist is not None:
+        package = point.dist.name
+    install = install_command() if package == NAME else f"pip install {package}"
+    return ConfigError(
+        f"{where} cannot be loaded: the module {module} is missing", remedy=f"install it: {install}"
+    )
 
 
 def refuse_old_names(where: str, module: str, failed: str = "") -> None:

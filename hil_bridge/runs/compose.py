@@ -167,7 +167,7 @@ async def connect_robot(robot: Robot, wiring: Wiring) -> RobotLink:
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
     link: RobotLink = await robot.kind.connect(robot.url, robot.settings, wiring)
-    if robot.kind.name in ROBOTS.built_in:
+    if robot.kind.name in ROBOTS.own:
         return link
     if not callable(getattr(link, "motion", None)):
         raise WrongAnswer(robot.kind, "connect", link, "a robot link")

@@ -344,7 +344,7 @@ def _config_class(chosen: Chosen) -> type[Config]:
 
 def with_all_kinds() -> Config:
     """Every setting at its default, with the sections of all kinds of our own."""
-    return _config_class(Chosen(tuple(ROBOTS.built_in), tuple(SENSORS.built_in)))()
+    return _config_class(Chosen(tuple(ROBOTS.own), tuple(SENSORS.own)))()
 
 
 def read_config(values: Mapping[str, Any]) -> Config:
@@ -457,14 +457,14 @@ def explain(
 def _with_kinds_of(location: Sequence[str]) -> Config:
     """The defaults of all kinds of our own, and of those of other packages of which this key speaks."""
     robots, sensors, surfaces = (
-        (*registry.built_in, *(name for name in registry.names if _is_named(registry, name, location)))
+        (*registry.own, *(name for name in registry.names if _is_named(registry, name, location)))
         for registry in (ROBOTS, SENSORS, SURFACES)
     )
     return _config_class(Chosen(robots, sensors, surfaces))()
 
 
 def _is_named(registry: Registry[Any], name: str, location: Sequence[str]) -> bool:
-    return name not in registry.built_in and field_name(name) in location
+    return name not in registry.own and field_name(name) in location
 
 
 def _at(location: Sequence[str]) -> object:

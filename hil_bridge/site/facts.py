@@ -16,7 +16,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from hil_bridge.devices.kinds import CanBus, usual_bus
+from hil_bridge.devices.kinds import CanBus
 
 _ARPHRD_CAN = 280
 """Type of a CAN interface. Source: Linux, if_arp.h."""
@@ -203,8 +203,7 @@ def can_interface(
     details: Mapping[str, Mapping[str, Any]] | None,
     bus: CanBus | None = None,
 ) -> Fact:
-    """One interface by its name, for a device on this bus, or for the usual one."""
-    bus = bus or usual_bus()
+    """One interface by its name; its bit rate is judged for a device on this bus."""
     subject, folder = f"CAN interface {name}", root / "sys/class/net" / name
     if _read(folder / "type") != str(_ARPHRD_CAN):
         there = ", ".join(can_names(root)) or "none"
@@ -213,7 +212,9 @@ def can_interface(
     up = flags.startswith("0x") and bool(int(flags, 16) & _IFF_UP)
     told = (details or {}).get(name, {})
     kind = str(told.get("kind", ""))
-    bring_up = f"`sudo ip link set {name} up type can bitrate {bus.bitrate} restart-ms 100`"
+    bring_up = (
+        f"`sudo ip link set {name} up type can bitrate {bus.bitrate if bus else 'RATE'} restart-ms 100`"
+    )
     if not up:
         remedy = f"`sudo ip link set {name} up`" if kind == "vcan" else bring_up
         return fail(subject, "is down", remedy)
@@ -224,7 +225,7 @@ def can_interface(
     counters = "error counters sent {}, received {}".format(*errors) if any(errors) else ""
     parts = ("is up", f"{bitrate} bit/s" if bitrate else "", state.lower(), counters)
     text = ", ".join(filter(None, parts))
-    if bitrate is not None and bitrate != bus.bitrate:
+    if bus is not None and bitrate is not None and bitrate != bus.bitrate:
         return fail(
             subject,
             f"{text}; {bus.device} speaks {bus.bitrate}",

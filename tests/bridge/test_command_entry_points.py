@@ -37,12 +37,12 @@ def test_command_of_a_plugin_runs_and_is_in_the_help(
     [
         (
             "other = m_nowhere.cli:other",
-            "the command 'other' of mine 1.0 cannot be loaded: the module m_nowhere is missing; "
+            "command 'other' of mine 1.0 cannot be loaded: the module m_nowhere is missing; "
             "install it: pip install mine",
         ),
         (
             "other = m_needs:other",
-            "the command 'other' of mine 1.0 cannot be loaded: the module m_absent is missing; "
+            "command 'other' of mine 1.0 cannot be loaded: the module m_absent is missing; "
             "install it: pip install m_absent",
         ),
         ("other = m_needs_nothing:absent", "command 'other' of mine 1.0 cannot be loaded: AttributeError"),
@@ -76,7 +76,7 @@ def test_command_of_ours_not_installed_names_the_remedy(
 def test_missing_module_of_a_device_is_one_line(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "hil_bridge.devices.robots.egm.room", None)
     assert (
-        "the robot 'egm' is not installed: the module hil_bridge.devices.robots.egm.room is missing; "
+        "cannot be loaded: the module hil_bridge.devices.robots.egm.room is missing; install it: pip install "
         in refused(hil("run", "--virtual", "--no-view", "--robot", "egm"))
     )
 
@@ -85,7 +85,7 @@ def test_missing_subcommand_leaves_the_help_of_its_group(
     hil: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "hil_bridge.device_commands.s3.commands", None)
-    assert "the command 'computer-link' of hil-bridge " in refused(hil("decode", "computer-link", "10"))
+    assert "command 'computer-link' of hil-bridge " in refused(hil("decode", "computer-link", "10"))
     code, output, _ = hil("decode", "--help")
     assert code == 0
     assert "cannot be loaded" in " ".join(output.split())
@@ -95,5 +95,5 @@ def test_missing_subcommand_leaves_the_help_of_its_group(
 def test_missing_extension_names_what_to_install(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "hil_bridge.lab.commands.results", None)
     line = refused(hil("compare", "a.sqlite", "b.sqlite"))
-    assert "the extension 'compare-results' of hil-bridge " in line
+    assert "extension 'compare-results' of hil-bridge " in line
     assert "the module hil_bridge.lab.commands.results is missing; install it: pip install " in line

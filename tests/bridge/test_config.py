@@ -68,7 +68,7 @@ def refusal(tmp_path: Path, text: str, **overrides: object) -> str:
         ("[robot.link]\nbaudrate = 19200", "c.toml: robot.link is no setting; known here: url, "),  # of 0.5
         (
             '[sensor]\nemulated = "gateway"',
-            "sensor.emulated: there is no sensor 'gateway'; choose one of jr3, ",
+            "sensor.emulated: there is no sensor 'gateway'; choose one of ati-can, ",
         ),
         ('[[faults]]\non = "link"\nfault = "delay"', "no target is called 'link'; known: robot, pose, "),
         ("hello", "c.toml is no TOML: "),

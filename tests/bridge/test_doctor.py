@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from hil_bridge.cli import cli
 from hil_bridge.clock import realtime as realtime_module
 from hil_bridge.clock.realtime import RealTime
+from hil_bridge.devices.kinds import CanBus
 from hil_bridge.errors import ConfigError
 from hil_bridge.runs.session import Outputs, execute
 from hil_bridge.settings.configuration import Config, RobotConfig, SensorConfig, ToolConfig, load_config
@@ -113,7 +114,6 @@ def test_ports_without_hardware_are_left_out(tmp_path: Path) -> None:
             Level.FAIL,
             "is down; `sudo ip link set can0 up type",
         ),
-        (CAN0, {**DETAILS, "bitrate": 500_000}, Level.FAIL, "a JR3 gateway speaks 1000000"),
         (CAN0, {**DETAILS, "state": "BUS-OFF"}, Level.FAIL, "check cable and termination"),
         (CAN0, {**DETAILS, "state": "ERROR-PASSIVE", "errors": (0, 128)}, Level.WARN, "sent 0, received 128"),
         (CAN0, {**DETAILS, "restart_ms": 0}, Level.WARN, "restart-ms 100"),
@@ -126,6 +126,15 @@ def test_can_interfaces(tmp_path: Path, files, details, level, words) -> None:
     found = facts.can_interface(put(tmp_path, files), "can0", {"can0": details})
     assert found.level is level
     assert words in str(found)
+
+
+def test_can_interface_at_another_rate_than_its_device_fails(tmp_path: Path) -> None:
+    details = {"can0": {**DETAILS, "bitrate": 500_000}}
+    bus = CanBus("a JR3 gateway", 1_000_000)
+    found = facts.can_interface(put(tmp_path, CAN0), "can0", details, bus)
+    assert found.level is Level.FAIL
+    assert "a JR3 gateway speaks 1000000; `sudo ip link set can0 down`" in str(found)
+    assert facts.can_interface(put(tmp_path, CAN0), "can0", details).level is Level.OK
 
 
 def test_without_iproute2_the_bit_rate_is_not_told(tmp_path: Path) -> None:

@@ -112,5 +112,5 @@ def test_the_help_of_a_run_names_every_kind_of_ours() -> None:
     text = " ".join(CliRunner().invoke(cli, ["run", "--help"]).output.split())
     robots = text.partition("--robot URL")[2].partition("--sensor URL")[0].partition("emulated:")[2]
     sensors = text.partition("--sensor URL")[2].partition("--surface")[0].partition("emulated:")[2]
-    assert set(ROBOTS.built_in) <= set(re.findall(r"[\w-]+", robots))
-    assert set(SENSORS.built_in) <= set(re.findall(r"[\w-]+", sensors.replace("- ", "-")))
+    assert set(ROBOTS.own) <= set(re.findall(r"[\w-]+", robots))
+    assert set(SENSORS.own) <= set(re.findall(r"[\w-]+", sensors.replace("- ", "-")))

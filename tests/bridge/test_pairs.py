@@ -21,10 +21,10 @@ CONTOUR = {
     "stiffness_n_m": 5e3,
 }
 """Curved, so that the set point has to follow a surface that rises and falls."""
-STREAMED = [name for name in ROBOTS.built_in if name != "s3"]
+STREAMED = [name for name in ROBOTS.own if name != "s3"]
 
 
-@pytest.mark.parametrize("sensor", SENSORS.built_in)
+@pytest.mark.parametrize("sensor", SENSORS.own)
 @pytest.mark.parametrize("robot", STREAMED)
 def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) -> None:
     values = merged(

@@ -21,7 +21,7 @@ from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import read_config
 
 T0 = 100.0
-STREAMS = [name for name in ROBOTS.built_in if name != "s3"]
+STREAMS = [name for name in ROBOTS.own if name != "s3"]
 
 
 class Bench:
@@ -240,7 +240,7 @@ def test_a_panel_of_a_robot_that_has_none_is_refused(
         cli.main(["emulate", "robot", "--robot", "egm", *options], standalone_mode=False)
 
 
-@pytest.mark.parametrize("robot", ROBOTS.built_in)
+@pytest.mark.parametrize("robot", ROBOTS.own)
 def test_each_position_that_a_panel_tells_is_one_of_its_control(robot: str) -> None:
     bench = Bench(robot)
     answer = json.loads(json.dumps(bench.panel.perform({"do": "controls"}, bench.now)))["controls"]

@@ -51,7 +51,7 @@ CASES = {
         "mine",
         ":C",
         "import nothing_there",
-        "ModuleNotFoundError: No module named 'nothing_th",
+        "the module nothing_there is missing",
     ),
     "syntax": ("controllers", "mine", ":C", "class C:\n  x = = 1", "SyntaxError: invalid syntax"),
     "exit": (

@@ -48,7 +48,7 @@ def test_every_row_names_part_remedy_and_settings_that_exist(cause: Cause) -> No
 
 def test_settings_of_a_device_are_named_by_its_room() -> None:
     assert {key for row in TABLE for key in row.settings if key.count(".") > 1} == set()
-    for robot in map(ROBOTS.kind, ROBOTS.built_in):
+    for robot in map(ROBOTS.kind, ROBOTS.own):
         for name in itertools.chain(*robot.ruling.values()):
             assert operator.attrgetter(name)(robot.settings()) is not None, f"{robot.name}: {name}"
 

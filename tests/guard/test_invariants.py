@@ -324,8 +324,8 @@ def test_a_robot_that_lies_is_off_by_its_number_alone(healthy: Evidence) -> None
 
 def test_the_table_names_faults_that_there_are() -> None:
     known: dict[str, set[str]] = {}
-    for robot in ROBOTS.built_in:
-        for sensor in SENSORS.built_in:
+    for robot in ROBOTS.own:
+        for sensor in SENSORS.own:
             for on, faults in EmulatedKinds.named(robot, sensor).faults.items():
                 known.setdefault(on, set()).update(faults)
     for row in VOIDS:

@@ -1,11 +1,12 @@
 """Settings of an S3 controller and its computer link, as the bridge sees them."""
 
-from pydantic import BaseModel
+from dataclasses import dataclass
 
 from protocol.devices.s3.adlp import LinkProfile
 
 
-class S3Settings(BaseModel):
+@dataclass(frozen=True, slots=True)
+class S3Settings:
     """Settings in `[robot.s3]`."""
 
     orders_file: str = ""

@@ -1,12 +1,13 @@
 """Settings of what stands before a JR3 sensor, as the bridge sees it."""
 
-from pydantic import BaseModel
+from dataclasses import dataclass
 
 from protocol.devices.jr3 import GatewayClientProfile, UartGatewayClientProfile
 from protocol.devices.jr3.registers import BoardClientProfile
 
 
-class Jr3Settings(BaseModel):
+@dataclass(frozen=True, slots=True)
+class Jr3Settings:
     """Settings in `[sensor.jr3]`, whatever stands before the sensor."""
 
     gateway: GatewayClientProfile = GatewayClientProfile()
