@@ -14,6 +14,7 @@ Kinds of one device behind several receivers may share their sections.
 """
 
 from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from typing import Any, Generic, NamedTuple, Self, TypeAlias, TypeVar
 

@@ -1,6 +1,6 @@
 """Settings of an S3 controller and its computer link, as the bridge sees them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from protocol.devices.s3.adlp import LinkProfile
 
@@ -11,5 +11,5 @@ class S3Settings:
 
     orders_file: str = ""
     """TOML file of orders that this controller knows beside the usual ones; empty: none."""
-    link: LinkProfile = LinkProfile()
+    link: LinkProfile = field(default_factory=LinkProfile)
     """Known and assumed facts about the computer link."""
