@@ -88,7 +88,7 @@ def known_devices() -> str:
         "Settings of the emulated device and of its client, by "
         "[mark](../../explanation/decisions/0005-marks-of-facts.md). *Observed* was read from a real device or from a "
         "client that drove one. *Derived* follows from that. *Standard* is usual for such devices. *Assumed* is not "
-        "known: correct it on site. *Chosen* is no fact about a device. `hil-bridge profile show` lists the assumed "
+        "known: correct it on site. *Chosen* is no fact about a device. `hil-bridge list facts` lists the assumed "
         "ones. Kinds in one row share their settings.",
         table(("kind", *map(str, _TOLD)), _mark_rows(config)),
     ]

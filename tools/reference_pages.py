@@ -71,8 +71,10 @@ def _commands(
 ) -> Iterator[tuple[tuple[str, ...], click.Command]]:
     yield names, command
     if isinstance(command, click.Group):
-        for name, inner in sorted(command.commands.items()):
-            if not inner.hidden:
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            inner = command.get_command(context, name)
+            if inner is not None and not inner.hidden:
                 yield from _commands(inner, (*names, name))
 
 
@@ -195,7 +197,7 @@ def controllers() -> str:
     parts = [
         "# Controllers and their parameters",
         "`controller.name` chooses one; its parameters stand in `[controller.parameters]`. Units are part of the "
-        "names: `_n` is N, `_mm` is mm. `hil-bridge controllers` lists those of other packages too. "
+        "names: `_n` is N, `_mm` is mm. `hil-bridge list controllers` lists those of other packages too. "
         "[How do I write a controller?](../../how-to/controllers.md) tells how one is made.",
     ]
     for name in OURS:

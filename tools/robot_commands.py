@@ -66,7 +66,7 @@ def emulated(*arguments: str) -> Iterator[Mapping[str, str]]:
 
 def identify(kind: str) -> End:
     """The tool of an emulated cell, in virtual time."""
-    return run("identify-tool", "--virtual", "--robot", kind)
+    return run("identify", "tool", "--virtual", "--robot", kind)
 
 
 def free(kind: str) -> End:
@@ -94,7 +94,7 @@ def conform(kind: str) -> End:
 
 
 COMMANDS = {
-    "identify-tool": identify,
+    "identify tool": identify,
     "free": free,
     "probe": probe,
     "panel": panel,

@@ -122,7 +122,7 @@ def run_alone(elsewhere: Elsewhere) -> None:
 
 def run_examples(elsewhere: Elsewhere) -> None:
     """Runs that know the toys by their names alone, in virtual and in real time. The tests run all other surfaces."""
-    told = json.loads(elsewhere.run("hil-bridge", "plugins", "--json"))
+    told = json.loads(elsewhere.run("hil-bridge", "list", "plugins", "--json"))
     wrong = [row["told"] for row in told if row["state"] != "ok"]
     if wrong or {row["name"] for row in told} != OFFERS:
         raise RuntimeError(f"plugins lists {told}")

@@ -23,27 +23,48 @@ EXIT_BUG = 70
 """Apart from what a command tells by its own. Source: EX_SOFTWARE of sysexits(3)."""
 
 HELP_SECTIONS: Mapping[str, tuple[str, ...]] = {
-    "Run": ("run", "free", "task", "supervisor", "controllers", "tune"),
-    "Look at recordings": (
-        "runs",
-        "view",
-        "report",
-        "why",
-        "latency",
-        "compare",
-        "replay",
-        "export",
-        "layouts",
-        "fidelity",
-    ),
-    "On site": ("doctor", "probe", "identify-tool", "identify-cell", "monitor", "decode", "serve-jr3"),
-    "Emulate and judge": ("emulate", "panel", "faults", "conform", "force-source"),
-    "Many runs": ("campaign", "verify", "experiment"),
-    "Settings and lists": ("config", "profile", "plugins"),
+    "Run": ("run", "free"),
+    "Recordings": ("view", "report", "why", "latency", "compare", "replay", "export"),
+    "On site": ("doctor", "probe", "identify", "monitor", "decode"),
+    "Emulation": ("emulate", "panel", "conform"),
+    "Many runs": ("campaign", "tune"),
+    "Settings and lists": ("config", "list"),
 }
-"""Names of the commands of hil-bridge by what they are for, in the order of the help."""
-PLUGINS = "Of plug-ins"
+"""Names of the commands of hil-bridge by purpose, in the order of the help."""
+PLUGINS = "Plug-ins"
 """Title of the commands of other packages in the help."""
+FIRST_COMMANDS = """\
+Closed-loop force control for position-controlled robots, over the real link or
+an emulated one.
+
+First commands:
+  hil-bridge run --virtual     Run with emulated devices, in virtual time.
+  hil-bridge view RECORDING    Show the recording of a run in the browser.
+  hil-bridge report RECORDING  Make a page with charts from a recording.
+  hil-bridge config init       Write a configuration file with every setting.
+  hil-bridge doctor            Check this computer for runs with real devices.
+
+All commands: hil-bridge --help
+"""
+"""Output of `hil-bridge` without a command: what a newcomer runs first."""
+MOVED: Mapping[str, tuple[str, ...]] = {
+    "controllers": ("list controllers",),
+    "experiment": ("campaign experiment",),
+    "faults": ("list faults",),
+    "fidelity": ("identify fidelity",),
+    "force-source": ("emulate force-source",),
+    "identify-cell": ("identify cell",),
+    "identify-tool": ("identify tool",),
+    "layouts": ("export RECORDING --to layouts",),
+    "plugins": ("list plugins",),
+    "profile": ("list facts",),
+    "runs": ("list runs",),
+    "serve-jr3": ("emulate jr3-pci",),
+    "supervisor": ("config explain", "list conditions"),
+    "task": ("config program", "identify frame"),
+    "verify": ("campaign verify",),
+}
+"""Commands by the names that they had before version 0.7."""
 
 
 class ReaderLeft(Exception):
@@ -60,9 +81,12 @@ class _Commands(EntryPointGroup):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return the command of this name; None if there is none.
 
-        Raises ConfigError for a command of hil-bridge that is not installed, and for one that cannot be loaded.
+        Raises ConfigError for a command of hil-bridge that is not installed, for one that cannot be loaded, and for
+        an earlier name.
         """
         command = super().get_command(ctx, cmd_name)
+        if command is None and cmd_name in MOVED:
+            raise ConfigError(f"the command {cmd_name!r} is now {' or '.join(map(repr, MOVED[cmd_name]))}")
         if command is None and any(cmd_name in names for names in HELP_SECTIONS.values()):
             from hil_bridge.errors.extras import install_command
 
@@ -73,7 +97,7 @@ class _Commands(EntryPointGroup):
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the commands by what they are for; those of plug-ins come last."""
+        """Write the commands by purpose; those of plug-ins come last."""
         installed = self.list_commands(ctx)
         known = {name for names in HELP_SECTIONS.values() for name in names}
         sections = {**HELP_SECTIONS, PLUGINS: tuple(name for name in installed if name not in known)}
@@ -132,14 +156,14 @@ class _Commands(EntryPointGroup):
 @debug_option
 @click.pass_context
 def cli(context: click.Context) -> None:
-    """Force control of a position-controlled robot, over its real wires or the same wires emulated.
+    """Closed-loop force control for position-controlled robots, over the real link or an emulated one.
 
-    Exit codes: 0 done, 1 a replay or another comparison that differs, 2 configuration or input, 3 a stop by a
-    device, the link or the guard, 4 a demand was not met, 70 a bug, 130 interrupted. Demands are the criteria
-    of a step (run) or of a run (campaign), promises (campaign hunt), scenarios (conform) and constraints (tune).
+    Exit codes: 0 success, 1 a comparison differs, 2 invalid configuration or input, 3 stopped by a device, the link or
+    the guard, 4 a criterion is not met, 70 a bug, 130 interrupted. Criteria are those of a step (run) or of a run
+    (campaign), promises (campaign hunt), scenarios (conform) and constraints (tune).
     """
     if context.invoked_subcommand is None:
-        click.echo(context.get_help())
+        click.echo(FIRST_COMMANDS, nl=False)
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 RESULTS = ".sqlite"
 
 
-@click.command(short_help="Lay runs or campaigns over each other on one page.")
+@click.command(short_help="Compare runs or campaigns on one page.")
 @click.argument("files", metavar="A B …", nargs=-1, required=True, type=FILE)
 @output_option("FILE.html", "The page.", Path("compare.html"))
 @click.option(

@@ -41,16 +41,32 @@ def refuse_link_profile(name: str | None, robot: str) -> None:
         )
 
 
+surface_option = click.option(
+    "--surface",
+    metavar="KIND",
+    shell_complete=complete(surfaces),
+    callback=not_empty,
+    help="Kind of the emulated surface: soft-body, or one from a plug-in.",
+)
+
+
+def url_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options --robot and --sensor, with a short help."""
+    for name, kinds, what in (("--sensor", sensors, "Force sensor"), ("--robot", robots, "Robot")):
+        command = click.option(
+            name,
+            metavar="URL",
+            shell_complete=complete(kinds),
+            callback=not_empty,
+            help=f"{what}, KIND+WIRE, as for `hil-bridge run`.",
+        )(command)
+    return command
+
+
 def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """The options --robot, --sensor and --surface."""
     for option in (
-        click.option(
-            "--surface",
-            metavar="NAME",
-            shell_complete=complete(surfaces),
-            callback=not_empty,
-            help="Kind of the emulated surface: soft-body, or one from a plug-in.",
-        ),
+        surface_option,
         click.option(
             "--sensor",
             metavar="URL",
@@ -58,7 +74,7 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
             callback=not_empty,
             help="Force sensor, KIND+WIRE: jr3+can+socketcan://can0, jr3-uart+serial:///dev/ttyACM0, "
             "netft+udp://192.168.1.1:49152. A kind alone is emulated: jr3, jr3-uart, jr3-board, netft, ft300, "
-            "ft300-urcap, ati-can, or one of `hil-bridge plugins`.",
+            "ft300-urcap, ati-can, or one of `hil-bridge list plugins`.",
         ),
         click.option(
             "--robot",
@@ -67,7 +83,7 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
             callback=not_empty,
             help="Robot, KIND+WIRE: s3+serial:///dev/ttyUSB0?baudrate=9600&parity=E, egm+udp-bind://0.0.0.0:6510, "
             "rtde+tcp://192.168.1.2. A kind alone is emulated: s3 and egm (ABB), rtde (Universal Robots), rsi (KUKA), "
-            "or one of `hil-bridge plugins`.",
+            "or one of `hil-bridge list plugins`.",
         ),
     ):
         command = option(command)

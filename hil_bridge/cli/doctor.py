@@ -12,7 +12,7 @@ EXIT_UNFIT = 3
 """Exit code when something that the configuration names cannot work on this computer."""
 
 
-@click.command(short_help="Check ports, CAN interfaces, clock, scheduler.")
+@click.command(short_help="Check ports, CAN interfaces, clock and scheduler.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
 @click.argument("robot_file", metavar="[RSI.xml]", required=False, type=FILE)
 @json_option

@@ -1,11 +1,12 @@
-"""Commands found by entry point: those of hil-bridge, of its devices and of plug-ins, by one and the same door.
+"""Commands found by entry point: those of hil-bridge, of its devices and of plug-ins.
 
 A package adds a command by the name that a user types:
 
     [project.entry-points."hil_bridge.commands"]
     my-command = "my_package.command:my_command"
 
-The object is a `click.Command`. Its module is imported when the command is used, and for the list of all commands.
+`hil_bridge.commands.list` adds to `hil-bridge list`, and likewise for `config`, `decode`, `emulate` and `identify`. The
+object is a `click.Command`. Its module is imported when the command is used, and for the list of all commands.
 """
 
 from collections.abc import Callable, Iterable

@@ -7,7 +7,7 @@ import click
 from hil_bridge.console.options import ExtrasCommand, output_option, overwrite_option
 from hil_bridge.console.paths import FILE
 
-FORMAT_NAMES = ("candump", "blf", "asc", "dbc", "bytes", "csv", "parquet", "rosbag2", "mf4")
+FORMAT_NAMES = ("candump", "blf", "asc", "dbc", "bytes", "csv", "parquet", "rosbag2", "mf4", "layouts")
 
 
 def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -> tuple[str, ...]:
@@ -15,14 +15,14 @@ def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -
     names = tuple(name.strip() for name in given.split(",")) if given else ()
     for name in names:
         if name not in FORMAT_NAMES:
-            raise click.BadParameter(f"{name!r} is no format; choose from {','.join(FORMAT_NAMES)}")
+            raise click.BadParameter(f"{name!r} is not a format; choose from {','.join(FORMAT_NAMES)}")
     return names
 
 
 @click.command(
     cls=ExtrasCommand,
     extras={"parquet": "parquet", "rosbag2": "ros", "mf4": "mdf"},
-    short_help="Write a recording as CAN logs, text and tables.",
+    short_help="Export a recording to CAN logs, tables and others.",
 )
 @click.argument("recording", type=FILE)
 @click.option(
@@ -32,7 +32,7 @@ def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -
     default="",
     metavar="FORMAT,…",
     help=f"{', '.join(FORMAT_NAMES)}.  [default: all that the recording has something for, "
-    "but dbc, parquet, rosbag2 and mf4]",
+    "but dbc, parquet, rosbag2, mf4 and layouts]",
 )
 @output_option("DIR", "Where to put the files.  [default: beside the recording]")
 @click.option(
@@ -69,6 +69,9 @@ def export(
                            needs an extra
     mf4      .mf4          a measurement of ASAM with units, comments, events; run's clock;
                            needs an extra
+    layouts  .foxglove.json .plotjuggler.xml .ros2-foxglove.json .ros2-plotjuggler.xml
+                           panels to import into Foxglove, Lichtblick and PlotJuggler: force,
+                           depth, stiffness, events, frames in 3-D; ros2- for messages of ROS 2
 
     The last line tells the UNIX time at which the run's clock was 0. `canplayer -I run.log vcan0=can0` plays the CAN
     frames back. Files that are there already are kept, unless --overwrite is given.

@@ -1,11 +1,13 @@
-"""`hil-bridge faults`: everything that can be made to go wrong in the emulated cell."""
+"""`hil-bridge list faults`: everything that can be made to go wrong in the emulated cell."""
 
 import click
 
-from hil_bridge.cli.completion import complete, robots, sensors, surfaces
+from hil_bridge.cli.completion import complete, robots, sensors
+from hil_bridge.cli.devices import surface_option
+from hil_bridge.console.options import json_option, tell_json
 
 
-@click.command(short_help="List what can be made to go wrong in the emulated cell.")
+@click.command(short_help="List the faults of an emulated cell.")
 @click.option(
     "--robot",
     metavar="KIND",
@@ -22,15 +24,9 @@ from hil_bridge.cli.completion import complete, robots, sensors, surfaces
     show_default=True,
     help="Kind of the emulated sensor.",
 )
-@click.option(
-    "--surface",
-    metavar="KIND",
-    shell_complete=complete(surfaces),
-    default="",
-    help="Kind of the emulated surface: soft-body, or one from a plug-in.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
-def faults(robot: str, sensor: str, surface: str, as_json: bool) -> None:
+@surface_option
+@json_option
+def faults(robot: str, sensor: str, surface: str | None, as_json: bool) -> None:
     """List every fault of the emulated cell by target, with its parameters, defaults and ranges.
 
     A configuration injects one with a table [[faults]], a person with `hil-bridge panel URL inject`:
@@ -44,11 +40,12 @@ def faults(robot: str, sensor: str, surface: str, as_json: bool) -> None:
       for_s = 3.0
       with = { axis = "fz", factor = 0.1 }
     """
-    import json
-
     from emulators.faults import describe_faults
     from hil_bridge.devices.kinds import EmulatedKinds
     from hil_bridge.devices.panel import faults_text
 
-    table = describe_faults(EmulatedKinds.named(robot, sensor, surface).faults)
-    click.echo(json.dumps(table, ensure_ascii=False, indent=2) if as_json else faults_text(table))
+    table = describe_faults(EmulatedKinds.named(robot, sensor, surface or "").faults)
+    if as_json:
+        tell_json(table)
+    else:
+        click.echo(faults_text(table))

@@ -4,24 +4,13 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.completion import complete, robots, sensors
+from hil_bridge.cli.devices import url_options
 from hil_bridge.console.paths import FILE
 
 
-@click.command(short_help="Lift a tool off that was left in contact.")
+@click.command(short_help="Lift off a tool that was left in contact.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
-@click.option(
-    "--robot",
-    metavar="URL",
-    shell_complete=complete(robots),
-    help="Robot, KIND+WIRE, as for `hil-bridge run`.",
-)
-@click.option(
-    "--sensor",
-    metavar="URL",
-    shell_complete=complete(sensors),
-    help="Force sensor, KIND+WIRE, as for `hil-bridge run`.",
-)
+@url_options
 @click.option(
     "--tool-mass-kg",
     type=click.FloatRange(min=0.0),

@@ -1,4 +1,4 @@
-"""`hil-bridge identify-tool`: mass and centre of gravity of what hangs below the sensor."""
+"""`hil-bridge identify tool`: mass and centre of gravity of what hangs below the sensor."""
 
 import math
 import sys
@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hil_bridge.cli.completion import complete, robots, sensors
-from hil_bridge.cli.devices import device_settings, not_empty
+from hil_bridge.cli.devices import device_settings, url_options
 from hil_bridge.console.options import output_option, overwrite_option
 from hil_bridge.console.paths import FILE
 
@@ -23,22 +22,9 @@ LEAST_ANGLE_DEG = 15.0
 """Chosen: the sweep's poses tell the centre of gravity from 12° on; less is refused before the robot moves for it."""
 
 
-@click.command("identify-tool", short_help="Find the tool's mass and centre of gravity.")
+@click.command("tool", short_help="Measure the tool's mass and centre of gravity.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
-@click.option(
-    "--robot",
-    metavar="URL",
-    shell_complete=complete(robots),
-    callback=not_empty,
-    help="Robot, KIND+WIRE, as for `hil-bridge run`.",
-)
-@click.option(
-    "--sensor",
-    metavar="URL",
-    shell_complete=complete(sensors),
-    callback=not_empty,
-    help="Force sensor, KIND+WIRE, as for `hil-bridge run`.",
-)
+@url_options
 @click.option("--virtual", is_flag=True, help="Emulated cell in virtual time.")
 @click.option(
     "--angle-deg",
@@ -129,7 +115,7 @@ def identify_tool(
         from hil_bridge.settings.faults import refuse_faults
         from hil_bridge.site.tool.measuring import USUAL_DEG, Sweep, choose_angle, measure
 
-        refuse_faults(config.faults, "hil-bridge identify-tool")
+        refuse_faults(config.faults, "hil-bridge identify tool")
         setup = Setup(config)
         check_wires(setup, Start(virtual))
         chosen = choose_angle(setup, angle_deg, lift_mm)

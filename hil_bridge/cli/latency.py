@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hil_bridge.record.analysis.latency import Latency, Part
 
 
-@click.command(short_help="Tell where the time from force to motion goes.")
+@click.command(short_help="Show the latency from force to motion, by part.")
 @click.argument("recording", type=FILE)
 @output_option("SITE.toml", "Write settings for an emulation that is as late.")
 @json_option

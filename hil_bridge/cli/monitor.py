@@ -12,7 +12,7 @@ _OTHERWISE = "monitor-s3"
 """Extension that takes what names no other device: text captures, and the links of robots."""
 
 
-@click.command(short_help="Show a link, one line for each block.")
+@click.command(short_help="Monitor a link, one line per block.")
 @click.argument("sources", metavar="FILE|URL [URL]", nargs=-1, required=True)
 @click.option("--raw", is_flag=True, help="Also the bytes, hexadecimal.")
 @click.option(

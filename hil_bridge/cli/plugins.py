@@ -1,31 +1,28 @@
-"""`hil-bridge plugins` and `hil-bridge controllers`: what can be chosen by name, and from which package it is."""
+"""`hil-bridge list plugins` and `list controllers`: kinds by name, with their packages."""
 
 import sys
 from typing import Any
 
 import click
 
-from hil_bridge.console.options import tell
+from hil_bridge.console.options import json_option, tell, tell_json
 
 OWN = "hil-bridge"
 """Package of our own."""
 
 
-@click.command(short_help="List what other packages add, and their faults.")
+@click.command(short_help="List what other packages add, and what is wrong with it.")
 @click.option("--all", "with_own", is_flag=True, help="List our own kinds too.")
-@click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
+@json_option
 def plugins(with_own: bool, as_json: bool) -> None:
     """List controllers, steps, robots, sensors and surfaces of other packages, with package, place in it, and state.
 
-    Each is imported, as it is when a configuration chooses it; a controller and a step are given one
-    sample. The exit code is 2
-    where one cannot be used.
+    Each is imported, as when a configuration chooses it; a controller and a step are given one sample. The exit code is
+    2 if one of them cannot be used.
     """
-    import json
-
     rows = _rows(with_own)
     if as_json:
-        tell([json.dumps(rows, ensure_ascii=False, indent=2)])
+        tell_json(rows)
     elif not rows:
         tell(["no other package offers anything; docs/how-to/devices.md tells how one does"])
     else:
@@ -38,19 +35,17 @@ def plugins(with_own: bool, as_json: bool) -> None:
 
 @click.command(short_help="List the controllers and their parameters.")
 @click.argument("name", metavar="[NAME]", required=False)
-@click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
+@json_option
 def controllers(name: str | None, as_json: bool) -> None:
     """List the force controllers; with NAME one of them, with its parameters.
 
     Units are part of the names: _n is N, _mm is mm. A tuning holds for a sample time: other defaults then.
     """
-    import json
-
     from hil_bridge.control.controllers import controller_names
 
     told = [controller_facts(each) for each in ([name] if name else controller_names())]
     if as_json:
-        tell([json.dumps(told, ensure_ascii=False, indent=2)])
+        tell_json(told)
         return
     for number, one in enumerate(told):
         lines = [""] if number else []

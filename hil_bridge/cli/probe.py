@@ -16,10 +16,10 @@ EXIT_REFUSED = 3
 
 @click.group(no_args_is_help=False)
 def probe() -> None:
-    """Find the settings under which a device answers."""
+    """Ask a robot or a sensor what it is."""
 
 
-@probe.command(short_help="Tell what a robot is, and its state.")
+@probe.command(short_help="Show what a robot is, and its state.")
 @click.argument("url", metavar="URL")
 @click.option(
     "--config", "config_file", type=FILE, metavar="FILE", help="Configuration whose [robot.KIND] is taken."

@@ -21,7 +21,7 @@ EXIT_DIFFERENT = 1
 """The replay of an unchanged run decided otherwise."""
 
 
-@click.command(short_help="Decide a recorded run again, and compare.")
+@click.command(short_help="Replay the decisions of a recorded run, and compare.")
 @click.argument("recording", type=FILE)
 @click.argument("config_file", metavar="[CHANGES.toml]", required=False, type=FILE)
 @click.option(

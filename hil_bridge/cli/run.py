@@ -25,7 +25,7 @@ _BESIDE = Path("-")
 """Stands for the recording's folder where --report names none."""
 
 
-@click.command(short_help="Run the force control, and record and report it.")
+@click.command(short_help="Run force control, with a recording and a report.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
 @device_options
 @link_profile_option

@@ -1,4 +1,4 @@
-"""`hil-bridge runs`: what lies in the folder of runs."""
+"""`hil-bridge list runs`: what lies in the folder of runs."""
 
 from pathlib import Path
 

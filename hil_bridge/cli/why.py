@@ -9,7 +9,7 @@ from hil_bridge.console.options import json_option, tell_json
 from hil_bridge.console.paths import FILE
 
 
-@click.command(short_help="Tell how a recorded run ended.")
+@click.command(short_help="Explain how a recorded run ended.")
 @click.argument("recording", type=FILE)
 @json_option
 def why(recording: Path, as_json: bool) -> None:

@@ -89,9 +89,9 @@ class RobotEmulation(Generic[_Client, _Emulated]):
     late_ms: float = 20.0
     """How late what it says comes in the scenario `late`, ms."""
     play: Play | None = None
-    """Plays a course of orders to the emulated robot over its protocol, for `hil-bridge fidelity`; None: it cannot."""
+    """Plays a course of orders to the emulated robot over its protocol, for `identify fidelity`; None: it cannot."""
     match: MatchRobot | None = None
-    """Settings under which the emulated robot shows measured figures, for `hil-bridge identify-cell`; None: none."""
+    """Settings under which the emulated robot shows measured figures, for `identify cell`; None: none."""
     late: LateRobot | None = None
     """Settings under which the emulated robot is as late as a recorded one, for `hil-bridge latency -o`; None: none."""
 

@@ -1,7 +1,7 @@
 """The one table of causes: a row for each way in which a run is refused, held back, stopped or ended. Rows of the
 guard stand in `guard_rows`.
 
-`hil-bridge supervisor table`, the page of safety, `supervisor explain`, `why`, the report and the exit codes read it.
+`hil-bridge list conditions`, the page of safety, `config explain`, `why`, the report and the exit codes read it.
 Supervisor, task and shell alone decide; the table tells what their decisions mean.
 """
 

@@ -15,12 +15,13 @@ _BINARY = (
     ),
     (
         rb"\x89MCAP0\r\n",
-        "an MCAP file of another program; `hil-bridge report`, `view`, `compare` and `fidelity` read one of ROS 2",
+        "an MCAP file of another program; `hil-bridge report`, `view`, `compare` and `identify fidelity` read one of "
+        "ROS 2",
     ),
     (
         rb"#ROSBAG V",
         "a bag of ROS 1; `rosbags-convert --src FILE --dst FOLDER` makes one of ROS 2, which `hil-bridge report`, "
-        "`view`, `compare` and `fidelity` read",
+        "`view`, `compare` and `identify fidelity` read",
     ),
     (
         rb"SQLite format 3\0",
@@ -29,7 +30,8 @@ _BINARY = (
     (rb"PK\x03\x04", "a ZIP archive, as .xlsx is one; unpack it, or save the sheet as CSV"),
     (
         rb"\x89HDF\r\n|MATLAB \d|PAR1|MDF     ",
-        "a binary table (HDF5, MATLAB, Parquet or MDF); write it as CSV for `hil-bridge fidelity` and `identify-cell`",
+        "a binary table (HDF5, MATLAB, Parquet or MDF); write it as CSV for `hil-bridge identify fidelity` and "
+        "`identify cell`",
     ),
     (
         rb"LOGG",
@@ -53,7 +55,7 @@ _XML = (
     (
         rb"<FTSensor\b",
         "a calibration of an ATI sensor; the sensor's box applies it, and `factor` in a mapping of "
-        "`hil-bridge fidelity` takes the size of one count",
+        "`hil-bridge identify fidelity` takes the size of one count",
     ),
 )
 CANDUMP = (
@@ -116,5 +118,6 @@ def refuse_table(name: str, head: bytes) -> None:
     refuse_known(name, head)
     if _TABLE.match(_decoded(head[:HEAD_BYTES])):
         raise ConfigError(
-            f"{name} is a table of text; `hil-bridge fidelity` and `identify-cell` read one with --columns MAPPING.toml"
+            f"{name} is a table of text; `hil-bridge identify fidelity` and `identify cell` read one with "
+            "--columns MAPPING.toml"
         )

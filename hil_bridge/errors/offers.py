@@ -9,7 +9,11 @@ GROUPS = tuple(
     f"{_PREFIX}{name}"
     for name in (
         "commands",
+        "commands.config",
         "commands.decode",
+        "commands.emulate",
+        "commands.identify",
+        "commands.list",
         "controllers",
         "extensions",
         "rewards",

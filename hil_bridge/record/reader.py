@@ -33,7 +33,7 @@ LAST_READER = "0.6"
 CLOCK_LIMIT_S = 1e10
 """A time of a run's clock lies below this. Chosen: three centuries."""
 
-_BAG_READERS = "`hil-bridge report`, `view`, `compare` and `fidelity` read a bag"
+_BAG_READERS = "`hil-bridge report`, `view`, `compare` and `identify fidelity` read a bag"
 _VERSION = re.compile(r"(\d{1,4})\.(\d{1,4})(?:\.|$)")
 
 

@@ -199,7 +199,7 @@ def program(config: Config, stroke: Stroke) -> Program:
     if tips and config.sensor.url and not config.tool.mass_kg:
         raise ConfigError(
             f'a step with orientation = "{tips}" turns the tool, and its weight with it: set tool.mass_kg '
-            "(hil-bridge identify-tool measures it)"
+            "(hil-bridge identify tool measures it)"
         )
     safe = None if point is None else point.start_m
     return Program(

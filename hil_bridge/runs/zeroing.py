@@ -86,7 +86,7 @@ def known_wrist(config: Config) -> Wrist | None:
         return replace(seen, mass=tool.mass_kg, centre_of_gravity=metres(tool.centre_of_gravity_mm))
     raise ConfigError(
         "the tool is not known, so the sensor cannot be checked before the robot moves: set tool.mass_kg "
-        "(--tool-mass-kg; hil-bridge identify-tool measures it), or sensor.unchecked = true (--unchecked) to take "
+        "(--tool-mass-kg; hil-bridge identify tool measures it), or sensor.unchecked = true (--unchecked) to take "
         "that on yourself",
         cause=Cause.UNKNOWN_TOOL,
     )
@@ -210,9 +210,9 @@ class Zeroing:
         raise ConfigError(
             f"{what} on {told}, which the tool's weight does not verify: it takes more than "
             f"{limits.weight_tolerance_n:g} N (limits.weight_tolerance_n); correct tool.mass_kg, take a heavier tool, "
-            "hold it so that its weight lies there, let identify-tool verify the axes (sensor.verified), or take it on "
-            f"with sensor.unverified = [{names}] (--unverified {left[0].lower()}): then each touch is tested, and an "
-            f"approach goes no farther than {self._config.task.unverified_depth_mm:g} mm (task.unverified_depth_mm)",
+            "hold it so that its weight lies there, let `identify tool` verify the axes (sensor.verified), or take "
+            f"it on with sensor.unverified = [{names}] (--unverified {left[0].lower()}): then each touch is tested, "
+            f"and an approach goes at most {self._config.task.unverified_depth_mm:g} mm (task.unverified_depth_mm)",
             cause=Cause.UNVERIFIED_AXIS,
         )
 
@@ -263,7 +263,7 @@ class Zeroing:
             if zero.force > self._config.limits.zero_max_n:
                 raise SafetyStop(
                     f"{zero.force:.1f} N would be taken for zero, allowed are {self._config.limits.zero_max_n:g} N "
-                    "(limits.zero_max_n): free the tool, or let identify-tool find its weight and the sensor's bias",
+                    "(limits.zero_max_n): free the tool, or let `identify tool` find its weight and the sensor's bias",
                     cause=Cause.ZERO,
                 )
             self._taken_off = None

@@ -152,7 +152,7 @@ class SensorConfig(_Section):
     no farther than `task.unverified_depth_mm`.
     """
     verified: tuple[Literal["fx", "fy", "fz"], ...] = ()
-    """Axes that `identify-tool` has verified by turning this sensor with this tool, in this mounting."""
+    """Axes that `identify tool` has verified by turning this sensor with this tool, in this mounting."""
     tare: bool = True
     """Take the sensor's reading before the movement for zero, whatever it is. Otherwise only the bias given here and
     the tool's weight are taken off, so that a force that is there already is seen.
@@ -183,7 +183,7 @@ class ToolConfig(_Section):
     """The load below the sensor."""
 
     mass_kg: float | None = Field(default=None, ge=0)
-    """Mass below the sensor, which `identify-tool` measures; the sensor must read its weight before a run moves.
+    """Mass below the sensor, which `identify tool` measures; the sensor must read its weight before a run moves.
     Nothing where it is not known: an emulated cell then tells its own.
     """
     centre_of_gravity_mm: Vector = (0.0, 0.0, 0.0)
@@ -294,7 +294,7 @@ class Config(_Section):
     cell: CellSection = CellSection()
     """The emulated cell: used by `emulate`, and by `run` for what has no URL."""
     faults: tuple[FaultConfig, ...] = ()
-    """Faults on purpose in the emulated cell, a table [[faults]] each; `hil-bridge faults` lists them all."""
+    """Faults on purpose in the emulated cell, a table [[faults]] each; `hil-bridge list faults` lists them all."""
 
     @field_validator("task")
     @classmethod

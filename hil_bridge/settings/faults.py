@@ -60,7 +60,7 @@ class FaultConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
 
     on: str = ""
-    """Target: `hil-bridge faults` lists them."""
+    """Target: `hil-bridge list faults` lists them."""
     fault: str = ""
     """Name of the fault at that target."""
     phase: str = Field(default="", json_schema_extra={"enum": [*PHASES]})
@@ -70,7 +70,7 @@ class FaultConfig(BaseModel):
     when: str = ""
     """Condition at the end of a cycle at which it comes, such as "force > 8": force, depth_mm, travel_mm or cycle."""
     for_s: float | None = None
-    """Duration, s; by default that of `hil-bridge faults`. A fault that strikes once has none."""
+    """Duration, s; by default that of `hil-bridge list faults`. A fault that strikes once has none."""
     parameters: dict[str, Any] = Field(default={}, alias="with")
     """Parameters of the fault that differ from their defaults."""
 

@@ -27,7 +27,7 @@ TO_FILL_IN = """
 #= flip_fx_mx = false
 
 [tool]
-# what hangs below the sensor; `hil-bridge identify-tool` measures it
+# what hangs below the sensor; `hil-bridge identify tool` measures it
 #= mass_kg = 0.5
 #= centre_of_gravity_mm = [0.0, 0.0, 0.0]
 

@@ -208,7 +208,7 @@ def test_it_describes_itself(step: Step) -> None:
     kind = type(step)
     assert _WORD.fullmatch(step.do), f"its word {step.do!r} must be small letters, digits and hyphens"
     said = inspect_doc(kind)
-    assert said, f"{kind.__name__} has no docstring: `hil-bridge plugins` shows its first line"
+    assert said, f"{kind.__name__} has no docstring: `hil-bridge list plugins` shows its first line"
     (leg,) = (leg for leg in _row(step).legs if leg.step is step)
     words = [*step.describe(leg.stroke.parameters)]
     for text in words:

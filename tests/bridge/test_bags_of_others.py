@@ -404,14 +404,16 @@ def test_a_bag_shows_how_far_an_emulated_contact_is_from_it(tmp_path: Path) -> N
     for stiffness in (1000.0, 2000.0):
         cell = tmp_path / "cell.toml"
         cell.write_text(f"[cell.surface]\nstiffness_n_m = {stiffness}\ndamping_ns_m = 0.0\n")
-        done = run("fidelity", bag, "--as", "contact", "--config", cell, "--axis", "base:-z", "--json")
+        done = run(
+            "identify", "fidelity", bag, "--as", "contact", "--config", cell, "--axis", "base:-z", "--json"
+        )
         assert done.exit_code == 0, done.output
         (line,) = json.loads(done.stdout)["lines"]
         assert line["output"] == "press"
         apart.append(line["apart_rms"])
     assert apart[0] < 1e-3
     assert apart[1] > 1.0
-    refusal = run("fidelity", bag, "--as", "contact", "--columns", cell).exception
+    refusal = run("identify", "fidelity", bag, "--as", "contact", "--columns", cell).exception
     assert "is a bag of ROS 2: give --topic in place of --columns" in str(refusal)
 
 
@@ -431,7 +433,7 @@ def test_options_of_a_bag_are_checked(tmp_path: Path) -> None:
 
 def test_other_commands_name_those_that_read_a_bag(tmp_path: Path) -> None:
     bag = pressed(tmp_path / "press")
-    readers = "`hil-bridge report`, `view`, `compare` and `fidelity` read a bag"
+    readers = "`hil-bridge report`, `view`, `compare` and `identify fidelity` read a bag"
     for command in ("why", "replay", "export"):
         for path, words in (
             (bag / "press.mcap", "is a bag of ROS 2 and no recording of a run"),

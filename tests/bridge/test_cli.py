@@ -11,7 +11,7 @@ import click
 import pytest
 from click.shell_completion import ShellComplete
 
-from hil_bridge.cli import HELP_SECTIONS, cli
+from hil_bridge.cli import HELP_SECTIONS, MOVED, cli
 from hil_bridge.runs.serve import client_of
 from protocol.marks import Mark
 from tests.bridge.command_line import VIRTUAL, Command, refused
@@ -102,17 +102,8 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
             ["emulate", "robot", "--robot-port", "s3+tcp-listen://h"],
             "host and port must be like 127.0.0.1:4000",
         ),
-        (
-            ["emulate", "robot", "--sensor-port", "jr3+can+slcan+pty:"],
-            "--sensor-port is the sensor's, and `emulate robot` serves none; take `emulate cell`, or leave it out",
-        ),
-        (
-            ["emulate", "robot", "--sensor", "netft"],
-            "--sensor is the sensor's, and `emulate robot` serves none",
-        ),
-        (["emulate", "sensor", "--robot", "egm"], "--robot is the robot's, and `emulate sensor` serves none"),
-        (["emulate", "sensor", "--panel", "tcp-listen://127.0.0.1:0"], "--panel is the robot's"),
-        (["emulate", "sensor", "--web"], "--web is the robot's"),
+        (["emulate", "robot", "--sensor", "netft"], "No such option '--sensor'"),
+        (["emulate", "sensor", "--robot", "egm"], "No such option '--robot'"),
         (
             ["emulate", "robot", "--robot", "egm", "--link-profile", "default"],
             "--link-profile is of an S3's computer link, and the robot is egm",
@@ -121,15 +112,14 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
             ["run", "--virtual", "--robot", "egm", "--link-profile", "default"],
             "--link-profile is of an S3's computer link, and the robot is egm",
         ),
-        (["emulate", "sensor", "--web-port", "8000"], "--web is the robot's"),
         (["emulate", "robot", "--panel", "tcp-listen://0.0.0.0:1"], "listens on this computer alone"),
         (["emulate", "robot", "--panel", "tcp://127.0.0.1:1"], "unknown scheme 'tcp'; allowed: tcp-listen"),
-        (["emulate", "arm"], "'arm' is not one of 'cell', 'robot', 'sensor'"),
+        (["emulate", "arm"], "No such command 'arm'; see `hil-bridge emulate --help`"),
         (["report", "none.mcap"], "cannot read the recording none.mcap: No such file"),
         (["report", "file"], "file is not an MCAP file"),
         (["report", "."], "is no bag of ROS 2: no file in it ends in .mcap or .db3"),
         (["report", "r.mcap", "--out", "x"], "--out is -o or --output now: write -o x"),
-        (["profile", "show", "file"], "file is no TOML"),
+        (["list", "facts", "file"], "file is no TOML"),
         (["config", "init", "file"], "file is there already"),
         (["config", "init", "none/c.toml"], "cannot write none/c.toml: there is no such folder"),
         (["decode"], "Missing command; see `hil-bridge decode --help`"),
@@ -218,15 +208,15 @@ def test_frames_with_wrong_ids_or_lengths_have_exit_code_2(hil: Command, frame: 
 
 def test_config_commands(hil: Command) -> None:
     assert hil("config", "init") == (0, "wrote hil-bridge.toml\n", "")
-    assert hil("profile", "show", "hil-bridge.toml") == hil("profile", "show")
+    assert hil("list", "facts", "hil-bridge.toml") == hil("list", "facts")
     code, output, _ = hil("config", "schema")
     assert (code, json.loads(output)["type"]) == (0, "object")
 
 
 def test_the_profile_shows_what_is_assumed_and_what_was_changed(hil: Command) -> None:
     Path("c.toml").write_text("[robot.s3.link]\nbid_limit = 7\n")
-    *assumed, counts = hil("profile", "show", "c.toml")[1].splitlines()
-    *everything, same = hil("profile", "show", "c.toml", "--all")[1].splitlines()
+    *assumed, counts = hil("list", "facts", "c.toml")[1].splitlines()
+    *everything, same = hil("list", "facts", "c.toml", "--all")[1].splitlines()
     assert counts == same
     marks = [sum(f"  [{mark}]  " in line for line in everything) for mark in Mark]
     assert (
@@ -240,7 +230,10 @@ def test_the_profile_shows_what_is_assumed_and_what_was_changed(hil: Command) ->
     assert any(line.startswith("robot.s3.link.baudrate = 9600 Bd  [observed]") for line in everything)
 
 
-@pytest.mark.parametrize("group", [[], ["config"], ["decode"], ["panel"], ["probe"], ["profile"]])
+@pytest.mark.parametrize(
+    "group",
+    [[], ["campaign"], ["config"], ["decode"], ["emulate"], ["identify"], ["list"], ["panel"], ["probe"]],
+)
 def test_no_summary_of_a_command_is_cut_in_a_terminal_of_80_columns(
     hil: Command, group: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -273,10 +266,25 @@ def test_what_is_served_names_a_command_that_can_reach_it(where: dict[str, str],
     assert client_of(where, where.get("robot", "").startswith("s3+")) == command
 
 
-def test_without_a_command_there_is_help(hil: Command) -> None:
+def test_bare_command_line_shows_the_first_commands(hil: Command) -> None:
     code, output, errors = hil()
     assert (code, errors) == (0, "")
-    assert output.startswith("Usage: hil-bridge ")
+    shown = [line.split() for line in output.splitlines() if line.startswith("  hil-bridge ")]
+    assert [words[1] for words in shown] == ["run", "view", "report", "config", "doctor"]
+    assert "All commands: hil-bridge --help\n" in output
+
+
+def test_command_line_has_at_most_22_commands() -> None:
+    assert len(cli.list_commands(click.Context(cli))) <= 22
+
+
+@pytest.mark.parametrize("name", MOVED)
+def test_earlier_name_of_a_command_is_answered_with_the_new(hil: Command, name: str) -> None:
+    line = refused(hil(name, "x"))
+    assert line.startswith(f"hil-bridge: the command {name!r} is now '")
+    for group, command, *_ in map(str.split, MOVED[name]):
+        assert f"'{group} {command}" in line
+        assert hil(group, *([] if command.isupper() else [command]), "--help")[0] == 0
 
 
 def test_no_output_overwrites_what_the_run_needs(hil: Command, tmp_path: Path) -> None:
@@ -330,20 +338,20 @@ def test_a_setting_is_given_by_its_key(hil: Command) -> None:
 
 def test_an_option_of_its_own_goes_before_a_setting(hil: Command) -> None:
     hil(*VIRTUAL, "--set", "run.seed=5", "--seed", "9", "--duration", "0.5")
-    assert json.loads(hil("runs", "--json")[1])[-1]["outcome"] == "completed"
+    assert json.loads(hil("list", "runs", "--json")[1])[-1]["outcome"] == "completed"
     (folder,) = Path("runs").iterdir()
     assert json.loads((folder / "summary.json").read_text())["seed"] == "9"
 
 
 def test_runs_are_listed_with_what_can_be_read_of_them(hil: Command) -> None:
-    code, _, errors = hil("runs")
+    code, _, errors = hil("list", "runs")
     assert (code, "name the folder in which runs lie" in errors) == (2, True)
     hil(*VIRTUAL, "--duration", "0.5")
     for name, text in (("2020-broken", "{"), ("2020-list", "[]"), ("2020-\x1b[2J", '{"outcome": "\x1b[2J"}')):
         (Path("runs") / name).mkdir()
         (Path("runs") / name / "summary.json").write_text(text)
     (Path("runs") / "9999-empty").mkdir()
-    code, output, _ = hil("runs")
+    code, output, _ = hil("list", "runs")
     assert code == 0
     assert "\x1b" not in output
     head, *rows = output.splitlines()
@@ -361,8 +369,8 @@ def test_runs_are_listed_with_what_can_be_read_of_them(hil: Command) -> None:
     ]
     assert len(rows) == 4
     assert "completed  predictive" in rows[-1]
-    assert len(hil("runs", "--last", "1")[1].splitlines()) == 2
-    assert hil("runs", str(Path("runs") / "9999-empty"))[1].startswith(
+    assert len(hil("list", "runs", "--last", "1")[1].splitlines()) == 2
+    assert hil("list", "runs", str(Path("runs") / "9999-empty"))[1].startswith(
         "no runs: each is a folder with the summary.json"
     )
 

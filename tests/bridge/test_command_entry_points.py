@@ -28,7 +28,7 @@ def test_command_of_a_plugin_runs_and_is_in_the_help(
     offer(tmp_path, "mine", "hello = m_hello:hello", monkeypatch)
     assert hil("hello") == (0, "hello\n", "")
     _, output, _ = hil("--help")
-    _, _, last = output.partition("\nOf plug-ins:\n")
+    _, _, last = output.partition("\nPlug-ins:\n")
     assert last.split() == ["hello", "Say", "hello."]
 
 

@@ -107,7 +107,7 @@ def test_an_example_is_replayed_identically(recorded: Recorded, hil: Command, na
 @pytest.mark.parametrize("name", NAMES)
 def test_an_example_is_shown(hil: Command, tmp_path: Path, name: str) -> None:
     picture = tmp_path / "picture.png"
-    code, output = hil("task", "show", FOLDER / f"{name}.toml", "--output", picture)
+    code, output = hil("config", "program", FOLDER / f"{name}.toml", "--output", picture)
     assert code == 0
     *lines, total, wrote = output.splitlines()
     assert (total.split(":")[0], wrote) == ("total", f"wrote {picture}")

@@ -343,7 +343,7 @@ def _toml(value: Any) -> str:
         (("emulate", "cell"), ", or inject with `hil-bridge panel`, see --panel"),
         (("emulate", "robot"), ", or inject with `hil-bridge panel`, see --panel"),
         (("emulate", "sensor"), ""),
-        (("identify-tool", "--virtual"), ""),
+        (("identify", "tool", "--virtual"), ""),
     ],
 )
 def test_commands_without_phases_refuse_planned_faults(
@@ -363,8 +363,8 @@ def test_commands_without_phases_refuse_planned_faults(
 
 
 def test_the_list_has_every_fault_for_people_and_for_machines() -> None:
-    shown = CliRunner().invoke(cli, ["faults"]).output
-    listed = json.loads(CliRunner().invoke(cli, ["faults", "--json"]).output)
+    shown = CliRunner().invoke(cli, ["list", "faults"]).output
+    listed = json.loads(CliRunner().invoke(cli, ["list", "faults", "--json"]).output)
     assert {target: set(faults) for target, faults in listed.items()} == {
         target: set(faults) for target, faults in CELL_FAULTS.items()
     }

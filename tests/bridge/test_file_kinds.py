@@ -74,9 +74,9 @@ def test_known_file_is_named_by_each_reader(tmp_path: Path, name: str) -> None:
         ["run", str(file), "--virtual"],
         ["report", str(file)],
         ["view", str(file)],
-        ["identify-cell", str(file)],
-        ["identify-cell", str(file), "--columns", str(mapping)],
-        ["identify-tool", "--from", str(file)],
+        ["identify", "cell", str(file)],
+        ["identify", "cell", str(file), "--columns", str(mapping)],
+        ["identify", "tool", "--from", str(file)],
     ):
         error = CliRunner().invoke(cli, arguments).exception
         assert isinstance(error, ConfigError), arguments
@@ -97,7 +97,7 @@ def test_text_in_utf_16_is_known_too(tmp_path: Path) -> None:
 
 def test_recording_as_a_configuration_is_named(tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", stream())
-    for arguments in (["run", str(path)], ["profile", "show", str(path)], ["doctor", str(path)]):
+    for arguments in (["run", str(path)], ["list", "facts", str(path)], ["doctor", str(path)]):
         error = CliRunner().invoke(cli, arguments).exception
         assert isinstance(error, ConfigError), arguments
         assert "run.mcap is a recording of a run; `hil-bridge view`" in str(error)
@@ -151,13 +151,13 @@ TABLES = [
 
 
 @pytest.mark.parametrize("content", TABLES)
-@pytest.mark.parametrize("command", ["run", "report", "view", "why", "identify-cell", "doctor"])
+@pytest.mark.parametrize("command", ["run", "report", "view", "why", "identify cell", "doctor"])
 def test_table_at_another_reader_is_named(tmp_path: Path, command: str, content: bytes) -> None:
     file = tmp_path / "force.csv"
     file.write_bytes(content)
-    error = CliRunner().invoke(cli, [command, str(file)]).exception
+    error = CliRunner().invoke(cli, [*command.split(), str(file)]).exception
     assert isinstance(error, ConfigError)
-    assert "force.csv is a table of text; `hil-bridge fidelity` and `identify-cell`" in str(error)
+    assert "force.csv is a table of text; `hil-bridge identify fidelity` and `identify cell`" in str(error)
 
 
 @pytest.mark.parametrize("command", ["report", "view", "why"])

@@ -1,4 +1,4 @@
-"""`identify-tool`: the robot turns the tool of the emulated cell, and what hung below the sensor comes out."""
+"""`identify tool`: the robot turns the tool of the emulated cell, and what hung below the sensor comes out."""
 
 import itertools
 import math
@@ -30,12 +30,12 @@ Command = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def identify(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
-    """Run `hil-bridge identify-tool` in an empty folder; `config` is the text of its configuration."""
+    """Run `hil-bridge identify tool` in an empty folder; `config` is the text of its configuration."""
     monkeypatch.chdir(tmp_path)
 
     def command(*arguments: str, config: str = "") -> tuple[int, str, str]:
         Path("c.toml").write_text(config)
-        monkeypatch.setattr(sys, "argv", ["hil-bridge", "identify-tool", "c.toml", *arguments])
+        monkeypatch.setattr(sys, "argv", ["hil-bridge", "identify", "tool", "c.toml", *arguments])
         with pytest.raises(SystemExit) as ended:
             hil_bridge.cli.main()
         output, errors = capfd.readouterr()

@@ -363,13 +363,13 @@ def test_the_checks_before_a_run_know_its_pace(robot: str) -> None:
 
 
 def test_plugins_are_listed_with_package_and_meaning(toys: None) -> None:
-    told = run("plugins")
+    told = run("list", "plugins")
     assert [line.split()[:4] for line in told.splitlines()] == [
         ["robot", "toyarm", "toys", "1.0"],
         ["sensor", "toyload", "toys", "1.0"],
         ["surface", "toyspring", "toys", "1.0"],
     ]
-    rows = json.loads(run("plugins", "--json", "--all"))
+    rows = json.loads(run("list", "plugins", "--json", "--all"))
     assert {row["name"] for row in rows if row["package"] == "hil-bridge"} >= {
         "s3",
         "egm",
@@ -381,7 +381,7 @@ def test_plugins_are_listed_with_package_and_meaning(toys: None) -> None:
 
 def test_a_broken_plugin_is_listed_with_its_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     installed(tmp_path, "[hil_bridge.robots]\nlost = toy_robot.nowhere:ROBOT\n", monkeypatch)
-    result = CliRunner().invoke(cli, ["plugins"], catch_exceptions=False)
+    result = CliRunner().invoke(cli, ["list", "plugins"], catch_exceptions=False)
     assert result.exit_code == 2
     assert (
         "WRONG: robot 'lost' of toys 1.0 cannot be loaded: the module toy_robot.nowhere is missing"
@@ -390,14 +390,14 @@ def test_a_broken_plugin_is_listed_with_its_fault(tmp_path: Path, monkeypatch: p
 
 
 def test_controllers_tell_their_parameters() -> None:
-    told = run("controllers", "predictive")
+    told = run("list", "controllers", "predictive")
     assert told.startswith("predictive: ")
     assert "  made for a sample every 180 ms; hil-bridge" in told
     assert "  at 4 ms: " in told
-    everything = json.loads(run("controllers", "--json"))
+    everything = json.loads(run("list", "controllers", "--json"))
     assert {one["name"] for one in everything} >= {"fuzzy", "pi", "admittance"}
     assert all(parameter["meaning"] for one in everything for parameter in one["parameters"])
-    assert "there is no controller 'nothing'" in refusal("controllers", "nothing")
+    assert "there is no controller 'nothing'" in refusal("list", "controllers", "nothing")
 
 
 def test_a_kind_alone_lays_the_url_of_the_file_aside(tmp_path: Path) -> None:

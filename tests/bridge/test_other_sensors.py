@@ -263,5 +263,5 @@ def test_gages_that_are_off_without_a_load_need_the_bias_that_is_identified(
     assert "the tool's weight is" in tried("ati-can", off)["error"]
     file, found = tmp_path / "off.toml", tmp_path / "tool.toml"
     file.write_text(f'[sensor]\nemulated = "ati-can"\n{off}')
-    run("identify-tool", str(file), "--virtual", "-o", str(found))
+    run("identify", "tool", str(file), "--virtual", "-o", str(found))
     assert tried("ati-can", found.read_text() + off)["outcome"] == "completed"

@@ -114,10 +114,10 @@ def test_other_commands_keep_what_is_there_too(hil: Command, monkeypatch: pytest
         ("replay", "r.mcap", "--csv", "kept"),
         ("latency", "r.mcap", "-o", "kept"),
         ("config", "init", "kept"),
-        ("identify-tool", "--virtual", "-o", "kept"),
-        ("identify-tool", "--virtual", "--save", "kept"),
+        ("identify", "tool", "--virtual", "-o", "kept"),
+        ("identify", "tool", "--virtual", "--save", "kept"),
         ("probe", "robot", "s3+tcp://127.0.0.1:1", "-o", "kept"),
-        ("experiment", "rules", "--page", "kept"),
+        ("campaign", "experiment", "rules", "--page", "kept"),
     ):
         assert "is there already; name another file, or give --overwrite" in refused(hil(*command)), command
     assert kept.read_text() == "mine"

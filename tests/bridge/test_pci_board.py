@@ -230,7 +230,7 @@ def test_what_the_kernel_forbids(
 
 def test_the_command_says_what_is_wrong(sysfs: Path) -> None:
     def says(*options: str) -> str:
-        result = CliRunner().invoke(cli, ["serve-jr3", *options])
+        result = CliRunner().invoke(cli, ["emulate", "jr3-pci", *options])
         assert result.exit_code
         return str(result.exception) if isinstance(result.exception, BridgeError) else result.output
 

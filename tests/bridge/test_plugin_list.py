@@ -1,4 +1,4 @@
-"""`hil-bridge plugins` tells each fault of a package in one plain line, with package and place."""
+"""`hil-bridge list plugins` tells each fault of a package in one plain line, with package and place."""
 
 from pathlib import Path
 
@@ -180,7 +180,7 @@ def test_a_fault_is_one_line_that_names_the_package(
     module = f"m_{case.replace(' ', '_')}"
     (tmp_path / f"{module}.py").write_text(text, encoding="utf-8")
     listed(tmp_path, "mine", f"[hil_bridge.{group}]\n{name} = {module}{source}\n", monkeypatch)
-    told = CliRunner().invoke(cli, ["plugins"], catch_exceptions=False)
+    told = CliRunner().invoke(cli, ["list", "plugins"], catch_exceptions=False)
     assert told.exit_code == 2
     (line,) = told.output.splitlines()
     assert line.startswith(f"{group[:-1]}  {name}  mine 1.0  WRONG: ")
@@ -193,7 +193,7 @@ def test_a_name_that_two_packages_offer_is_told_with_both(
     (tmp_path / "m_twice.py").write_text(LAW, encoding="utf-8")
     for package in ("mine", "yours"):
         listed(tmp_path, package, "[hil_bridge.controllers]\nmine = m_twice:C\n", monkeypatch)
-    told = CliRunner().invoke(cli, ["plugins"], catch_exceptions=False)
+    told = CliRunner().invoke(cli, ["list", "plugins"], catch_exceptions=False)
     assert told.exit_code == 2
     lines = told.output.splitlines()
     assert len(lines) == 2
@@ -205,5 +205,5 @@ def test_a_name_that_two_packages_offer_is_told_with_both(
 def test_a_parameter_that_must_be_given_is_no_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "m_given.py").write_text(law(" = 1e-5", ""), encoding="utf-8")
     listed(tmp_path, "mine", "[hil_bridge.controllers]\nmine = m_given:C\n", monkeypatch)
-    told = CliRunner().invoke(cli, ["plugins"], catch_exceptions=False)
+    told = CliRunner().invoke(cli, ["list", "plugins"], catch_exceptions=False)
     assert (told.exit_code, told.output) == (0, "controller  mine  mine 1.0  A law.\n")

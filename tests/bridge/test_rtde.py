@@ -270,7 +270,9 @@ def test_a_clock_that_goes_back_ends_the_source() -> None:
 
 def test_a_robot_of_another_kind_takes_no_force() -> None:
     with pytest.raises(ConfigError, match="a s3 takes no external force"):
-        CliRunner().invoke(cli, ["force-source", "s3+tcp://127.0.0.1:4000"], catch_exceptions=False)
+        CliRunner().invoke(
+            cli, ["emulate", "force-source", "s3+tcp://127.0.0.1:4000"], catch_exceptions=False
+        )
 
 
 @pytest.mark.parametrize(

@@ -4,19 +4,16 @@ import itertools
 import json
 import math
 import xml.etree.ElementTree as xml
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from mcap.reader import make_reader
 from rosbags.interfaces import Nodetype
 from scipy.spatial.transform import Rotation
 
-from hil_bridge.cli import cli
 from hil_bridge.record import TruthRecord
-from hil_bridge.record.export.layouts import LAYOUTS, content
+from hil_bridge.record.export.layouts import content
 from hil_bridge.record.ros.messages import TOPICS as ROS_TOPICS
 from hil_bridge.record.ros.messages import message_store
 from hil_bridge.record.scenes import PERIOD_S, TRAIL_POINTS, Scenes, SceneUpdate
@@ -114,20 +111,13 @@ def test_forces_without_a_direction_of_their_own_make_valid_messages(
     assert told == {"/scene/tool", "/scene/frames"} | ({"/scene/force"} if force[0] == force[0] else set())
 
 
-def test_the_layouts_name_fields_that_recordings_have(tmp_path: Path) -> None:
+def test_the_layouts_name_fields_that_recordings_have() -> None:
     fields = {
         f"{topic.name}.{field}"
         for topic in TOPICS
         for field in topic.schema["properties"]  # type: ignore[attr-defined]
     }
     check_layouts("foxglove.json", "plotjuggler.xml", fields)
-
-    runner = CliRunner()
-    assert runner.invoke(cli, ["layouts", "--output", str(tmp_path)]).exit_code == 0
-    assert {path.name for path in tmp_path.iterdir()} == {*LAYOUTS.values()}
-    again = runner.invoke(cli, ["layouts", "--output", str(tmp_path)])
-    assert again.exit_code != 0
-    assert "is there already" in str(again.exception)
 
 
 def test_the_layouts_of_ros_name_fields_that_its_messages_have() -> None:

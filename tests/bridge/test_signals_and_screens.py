@@ -241,7 +241,7 @@ def test_a_reader_that_left_does_not_change_the_exit_code(hil: Command, tmp_path
         (0, ("--help",)),
         (0, ("replay", "r.mcap")),
         (0, ("replay", "r.mcap", "limits.toml")),
-        (0, ("profile", "show", "--all")),
+        (0, ("list", "facts", "--all")),
         (2, ("decode", "computer-link", "55")),
         (3, ("doctor", "site.toml")),
         (0, ("run", "--virtual", "--duration", "0.5")),

@@ -109,10 +109,10 @@ def test_the_example_runs_under_the_guard_and_is_replayed_bit_by_bit(robot: str,
 
 @pytest.mark.usefixtures("peg")
 def test_the_example_is_listed_shown_and_drawn(tmp_path: Path) -> None:
-    code, said = command("plugins")
+    code, said = command("list", "plugins")
     assert code == 0
     assert "step     insert           peg-step 1.0  Press lightly, search a hole by a spiral" in said
-    code, said = command("task", "show", str(TASK), "-o", str(tmp_path / "peg.png"))
+    code, said = command("config", "program", str(TASK), "-o", str(tmp_path / "peg.png"))
     assert code == 0, said
     assert "6 mm deep, searched within 5 mm with 4 N" in said
     assert (tmp_path / "peg.png").read_bytes().startswith(b"\x89PNG")
@@ -318,7 +318,7 @@ def test_a_hook_that_fails_before_the_run_is_told_with_the_step(
     (tmp_path / "c.toml").write_text(
         '[[task.step]]\ndo = "approach"\n[[task.step]]\ndo = "mine"\n[[task.step]]\ndo = "retract"\n'
     )
-    monkeypatch.setattr(sys, "argv", ["hil-bridge", "task", "show", str(tmp_path / "c.toml")])
+    monkeypatch.setattr(sys, "argv", ["hil-bridge", "config", "program", str(tmp_path / "c.toml")])
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 2
@@ -366,7 +366,7 @@ def test_plugins_tells_a_wrong_step_in_one_line(old: str, new: str, says: str, i
     assert old in STEP
     code = STEP.replace(old, new).replace("{}\n        return", "pass\n        return")
     install("mine", "[hil_bridge.steps]\nmine = own_step:S\n", own_step=code)
-    exit_code, said = command("plugins")
+    exit_code, said = command("list", "plugins")
     assert exit_code == 2, said
     (line,) = said.splitlines()
     assert line.startswith("step  mine  mine 1.0  WRONG: ")
@@ -376,6 +376,6 @@ def test_plugins_tells_a_wrong_step_in_one_line(old: str, new: str, says: str, i
 @pytest.mark.parametrize("word", ["hold", "repeat"])
 def test_a_word_of_ours_cannot_be_taken(word: str, install: Install) -> None:
     install("mine", f"[hil_bridge.steps]\n{word} = own_step:S\n", own_step=STEP.replace("mine", word))
-    exit_code, said = command("plugins")
+    exit_code, said = command("list", "plugins")
     assert exit_code == 2
     assert f"step '{word}' is built in, but mine 1.0 offers one of that name, too" in said

@@ -1,25 +1,25 @@
-"""`hil-bridge supervisor` as a person meets it."""
+"""`hil-bridge config explain` and `list conditions` from the command line."""
 
 from pathlib import Path
 
 from click.testing import CliRunner
 
-from hil_bridge.cli.supervisor import supervisor
+from hil_bridge.cli import cli
 from hil_bridge.site.guard.conditions import as_text
 
 
 def answer(*arguments: str) -> list[str]:
-    result = CliRunner().invoke(supervisor, arguments)
+    result = CliRunner().invoke(cli, arguments)
     assert (result.exit_code, result.exception) == (0, None)
     return result.output.splitlines()
 
 
 def test_table_prints_every_condition() -> None:
-    assert answer("table") == list(as_text())
+    assert answer("list", "conditions") == list(as_text())
 
 
 def test_explain_tells_verdict_cause_setting_and_what_follows() -> None:
-    lines = answer("explain", "--force", "120", "--age-ms", "30")
+    lines = answer("config", "explain", "--force", "120", "--age-ms", "30")
     assert lines[:9] == [
         "verdict        stop: force",
         "because        contact force 120.0 N is beyond 50 N",
@@ -36,14 +36,14 @@ def test_explain_tells_verdict_cause_setting_and_what_follows() -> None:
 def test_explain_goes_by_the_configuration(tmp_path: Path) -> None:
     config = tmp_path / "site.toml"
     config.write_text("[limits]\nforce_limit_n = 150.0\nresultant_limit_n = 110.0\n")
-    lines = answer("explain", str(config), "--force", "120")
+    lines = answer("config", "explain", str(config), "--force", "120")
     assert lines[0] == "verdict        stop: resultant-force"
     assert lines[2] == "ruled by       limits.resultant_limit_n = 110"
 
 
 def test_explain_takes_every_option() -> None:
     lines = answer(
-        *("explain", "--phase", "retract", "--force", "0", "--resultant", "30", "--lowest", "12"),
+        *("config", "explain", "--phase", "retract", "--force", "0", "--resultant", "30", "--lowest", "12"),
         *("--retracting-ms", "300"),
         *("--from-air", "--commanded-mm", "1", "--start-m", "0.9", "0", "0.5"),
     )
@@ -54,6 +54,6 @@ def test_explain_takes_every_option() -> None:
         "then           the tool stands still at 1 mm; the run ends",
         "leads to       stands still and ends, exit code 3",
     ]
-    lines = answer("explain", "--saturated", "--fault", "", "--dead-axis", "Fz", "--gap-ms", "1")
+    lines = answer("config", "explain", "--saturated", "--fault", "", "--dead-axis", "Fz", "--gap-ms", "1")
     assert lines[0] == "verdict        stop: saturated"
     assert "ruled by       no setting" in lines

@@ -61,7 +61,7 @@ def refused(result: Result) -> str:
 
 def test_every_step_stands_in_the_table_once(hil: Command) -> None:
     Path("whole.toml").write_text(WHOLE)
-    code, output, errors = hil("task", "show", "whole.toml")
+    code, output, errors = hil("config", "program", "whole.toml")
     assert (code, errors) == (0, "")
     head, *all_lines, total = output.splitlines()
     assert head.split()[:2] == ["step", "word"]
@@ -99,13 +99,13 @@ def test_the_time_of_all_passes_is_told() -> None:
 def test_the_picture_is_drawn_the_same_again_and_never_over_a_file(hil: Command) -> None:
     Path("whole.toml").write_text(WHOLE)
     Path("steps.toml").write_text(STEPS)
-    assert hil("task", "show", "whole.toml", "--output", "one.png")[1].endswith("wrote one.png\n")
+    assert hil("config", "program", "whole.toml", "--output", "one.png")[1].endswith("wrote one.png\n")
     first = Path("one.png").read_bytes()
     assert first.startswith(b"\x89PNG")
-    assert "--overwrite" in refused(hil("task", "show", "whole.toml", "--output", "one.png"))
-    assert hil("task", "show", "whole.toml", "--output", "one.png", "--overwrite")[0] == 0
+    assert "--overwrite" in refused(hil("config", "program", "whole.toml", "--output", "one.png"))
+    assert hil("config", "program", "whole.toml", "--output", "one.png", "--overwrite")[0] == 0
     assert Path("one.png").read_bytes() == first
-    assert hil("task", "show", "steps.toml", "--output", "two.png")[0] == 0
+    assert hil("config", "program", "steps.toml", "--output", "two.png")[0] == 0
 
 
 def test_a_place_that_only_the_run_knows_is_drawn_too(hil: Command) -> None:
@@ -116,7 +116,7 @@ def test_a_place_that_only_the_run_knows_is_drawn_too(hil: Command) -> None:
         '[[step]]\ndo = "track"\npath = { kind = "line", length_mm = 3 }\n[[step]]\ndo = "retract"\n'
     )
     Path("steps.toml").write_text(steps)
-    assert hil("task", "show", "steps.toml", "--output", "picture.png")[0] == 0
+    assert hil("config", "program", "steps.toml", "--output", "picture.png")[0] == 0
 
 
 @pytest.mark.parametrize(
@@ -175,7 +175,7 @@ def test_a_wrong_program_is_told_in_one_line_with_file_and_step(
 ) -> None:
     Path("steps.toml").write_text(steps)
     for said in (
-        refused(hil("task", "show", "steps.toml")),
+        refused(hil("config", "program", "steps.toml")),
         refused(hil("run", "--virtual", "--task", "steps.toml")),
     ):
         assert said.startswith(f"steps.toml: {message}"), said
@@ -183,18 +183,18 @@ def test_a_wrong_program_is_told_in_one_line_with_file_and_step(
 
 def test_steps_in_the_configuration_are_told_by_its_name(hil: Command) -> None:
     Path("whole.toml").write_text(WHOLE.replace("times = 3", "times = 0"))
-    assert refused(hil("task", "show", "whole.toml")).startswith(
+    assert refused(hil("config", "program", "whole.toml")).startswith(
         "whole.toml: task.step 4 (repeat): times must be"
     )
     Path("whole.toml").write_text(WHOLE.replace("[30, 8]", "[20, 8]"))
-    assert refused(hil("task", "show", "whole.toml")).startswith(
+    assert refused(hil("config", "program", "whole.toml")).startswith(
         "whole.toml: task.step 4.3 (track, pass 1): force_n"
     )
 
 
 def test_a_run_without_steps_is_shown_as_the_program_that_it_is(hil: Command) -> None:
     Path("none.toml").write_text("[run]\nduration_s = 6.0\n[task]\nspeed_mm_s = 5.0\n")
-    code, output, errors = hil("task", "show", "none.toml")
+    code, output, errors = hil("config", "program", "none.toml")
     assert (code, errors) == (0, "")
     words = [line.split()[:2] for line in output.splitlines()[1:4]]
     assert words == [["1", "approach"], ["2", "track"], ["3", "retract"]]
@@ -207,7 +207,7 @@ def test_a_path_that_the_robot_does_not_reach_is_told_before_anything_moves(
 ) -> None:
     far = (WHOLE if whole else STEPS).replace("[0, 10]", "[0, 2500]")
     Path("far.toml").write_text(far)
-    said = refused(hil("task", "show", "far.toml"))
+    said = refused(hil("config", "program", "far.toml"))
     assert said.startswith(f"far.toml: {'task.' * whole}step 4.1 (move, pass 1): the robot does not reach"), (
         said
     )
@@ -221,7 +221,7 @@ def test_a_program_stands_in_one_place(hil: Command) -> None:
     message = (
         "both.toml: the steps [[task.step]] are given, and the file steps.toml too: leave one of them out"
     )
-    assert refused(hil("task", "show", "both.toml")) == message
+    assert refused(hil("config", "program", "both.toml")) == message
     Path("other.toml").write_text("[frame]\ntravel = [0, 1, 0]\n")
     assert refused(hil("run", "other.toml", "--virtual", "--task", "steps.toml")) == (
         "other.toml: frame.travel is another one than in steps.toml: leave one of them out"
@@ -294,13 +294,13 @@ def test_a_wrong_value_is_told_in_words_of_the_program(hil: Command, name: str) 
     right, wrong, message = WRONG[name]
     assert STEPS.count(right) == 1
     Path("steps.toml").write_text(STEPS.replace(right, wrong))
-    assert refused(hil("task", "show", "steps.toml")).startswith(f"steps.toml: {message}")
+    assert refused(hil("config", "program", "steps.toml")).startswith(f"steps.toml: {message}")
 
 
 def test_a_repeat_without_steps_says_how_its_steps_are_written(hil: Command) -> None:
     Path("steps.toml").write_text('[[step]]\ndo = "repeat"\ntimes = 2\n' + SHORT)
     assert "step 1 (repeat): step is missing: its steps are tables" in refused(
-        hil("task", "show", "steps.toml")
+        hil("config", "program", "steps.toml")
     )
 
 
@@ -358,8 +358,8 @@ PLACES = "--place", "0", "0", "--place", "40", "0", "--place", "0", "30"
 def test_the_frame_of_a_slope_is_found_and_a_program_in_it_runs(hil: Command, robot: str) -> None:
     Path("slope.toml").write_text(SLOPE)
     command = (
-        "task",
-        "teach-frame",
+        "identify",
+        "frame",
         "slope.toml",
         *PLACES,
         "--virtual",
@@ -386,13 +386,13 @@ def test_the_frame_of_a_slope_is_found_and_a_program_in_it_runs(hil: Command, ro
 def test_a_program_of_the_configuration_does_not_keep_from_teaching(hil: Command) -> None:
     Path("steps.toml").write_text(SHORT)
     Path("slope.toml").write_text(SLOPE.replace("[task]\n", '[task]\nfile = "steps.toml"\n'))
-    code, output, _ = hil("task", "teach-frame", "slope.toml", *PLACES, "--virtual")
+    code, output, _ = hil("identify", "frame", "slope.toml", *PLACES, "--virtual")
     assert code == 0
     assert "touch 3 at" in output
 
 
 @pytest.mark.parametrize("third", [("80", "0"), ("20", "4"), ("nan", "3")])
 def test_places_on_one_line_are_refused_before_the_touch(hil: Command, third: tuple[str, str]) -> None:
-    told = refused(hil("task", "teach-frame", *PLACES[:6], "--place", *third, "--virtual"))
+    told = refused(hil("identify", "frame", *PLACES[:6], "--place", *third, "--virtual"))
     assert "lie on one line" in told
     assert not Path("runs").exists()

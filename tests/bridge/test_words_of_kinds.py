@@ -93,7 +93,7 @@ def test_words_of_another_package_that_raise_become_a_problem() -> None:
 
 
 def listed(*arguments: str) -> dict[str, dict[str, object]]:
-    result = CliRunner().invoke(cli, ["faults", *arguments, "--json"])
+    result = CliRunner().invoke(cli, ["list", "faults", *arguments, "--json"])
     assert result.exit_code == 0, result.output
     found: dict[str, dict[str, object]] = json.loads(result.output)
     return found
@@ -127,7 +127,7 @@ def test_a_gateway_s_sensor_has_the_faults_of_a_stream(name: str) -> None:
 
 @pytest.mark.parametrize(("option", "thing"), [("--robot", "robot"), ("--sensor", "sensor")])
 def test_faults_of_an_unknown_kind_are_refused(option: str, thing: str) -> None:
-    error = CliRunner().invoke(cli, ["faults", option, "nothing"]).exception
+    error = CliRunner().invoke(cli, ["list", "faults", option, "nothing"]).exception
     assert isinstance(error, ConfigError)
     assert f"there is no {thing} 'nothing'" in str(error)
 

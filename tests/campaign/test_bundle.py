@@ -68,12 +68,12 @@ def test_a_bundle_holds_recordings_of_failures_and_of_drawn_seeds(bundle: Path, 
 
 
 def test_a_sound_bundle_is_verified(bundle: Path) -> None:
-    ended = invoke("verify", bundle)
+    ended = invoke("campaign", "verify", bundle)
     assert ended.exit_code == 0, ended.output
     assert "8 files are those of the manifest" in ended.output
     assert "4 runs of seed " in ended.output
     assert ended.output.endswith("4 compared with their recordings\n  the same to the last bit\n")
-    told = json.loads(invoke("verify", bundle, "--seeds", 2, "--json").stdout)
+    told = json.loads(invoke("campaign", "verify", bundle, "--seeds", 2, "--json").stdout)
     assert (told["repeated"], told["runs"], told["recordings"], told["differing"]) == ([1, 2], 8, 6, [])
     assert told["sha256"] == hashlib.sha256(bundle.read_bytes()).hexdigest()
 
@@ -95,7 +95,7 @@ def test_one_altered_byte_names_its_file(bundle: Path, tmp_path: Path) -> None:
             verified = verify(place, 0)
             assert verified.altered == (entry.filename,)
             assert not verified.good
-    ended = invoke("verify", place, "--seeds", 0)
+    ended = invoke("campaign", "verify", place, "--seeds", 0)
     assert ended.exit_code == 1
     assert f"altered: {entries[-1].filename}\n" in ended.output
 
@@ -170,10 +170,10 @@ def test_a_recording_that_cannot_be_read_is_named(bundle: Path, tmp_path: Path) 
 def test_another_version_is_told_and_alone_is_no_failure(bundle: Path, tmp_path: Path) -> None:
     files = with_manifest(files_of(bundle), versions={**versions(), "numpy": "1.0", "Python": "3.9.1"})
     place = packed_anew(tmp_path / "b.zip", files)
-    ended = invoke("verify", place)
+    ended = invoke("campaign", "verify", place)
     assert ended.exit_code == 0, ended.output
     assert f"another version of numpy: packed with 1.0, here {versions()['numpy']}\n" in ended.output
-    told = json.loads(invoke("verify", place, "--seeds", 0, "--json").stdout)
+    told = json.loads(invoke("campaign", "verify", place, "--seeds", 0, "--json").stdout)
     assert [one["package"] for one in told["other_versions"]] == ["Python", "numpy"]
 
 

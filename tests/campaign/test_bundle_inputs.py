@@ -117,7 +117,9 @@ def test_a_policy_is_packed_under_its_hash_and_found_elsewhere(
     (case,) = json.loads(files["plan.json"])["cases"]
     assert case["config"]["controller"]["parameters"] == {"file": "policy.onnx", "sha256": digest}
     monkeypatch.chdir(tmp_path)  # where there is no policy
-    ended = CliRunner().invoke(cli, ["verify", str(bundle), "--seeds", "2"], catch_exceptions=False)
+    ended = CliRunner().invoke(
+        cli, ["campaign", "verify", str(bundle), "--seeds", "2"], catch_exceptions=False
+    )
     assert ended.exit_code == 0, ended.output
     assert "2 runs of seeds 1, 2 repeated, 1 compared with their recordings" in ended.output
     monkeypatch.chdir(tmp_path)
@@ -133,7 +135,7 @@ def test_one_altered_byte_of_a_policy_is_named(bundle: Path, tmp_path: Path) -> 
     data[-1] ^= 1
     for altered in ({**files, name: bytes(data)}, with_manifest({**files, name: bytes(data)})):
         place = packed_anew(tmp_path / "altered.zip", altered)
-        ended = CliRunner().invoke(cli, ["verify", str(place)], catch_exceptions=False)
+        ended = CliRunner().invoke(cli, ["campaign", "verify", str(place)], catch_exceptions=False)
         assert ended.exit_code == 1
         assert f"altered: {name}, which the settings name policy.onnx\n" in ended.output
         assert ended.output.endswith("no run was repeated\n")

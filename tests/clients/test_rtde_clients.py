@@ -154,7 +154,7 @@ print(json.dumps(told))
 
 def test_ur_rtde_feels_the_surface_that_the_force_source_gives(client_python: Callable[..., Path]) -> None:
     python = client_python(UR_RTDE)
-    with emulated("127.0.0.22"), ended(ours("force-source", "rtde+tcp://127.0.0.22")) as source:
+    with emulated("127.0.0.22"), ended(ours("emulate", "force-source", "rtde+tcp://127.0.0.22")) as source:
         wait_for_force("127.0.0.22")
         told = tell(python, CONTACT, ["127.0.0.22"])
         assert source.poll() is None

@@ -1,4 +1,4 @@
-"""The command `hil-bridge experiment` from the outside."""
+"""The command `hil-bridge campaign experiment` from the outside."""
 
 import json
 import re
@@ -88,6 +88,7 @@ def test_sigterm_ends_the_command_with_its_workers(tmp_path):
         sys.executable,
         "-m",
         "hil_bridge",
+        "campaign",
         "experiment",
         "fig11",
         "--workers",

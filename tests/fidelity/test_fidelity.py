@@ -268,7 +268,9 @@ def ask(folder: Path, kind: str, rows: Sequence[tuple[str, ...]], mapping: str, 
         mapping
         or '[time]\ncolumn = "t"\n[columns]\nq = { columns = ["q1", "", "", "", "", ""], unit = "rad" }\n'
     )
-    result = CliRunner().invoke(cli, ["fidelity", str(table), "--columns", str(plan), "--as", kind, *more])
+    result = CliRunner().invoke(
+        cli, ["identify", "fidelity", str(table), "--columns", str(plan), "--as", kind, *more]
+    )
     return result.output if result.exit_code == 0 else str(result.exception)
 
 
@@ -336,7 +338,7 @@ def test_a_run_is_compared_with_the_devices_that_it_had(tmp_path: Path) -> None:
     assert record.exists(), result.output
 
     def look(kind: str, output: str, *more: str) -> Any:
-        result = CliRunner().invoke(cli, ["fidelity", str(record), "--as", kind, "--json", *more])
+        result = CliRunner().invoke(cli, ["identify", "fidelity", str(record), "--as", kind, "--json", *more])
         assert result.exit_code == 0, result.exception
         return next(each for each in json.loads(result.output)["lines"] if each["output"] == output)
 
@@ -457,7 +459,7 @@ def test_the_reference_lists_every_family_and_unit() -> None:
 def test_a_kind_and_a_table_without_a_mapping_are_told(tmp_path: Path) -> None:
     assert "there is no kind 'lathe'; choose one of s3" in ask(tmp_path, "lathe", GOOD, "")
     assert "its emulator cannot be played" in ask(tmp_path, "s3", GOOD, "")
-    result = CliRunner().invoke(cli, ["fidelity", str(tmp_path / "log.csv"), "--as", "rsi"])
+    result = CliRunner().invoke(cli, ["identify", "fidelity", str(tmp_path / "log.csv"), "--as", "rsi"])
     assert "a table needs --columns" in str(result.exception)
 
 
@@ -469,6 +471,6 @@ def test_without_scipy_the_command_says_what_to_install(
     monkeypatch.setitem(sys.modules, "scipy.optimize", None)
     place = tmp_path / "log.csv"
     place.write_text("t\n", encoding="utf-8")
-    result = CliRunner().invoke(cli, ["fidelity", str(place), "--as", "contact"])
+    result = CliRunner().invoke(cli, ["identify", "fidelity", str(place), "--as", "contact"])
     assert isinstance(result.exception, ConfigError)
     assert install_command("fidelity") in str(result.exception)

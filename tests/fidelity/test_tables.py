@@ -320,7 +320,7 @@ def test_notes_of_a_table_are_on_standard_error(tmp_path: Path) -> None:
         '[time]\ncolumn = "t"\n[columns]\ntarget_q = { columns = ["q", "", "", "", "", ""] }\n'
         'q = { columns = ["q", "", "", "", "", ""], unit = "rad" }\n'
     )
-    for command in (["fidelity", "--as", "rtde", "--json"], ["identify-cell", "--json"]):
+    for command in (["identify", "fidelity", "--as", "rtde", "--json"], ["identify", "cell", "--json"]):
         name, *more = command
         result = CliRunner().invoke(
             cli, [name, str(tmp_path / "log.csv"), "--columns", str(tmp_path / "map.toml"), *more]

@@ -1,4 +1,4 @@
-"""`supervisor explain` answers as the control loop decides, and the table of conditions names all of it."""
+"""`config explain` answers as the control loop decides, and the table of conditions names all of it."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""`hil-bridge identify-cell` from the command line: text, JSON, the profile, and what it refuses."""
+"""`hil-bridge identify cell` from the command line: text, JSON, the profile, and what it refuses."""
 
 import json
 from pathlib import Path
@@ -30,7 +30,7 @@ def site(recordings: Recordings) -> Path:
 
 
 def identify(*arguments: object) -> Result:
-    return CliRunner().invoke(cli, ["identify-cell", *map(str, arguments)])
+    return CliRunner().invoke(cli, ["identify", "cell", *map(str, arguments)])
 
 
 def test_text_tells_each_value_with_its_interval_or_why_it_is_not_seen(site: Path) -> None:

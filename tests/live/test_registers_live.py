@@ -283,7 +283,8 @@ def test_a_pci_board_is_served_to_another_process(tmp_path: Path) -> None:
     memory[0x10000 + 4 * 0xF8] = 1
     (folder / "resource0").write_bytes(memory)
     server = start(
-        "serve-jr3",
+        "emulate",
+        "jr3-pci",
         "--pci",
         "03:00.0",
         "--listen",

@@ -83,7 +83,7 @@ class AtiCanProfile:
     offset_gages: int = setting(
         0,
         Mark.CHOSEN,
-        "what a gage tells without a load; a run then needs the bias that identify-tool measures",
+        "what a gage tells without a load; a run then needs the bias that `identify tool` measures",
         between(-20000, 20000),
         unit="counts",
     )

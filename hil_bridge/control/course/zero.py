@@ -102,7 +102,9 @@ def _likeness(read: Sequence[float], expected: Sequence[float], tolerances: Sequ
             return f"{touch}, or {AXES[main]} is mirrored (sensor.quaternion, sensor.flip_fx_mx)"
         if quiet and abs(value) <= tolerance:
             return f"{touch}, {AXES[main]} is dead or scaled wrongly, or the tool is gone"
-    return f"{touch}, the tool or the sensor's bias is another (identify-tool), or an axis is scaled wrongly"
+    return (
+        f"{touch}, the tool or the sensor's bias is another (`identify tool`), or an axis is scaled wrongly"
+    )
 
 
 def unverified_axes(

@@ -1,6 +1,6 @@
-"""Commands of the JR3: `hil-bridge serve-jr3`, and the subcommands `decode jr3-can` and `decode jr3-uart`.
+"""Commands of the JR3: `hil-bridge emulate jr3-pci`, `decode jr3-can` and `decode jr3-uart`.
 
-`serve-jr3` serves a real board of this computer for a bridge on this or another one.
+`emulate jr3-pci` serves a real board of this computer for a bridge on this or another one.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ def _number(context: click.Context, parameter: click.Parameter, text: str) -> in
         raise click.BadParameter(f"a number like 0x18000, got {text!r}") from None
 
 
-@click.command("serve-jr3", short_help="Serve the registers of a real JR3 PCI board.")
+@click.command("jr3-pci", short_help="Serve the registers of a real JR3 PCI board.")
 @click.option("--pci", "address", required=True, metavar="ADDRESS", help="The board, like 0000:03:00.0.")
 @click.option(
     "--listen",
@@ -45,7 +45,7 @@ def _number(context: click.Context, parameter: click.Parameter, text: str) -> in
     help="JR3's jr3pci.idm: allows clients to reset the board, which loses its program.",
 )
 @click.option("--sysfs", type=FILE, metavar="DIR", help="Where the PCI devices are shown.")
-def serve_jr3(
+def jr3_pci(
     address: str, listen: str, offset: int, channel: int, program: Path | None, sysfs: Path | None
 ) -> None:
     """Serve the registers of a real JR3 PCI board until stopped with Ctrl-C.

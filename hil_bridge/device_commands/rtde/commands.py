@@ -1,4 +1,4 @@
-"""`hil-bridge force-source`: the contact model as the force sensor of a controller that another program emulates."""
+"""`hil-bridge emulate force-source`: the contact model as the force sensor of a robot controller."""
 
 from pathlib import Path
 

@@ -62,7 +62,7 @@ def fault_reason(report: RobotReport) -> Reason | None:
 
 
 TURN_SPEED_RAD_S = math.radians(20.0)
-"""Chosen: the same for `turn_speed`; twice what a sweep of `identify-tool` turns on a slow link."""
+"""Chosen: the same for `turn_speed`; twice what a sweep of `identify tool` turns on a slow link."""
 
 ACCELERATION_M_S2 = 2.0
 """Chosen: the same for `acceleration`; the usual path velocity is reached in six cycles of 4 ms."""

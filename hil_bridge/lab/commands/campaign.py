@@ -1,6 +1,7 @@
 """`hil-bridge campaign`: a matrix of configurations, faults and seeds in virtual time, judged by criteria."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,7 +20,8 @@ from hil_bridge.console.options import (
 )
 from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.commands.campaign_results import bundle, compare, export, rerun
+from hil_bridge.lab.commands.campaign_results import bundle, compare, export, rerun, verify
+from hil_bridge.lab.commands.experiment import experiment
 
 if TYPE_CHECKING:
     from hil_bridge.lab.campaign.digest import Digest
@@ -119,7 +121,7 @@ def campaign() -> None:
     """
 
 
-@campaign.command(cls=GroupedCommand)
+@campaign.command(cls=GroupedCommand, short_help="Run what is missing in the results.")
 @click.argument("file", type=FILE)
 @option_group(
     "Runs",
@@ -183,7 +185,7 @@ def run(
     outputs = _Outputs(junit, markdown, overwrite)
     outputs.check()
     plan = _plan_of(file, seeds, given)
-    say = _say_beside if as_json else click.echo
+    say = partial(click.echo, err=as_json)
     impossible = len(plan.cases) - len(plan.possible)
     without = f"; {impossible} more cannot be, see the report" if impossible else ""
     share = f", {plan.cases_per_seed} of them for each seed" if plan.cases_per_seed else ""
@@ -231,12 +233,9 @@ def run(
         click.get_current_context().exit(FAILED)
 
 
-def _say_beside(text: str) -> None:
-    """Say it where JSON does not stand."""
-    click.echo(text, err=True)
-
-
-@campaign.command(cls=ExtrasCommand, extras={"the hunt": "tune"})
+@campaign.command(
+    cls=ExtrasCommand, extras={"the hunt": "tune"}, short_help="Search for the worst run of a campaign."
+)
 @click.argument("file", type=FILE)
 @click.option(
     "--minutes", type=click.FloatRange(min=0.0), default=60.0, show_default=True, help="Time to hunt."
@@ -308,7 +307,7 @@ def hunt(
         click.get_current_context().exit(FAILED)
 
 
-@campaign.command()
+@campaign.command(short_help="Write the results as a page or as text.")
 @click.argument("results", type=FILE, metavar="FILE.sqlite")
 @output_option("PAGE.html", "The page.  [default: beside the results]")
 @click.option(
@@ -363,5 +362,5 @@ def report(
         tell(str(written) for written in (place, junit, markdown) if written is not None)
 
 
-for command in (rerun, compare, export, bundle):
+for command in (rerun, compare, export, bundle, verify, experiment):
     campaign.add_command(command)

@@ -1,4 +1,4 @@
-"""`hil-bridge campaign rerun`, `compare`, `export` and `bundle`: what is done with the results of a campaign."""
+"""`hil-bridge campaign rerun`, `compare`, `export`, `bundle` and `verify`: results of a campaign."""
 
 from pathlib import Path
 
@@ -16,10 +16,10 @@ from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
 
 DIFFERS = 1
-"""Exit code when runs or campaigns differ."""
+"""Exit code when runs, campaigns or files differ."""
 
 
-@click.command()
+@click.command(short_help="Repeat single runs, with recordings.")
 @click.argument("results", type=FILE, metavar="FILE.sqlite")
 @click.argument("key", required=False)
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="All runs of this seed.")
@@ -62,7 +62,7 @@ def rerun(
         click.get_current_context().exit(DIFFERS)
 
 
-@click.command()
+@click.command(short_help="Compare two campaigns run by run.")
 @click.argument("before", type=FILE, metavar="A.sqlite")
 @click.argument("after", type=FILE, metavar="B.sqlite")
 @json_option
@@ -84,7 +84,11 @@ def compare(before: Path, after: Path, as_json: bool) -> None:
         click.get_current_context().exit(DIFFERS)
 
 
-@click.command(cls=ExtrasCommand, extras={"parquet": "parquet"})
+@click.command(
+    cls=ExtrasCommand,
+    extras={"parquet": "parquet"},
+    short_help="Export the results to a table, one row a run.",
+)
 @click.argument("results", type=FILE, metavar="FILE.sqlite")
 @click.option(
     "--to",
@@ -123,7 +127,7 @@ def export(results: Path, formats: tuple[str, ...], out: Path | None, as_json: b
         tell_json({"files": [str(place) for place in made], "runs": runs})
 
 
-@click.command()
+@click.command(short_help="Pack results with all that is needed to repeat them.")
 @click.argument("results", type=FILE, metavar="FILE.sqlite")
 @click.option(
     "--seeds",
@@ -138,7 +142,7 @@ def export(results: Path, formats: tuple[str, ...], out: Path | None, as_json: b
 @json_option
 @overwrite_option
 def bundle(results: Path, count: int, out: Path | None, as_json: bool, overwrite: bool) -> None:
-    """Pack results with configurations, versions, recordings and a hash of each file, for `hil-bridge verify`.
+    """Pack results with configurations, versions, recordings and a hash of each file, for `hil-bridge campaign verify`.
 
     Recordings are those of runs that failed, and of the drawn seeds. Policies, rules and maps of heights that settings
     name are packed too. Exit code 1, and no bundle, when a repeated run differs from the results.
@@ -156,4 +160,36 @@ def bundle(results: Path, count: int, out: Path | None, as_json: bool, overwrite
     else:
         tell(harmless(line) for line in packed.lines)
     if packed.differing:
+        click.get_current_context().exit(DIFFERS)
+
+
+@click.command(short_help="Check a bundle, and repeat some of its runs.")
+@click.argument("bundle", type=FILE, metavar="BUNDLE.zip")
+@click.option(
+    "--seeds",
+    "count",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Seeds whose runs are repeated.  [default: those that were drawn for the bundle]",
+)
+@json_option
+def verify(bundle: Path, count: int | None, as_json: bool) -> None:
+    """Check each file of a bundle against its hash, and repeat the runs of some seeds.
+
+    Every figure of a repeated run must be the same to the last bit, and every cycle where the bundle has its
+    recording. Exit code 1 when a file or a seed was altered, or a run differs or cannot be repeated here. Another
+    version is told, and alone is no failure. No program of a bundle is run. `hil-bridge campaign bundle` makes bundles.
+    """
+    from hil_bridge.console.progress import run_progress
+    from hil_bridge.errors.text_files import harmless
+    from hil_bridge.lab.campaign.verifying import verify as check
+    from hil_bridge.runs.signals import as_ctrl_c
+
+    with run_progress(None) as advance, as_ctrl_c():
+        verified = check(bundle, count, advance)
+    if as_json:
+        tell_json(verified)
+    else:
+        tell(harmless(line) for line in verified.lines)
+    if not verified.good:
         click.get_current_context().exit(DIFFERS)

@@ -1,4 +1,4 @@
-"""`hil-bridge experiment`: the paper's results, repeated."""
+"""`hil-bridge campaign experiment`: the paper's results, repeated."""
 
 from pathlib import Path
 
@@ -88,7 +88,7 @@ def experiment(
     if page is None and ALL in names:
         page = out / "index.md"
     if page is not None:
-        command = f"hil-bridge experiment {' '.join(names)} --seeds {seeds} -o {out} --page {page}"
+        command = f"hil-bridge campaign experiment {' '.join(names)} --seeds {seeds} -o {out} --page {page}"
         write_page(page, out, found, chosen, command)
         click.echo(f"page: {page}")
         shown = page.with_suffix(".html")

@@ -1,5 +1,7 @@
-"""`hil-bridge fidelity`: how far an emulated device is from a measured one."""
+"""`hil-bridge identify fidelity`: how far an emulated device is from a measured one."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,17 +17,38 @@ if TYPE_CHECKING:
     from hil_bridge.record.foreign import BagChoices
 
 
-@click.command(short_help="Tell how far an emulated device is from a measured one.")
-@click.argument("recording", type=FILE)
-@click.option(
-    "--as", "kind", required=True, metavar="KIND", help="Kind of the emulated robot or sensor, or contact."
-)
-@click.option(
+columns_option = click.option(
     "--columns",
     type=FILE,
     metavar="MAPPING.toml",
     help="Which column of a table is which quantity, in which unit.",
 )
+between_option = click.option(
+    "--between",
+    type=float,
+    nargs=2,
+    metavar="BEGIN END",
+    help="Stretch of the data, s from its first sample.  [default: all]",
+)
+
+
+@contextmanager
+def requiring_scipy() -> Iterator[None]:
+    """Raise ConfigError with the command that installs SciPy where an import in the body lacks it."""
+    try:
+        yield
+    except ImportError as error:
+        if not str(error.name).startswith("scipy"):
+            raise
+        raise ConfigError(f"this needs the package scipy; {install_command('fidelity')}") from error
+
+
+@click.command(short_help="Compare an emulated device with a measured one.")
+@click.argument("recording", type=FILE)
+@click.option(
+    "--as", "kind", required=True, metavar="KIND", help="Kind of the emulated robot or sensor, or contact."
+)
+@columns_option
 @click.option(
     "--config",
     "config_file",
@@ -33,13 +56,7 @@ if TYPE_CHECKING:
     metavar="CELL.toml",
     help="Settings of the emulated device, over those of a recorded run.",
 )
-@click.option(
-    "--between",
-    type=float,
-    nargs=2,
-    metavar="BEGIN END",
-    help="Stretch of the recording, s from its first sample.  [default: all]",
-)
+@between_option
 @click.option("--seed", type=int, help="Seed of every random draw in the device.")
 @json_option
 @click.option("--page", type=FILE, metavar="FILE.html", help="Draw measured and emulated over each other.")
@@ -60,22 +77,16 @@ def fidelity(
     """Play a recording's inputs to an emulated device, and compare what it tells with what was measured.
 
     \b
-    hil-bridge fidelity run.mcap --as rsi
-    hil-bridge fidelity log.csv --columns log.toml --config cell.toml --as rtde --page log.html
+    hil-bridge identify fidelity run.mcap --as rsi
+    hil-bridge identify fidelity log.csv --columns log.toml --config cell.toml --as rtde --page log.html
 
     RECORDING is a recording of a run, a table of text with --columns, or a bag of ROS 2. The device works in virtual
     time, over the bytes of its protocol; nothing real is opened.
     """
-    try:
+    with requiring_scipy():
         from hil_bridge.lab.fidelity.subjects import compare_with, read
         from hil_bridge.lab.fidelity.telling import as_json as json_of
         from hil_bridge.lab.fidelity.telling import describe
-    except ImportError as error:
-        if not str(error.name).startswith("scipy"):
-            raise
-        raise ConfigError(
-            f"this comparison needs the package scipy; {install_command('fidelity')}"
-        ) from error
     from hil_bridge.record.files import check_place, write_whole
 
     if page is not None:

@@ -1,4 +1,4 @@
-"""`hil-bridge identify-cell`: what a recording shows of its cell, as values and as a configuration."""
+"""`hil-bridge identify cell`: what a recording shows of its cell, as values and as a configuration."""
 
 from pathlib import Path
 
@@ -7,17 +7,12 @@ import click
 from hil_bridge.console.options import json_option, output_option, overwrite_option, tell, tell_json
 from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
-from hil_bridge.errors.extras import install_command
+from hil_bridge.lab.commands.fidelity import between_option, columns_option, requiring_scipy
 
 
-@click.command("identify-cell", short_help="Find a cell's figures from a recording of it.")
+@click.command("cell", short_help="Identify latency, noise and contact from a recording.")
 @click.argument("recording", type=FILE)
-@click.option(
-    "--columns",
-    type=FILE,
-    metavar="MAPPING.toml",
-    help="Which column of a table is which quantity, in which unit.",
-)
+@columns_option
 @click.option(
     "--config",
     "config_file",
@@ -25,13 +20,7 @@ from hil_bridge.errors.extras import install_command
     metavar="CELL.toml",
     help="Kinds and settings of the cell of a table.",
 )
-@click.option(
-    "--between",
-    type=float,
-    nargs=2,
-    metavar="BEGIN END",
-    help="Stretch of a table, s from its first sample.  [default: all]",
-)
+@between_option
 @json_option
 @output_option("PROFILE.toml", "Write a configuration that runs such a cell virtually.")
 @overwrite_option
@@ -47,20 +36,16 @@ def identify_cell(
     """Find latency, noise, filter, contact, friction and line errors of a cell from a recording of it.
 
     \b
-    hil-bridge identify-cell site.mcap -o profile.toml
+    hil-bridge identify cell site.mcap -o profile.toml
     hil-bridge run profile.toml --virtual
 
     Each value has an interval that holds it with 95 %, or says why the recording does not show it. RECORDING is a
     recording of a run, or a table of text with --columns. Nothing is opened, and nothing moves.
     """
-    try:
+    with requiring_scipy():
         from hil_bridge.lab.identification.identifying import identify_run, identify_table
         from hil_bridge.lab.identification.profile import profile_text
         from hil_bridge.lab.identification.telling import as_values, describe
-    except ImportError as error:
-        if not str(error.name).startswith("scipy"):
-            raise
-        raise ConfigError(f"this needs the package scipy; {install_command('fidelity')}") from error
     from hil_bridge.record import read
     from hil_bridge.record.files import check_place, write_whole
 

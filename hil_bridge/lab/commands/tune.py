@@ -21,7 +21,7 @@ NOTHING_FOUND = 4
 """Exit code when no point met the constraints."""
 
 
-@click.command(short_help="Find a controller's parameters for a cell.")
+@click.command(short_help="Optimise a controller's parameters for a cell.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
 @click.option(
     "--controller",

@@ -10,6 +10,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.record import RawTraffic, Recording, read_with_traffic
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.export.can_logs import asc, blf, candump
+from hil_bridge.record.export.layouts import LAYOUTS, content
 from hil_bridge.record.export.measurement import measurement
 from hil_bridge.record.export.ros_bag import bag_files
 from hil_bridge.record.export.tables import TIME, Table, as_csv, as_parquet, cycle_table, sensor_table
@@ -164,6 +165,10 @@ def _mf4(source: Source) -> Sequence[Export]:
     return [Export(".mf4", data, f"{count} channels, the run's clock")]
 
 
+def _layouts(source: Source) -> Sequence[Export]:
+    return [Export(f".{name}", content(name), "panels for any recording and any run") for name in LAYOUTS]
+
+
 FORMATS: Mapping[str, Format] = {
     "candump": Format("CAN frames as candump writes them", _candump, lambda source: source.has_can),
     "blf": Format("CAN frames for Vector's tools", _blf, lambda source: source.has_can),
@@ -178,6 +183,7 @@ FORMATS: Mapping[str, Format] = {
     ),
     "rosbag2": Format("a bag of ROS 2, a folder; needs rosbags", _ros_bag, lambda source: False),
     "mf4": Format("a measurement of ASAM; needs asammdf", _mf4, lambda source: False),
+    "layouts": Format("panels for Foxglove and PlotJuggler", _layouts, lambda source: False),
 }
 
 

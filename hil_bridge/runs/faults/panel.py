@@ -20,7 +20,8 @@ class FaultPanel:
     def inject(self, on: str, fault: str, *, for_s: float | None = None, **parameters: object) -> Injection:
         """Let a fault happen now, or at its next opportunity, with its parameters; `for_s` is its duration, s.
 
-        `hil-bridge faults` lists targets (`on`), faults and parameters. What is returned counts how often it struck.
+        `hil-bridge list faults` has targets (`on`), faults and parameters. The returned object counts how often it
+        struck.
         Raises ConfigError for a fault that this cell cannot have, and for a wrong parameter.
         """
         given = parameters if for_s is None else {**parameters, "for_s": for_s}

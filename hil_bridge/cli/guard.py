@@ -1,4 +1,4 @@
-"""`hil-bridge supervisor`: what the guard would do, and all that it does."""
+"""`hil-bridge config explain` and `hil-bridge list conditions`: what the guard does, and when."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,13 +12,8 @@ from hil_bridge.console.paths import FILE
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 
-@click.group(no_args_is_help=False)
-def supervisor() -> None:
-    """Conditions that refuse, clamp or end a run."""
-
-
-@supervisor.command(short_help="List every condition and what it leads to.")
-def table() -> None:
+@click.command(short_help="List the conditions that refuse, clamp or end a run.")
+def conditions() -> None:
     """List every condition that refuses, clamps or ends a run, and what it leads to."""
     from hil_bridge.site.guard.conditions import as_text
 
@@ -37,7 +32,7 @@ def _words(name: str, key: str, text: str) -> Callable[[_Command], _Command]:
     return click.option(name, key, metavar="TEXT", help=text)
 
 
-@supervisor.command(short_help="Say what would be done with an observation.")
+@click.command(short_help="Explain what the guard does with an observation.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
 @click.option(
     "--phase",
@@ -90,16 +85,16 @@ def _words(name: str, key: str, text: str) -> Callable[[_Command], _Command]:
 )
 @_number("--back-mm", "back_mm", "RETRACT: how far back since the force fell last.")
 def explain(config_file: Path | None, phase: str, **given: Any) -> None:
-    """Say what the supervisor would do with an observation, by the limits of a configuration.
+    """Explain what the guard does with an observation, by the limits of a configuration.
 
     It asks the control loop of a run. What is not given is as in a calm run. It prints the verdict, its cause, the
     setting that ruled, the tool's next reaction and the deepest order. For each quantity it prints how far it is from
     the value at which it alone would stop the run, nearest first.
 
     \b
-      hil-bridge supervisor explain --force 120 --age-ms 30
-      hil-bridge supervisor explain --force 40 --commanded-mm 8 --wanted-mm 12 --stiffness 20000
-      hil-bridge supervisor explain --phase retract --force 30 --lowest 12 --retracting-ms 1500
+      hil-bridge config explain --force 120 --age-ms 30
+      hil-bridge config explain --force 40 --commanded-mm 8 --wanted-mm 12 --stiffness 20000
+      hil-bridge config explain --phase retract --force 30 --lowest 12 --retracting-ms 1500
     """
     from hil_bridge.control import Phase
     from hil_bridge.settings.configuration import load_config
