@@ -42,6 +42,13 @@ def surfaces() -> Sequence[str]:
     return SURFACES.names
 
 
+def setting_keys() -> Sequence[str]:
+    """Return the keys of all settings, as `--set` takes them: `limits.force_limit_n=`."""
+    from hil_bridge.settings.template import setting_rows
+
+    return [f"{row.section}.{row.name}=" for row in setting_rows() if row.section]
+
+
 def link_profiles() -> Sequence[str]:
     """Named settings of an S3's computer link."""
     from hil_bridge.cli.entry_points import extension

@@ -5,6 +5,8 @@ from typing import Any
 
 import click
 
+from hil_bridge.cli.completion import complete, setting_keys
+
 
 def _read(context: click.Context, parameter: click.Parameter, given: tuple[str, ...]) -> dict[str, Any]:
     """Values by key. A value is one of TOML; a word that is none stands for itself."""
@@ -35,6 +37,7 @@ set_option = click.option(
     multiple=True,
     metavar="KEY=VALUE",
     callback=_read,
-    help="A setting by its key, as limits.force_limit_n=30; options of their own go before it. May be given again.",
+    shell_complete=complete(setting_keys),
+    help="Set one setting by its key: limits.force_limit_n=30. Dedicated options take precedence. Repeatable.",
 )
 """Gives the command `given`, values by dotted key."""

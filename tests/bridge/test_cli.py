@@ -382,6 +382,10 @@ def test_runs_are_listed_with_what_can_be_read_of_them(hil: Command) -> None:
         (["run", "--sensor"], "jr3-", ["jr3-uart", "jr3-board"]),
         (["run", "--controller"], "fuzzy", ["fuzzy", "fuzzy-adaptive"]),
         (["emulate", "cell", "--robot"], "e", ["egm"]),
+        (["run", "--set"], "limits.force_l", ["limits.force_limit_n="]),
+        (["conform"], "net", ["netft"]),
+        (["conform", "rtde", "--only"], "nom", ["nominal"]),
+        (["conform", "--only"], "nom", []),
     ],
 )
 def test_a_shell_completes_values(words: list[str], begun: str, names: list[str]) -> None:

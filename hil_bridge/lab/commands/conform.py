@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.completion import complete, robots, sensors
 from hil_bridge.console.options import overwrite_option, tell
 from hil_bridge.console.paths import FILE
 
@@ -11,8 +12,25 @@ FAILED = 4
 """Exit code when a scenario failed."""
 
 
-@click.command(short_help="Judge a robot's or a sensor's client.", options_metavar="[OPTIONS]")
-@click.argument("kind")
+def _kinds() -> list[str]:
+    """Return the kinds of robots and sensors."""
+    return [*robots(), *sensors()]
+
+
+def _complete_scenarios(context: click.Context, parameter: click.Parameter, begun: str) -> list[str]:
+    """Complete the names of the scenarios that the kind of device in the command line has."""
+
+    def names() -> list[str]:
+        from hil_bridge.lab.conform.trying import cell_of, make_trial, rules_of
+
+        kind = context.args[0]  # the option lacks its value, so click has not assigned the arguments
+        return [*make_trial(cell_of(kind, None), rules_of(kind)(), ()).scenarios]
+
+    return complete(names)(context, parameter, begun)
+
+
+@click.command(short_help="Test a client of a robot or a sensor.", options_metavar="[OPTIONS]")
+@click.argument("kind", shell_complete=complete(_kinds))
 @click.argument("command", nargs=-1, metavar="-- COMMAND…")
 @click.option(
     "--config", "config_file", type=FILE, metavar="CONFIG.toml", help="Settings of the emulated cell."
@@ -22,7 +40,13 @@ FAILED = 4
     metavar="URL",
     help="Where the device listens, as rtde+tcp-listen://127.0.0.2.  [default: free ports, or the device's own]",
 )
-@click.option("--only", multiple=True, metavar="SCENARIO", help="Play this one; may be given again.")
+@click.option(
+    "--only",
+    multiple=True,
+    metavar="SCENARIO",
+    shell_complete=_complete_scenarios,
+    help="Play this scenario alone. Repeatable.",
+)
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A rule, as react_s=0.2.")
 @click.option("--comes-back", is_flag=True, help="The client declares that it comes back behind a cut wire.")
 @click.option("--ends", is_flag=True, help="A robot's client declares that it ends by itself.")
