@@ -1,4 +1,4 @@
-"""Experiments in small: they repeat exactly, and no number of a text differs from its CSV file."""
+"""Experiments in small: they repeat exactly, and no number of a claim differs from its CSV file."""
 
 import csv
 import io
@@ -19,6 +19,7 @@ from hil_bridge.lab.experiments import (
 )
 from hil_bridge.lab.experiments.cell import CellJob
 from hil_bridge.lab.experiments.comparison import held, ranking, variants
+from hil_bridge.lab.experiments.drawing import draw
 from hil_bridge.lab.experiments.paper_simulation import RESOLUTION, PaperJob
 from hil_bridge.lab.experiments.results import digits, markdown, only_row, to_csv
 from hil_bridge.lab.experiments.simulation import REFERENCE_N, STIFFNESSES
@@ -33,8 +34,8 @@ def evaluated(name, seeds, keep=lambda job: True):
 
 
 @pytest.fixture(scope="module")
-def fig5():
-    return evaluated("fig5", 20)[1].table
+def simulated():
+    return evaluated("fig3-5", 20)[1].table
 
 
 def row(table, controller, stiffness):
@@ -44,61 +45,63 @@ def row(table, controller, stiffness):
 @pytest.mark.parametrize(
     ("stiffness", "rise"), [(1000, 129), (5000, 30), (20_000, 11), (50_000, 3), (100_000, 1)]
 )
-def test_rise_of_fixed_gains_is_that_of_the_specification(fig5, stiffness, rise):
-    assert row(fig5, "fuzzy", stiffness)["rise_samples"] == pytest.approx(rise, rel=0.2)
+def test_rise_of_fixed_gains_is_that_of_the_specification(simulated, stiffness, rise):
+    assert row(simulated, "fuzzy", stiffness)["rise_samples"] == pytest.approx(rise, rel=0.2)
 
 
 @pytest.mark.parametrize(("stiffness", "swing"), [(50_000, 32.0), (100_000, 63.0)])
-def test_limit_cycle_of_fixed_gains_is_that_of_the_specification(fig5, stiffness, swing):
-    assert row(fig5, "fuzzy", stiffness)["steady_peak_to_peak_n"] == pytest.approx(swing, rel=0.2)
+def test_limit_cycle_of_fixed_gains_is_that_of_the_specification(simulated, stiffness, swing):
+    assert row(simulated, "fuzzy", stiffness)["steady_peak_to_peak_n"] == pytest.approx(swing, rel=0.2)
 
 
-def test_adaptation_of_the_paper_is_ten_times_faster_on_the_sponge(fig5):
-    fixed, adapted = (row(fig5, name, 5000)["rise_samples"] for name in ("fuzzy", "fuzzy-adaptive"))
+def test_adaptation_of_the_paper_is_ten_times_faster_on_the_sponge(simulated):
+    fixed, adapted = (row(simulated, name, 5000)["rise_samples"] for name in ("fuzzy", "fuzzy-adaptive"))
     assert fixed >= 10 * adapted
 
 
 @pytest.mark.parametrize("stiffness", [5000, 20_000, 50_000, 100_000])
-def test_resolution_awareness_rests_where_no_step_is_better(fig5, stiffness):
-    aware = row(fig5, "resolution-aware", stiffness)
+def test_resolution_awareness_rests_where_no_step_is_better(simulated, stiffness):
+    aware = row(simulated, "resolution-aware", stiffness)
     assert aware["steps_per_s"] == 0.0
     assert abs(aware["steady_mean_error_n"]) <= stiffness * RESOLUTION / 2
     if stiffness <= 50_000:
         assert aware["overshoot_percent"] <= 10.0
 
 
-def test_simulation_covers_the_reference_cases(fig5):
+def test_simulation_covers_the_reference_cases(simulated):
     assert REFERENCE_N == 50.0
-    assert {entry["stiffness_n_m"] for entry in fig5} == set(STIFFNESSES)
+    assert {entry["stiffness_n_m"] for entry in simulated} == set(STIFFNESSES)
 
 
-@pytest.mark.parametrize("name", ["rules", "fig3", "fig5"])
-def test_text_follows_from_the_csv_file_alone(name):
+@pytest.mark.parametrize("name", ["rules", "fig3-5"])
+def test_claims_follow_from_the_csv_file_alone(name):
     experiment, findings = evaluated(name, 2)
-    assert experiment.describe(from_csv(to_csv(findings.table))) == experiment.describe(findings.table)
+    assert experiment.claims(from_csv(to_csv(findings.table))) == experiment.claims(findings.table)
 
 
 def test_numbers_of_a_text_stand_in_its_csv_file(tmp_path):
-    experiment, findings = evaluated("fig3", 2)
+    experiment, findings = evaluated("fig3-5", 2)
     write_findings(experiment, findings, tmp_path)
-    rows = list(csv.DictReader(io.StringIO((tmp_path / "fig3.csv").read_text())))
-    text = (tmp_path / "fig3.md").read_text()
-    by_wall = {int(entry["stiffness_n_m"]): entry for entry in rows}
-    assert f"takes {float(by_wall[1000]['rise_samples']):.3g} samples" in text
-    assert f"swings by {float(by_wall[50_000]['steady_peak_to_peak_n']):.3g} N" in text
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "fig3-5.csv").read_text())))
+    text = (tmp_path / "fig3-5.md").read_text()
+    by_wall = {int(entry["stiffness_n_m"]): entry for entry in rows if entry["controller"] == "fuzzy"}
+    assert f"rise {float(by_wall[1000]['rise_samples']):.3g} samples" in text
+    assert f"{float(by_wall[50_000]['steady_peak_to_peak_n']):.3g} N peak to peak" in text
 
 
-def test_a_changed_number_changes_the_text():
-    experiment, findings = evaluated("fig3", 1)
+def test_a_changed_number_changes_the_claims():
+    experiment, findings = evaluated("fig3-5", 1)
     changed = [{**entry, "steady_peak_to_peak_n": 77.7} for entry in findings.table]
-    assert "77.7 N" in experiment.describe(changed)[0]
+    assert "77.7 N" in experiment.claims(changed)[1].found
 
 
-def test_the_one_entry_that_the_rules_do_not_give_is_named():
+def test_the_one_entry_that_the_rules_do_not_give_is_named(tmp_path):
     experiment, findings = evaluated("rules", 1)
-    text, _ = experiment.describe(findings.table)
-    assert "168 of its 169" in text
-    assert "G(+6, 0) is printed −5 and computed −4" in text
+    (claim,) = experiment.claims(findings.table)
+    assert "168 of 169" in claim.found
+    assert "G(+6, 0) is printed −5 and computed −4" in claim.found
+    matrix = {entry["error \\ change"]: entry for entry in experiment.summary(findings.table)}
+    assert matrix["+6"]["0"] == "-4 (-5)"
 
 
 @pytest.mark.parametrize(
@@ -106,7 +109,7 @@ def test_the_one_entry_that_the_rules_do_not_give_is_named():
     [
         ("rules", {"error_level", "change_level", "printed", "computed"}),
         (
-            "fig3",
+            "fig3-5",
             {"controller", "stiffness_n_m", "seeds", "rise_samples", "rise_samples_sd", "overshoot_percent"},
         ),
     ],
@@ -117,7 +120,8 @@ def test_columns(name, columns):
 
 
 def test_pictures_are_png_small_enough_and_repeat():
-    first, second = (evaluated("fig5", 1)[1].picture for _ in range(2))
+    experiment, findings = evaluated("fig3-5", 1)
+    first, second = (draw(experiment.panels(findings.curves), 3) for _ in range(2))
     assert first == second
     assert first.startswith(b"\x89PNG")
     width, height = struct.unpack(">II", first[16:24])
@@ -167,26 +171,30 @@ def test_the_steady_state_is_that_of_the_last_samples_asked_for():
 
 
 def test_every_figure_of_the_chain_comes_out_of_a_short_run(tmp_path):
-    for name in ("fig7", "fig9-10"):
+    for name in ("fig7-8", "fig9-11"):
         experiment = EXPERIMENTS[name]
-        (job,) = experiment.jobs(1)
-        short = replace(job, duration=9.0)
-        findings = experiment.evaluate([short], [short()])
+        jobs = [replace(job, duration=9.0) for job in experiment.jobs(1)]
+        findings = experiment.evaluate(jobs, [job() for job in jobs])
         paths = write_findings(experiment, findings, tmp_path)
+        assert {path.name for path in paths} == {
+            f"{name}{end}" for end in (".csv", ".md", ".png", "-curves.csv")
+        }
         assert all(path.stat().st_size for path in paths)
-        assert from_csv(paths[1].read_text()) == findings.table
-        assert {"force_n", "depth_mm", "time_s"} <= set(findings.series[0])
+        table = from_csv(paths[0].read_text())
+        assert table == findings.table
+        assert {"force_n", "depth_mm", "time_s"} <= set(findings.curves[0])
+        assert experiment.claims(table) == experiment.claims(findings.table)
 
 
 def test_page_names_its_command_and_finds_its_pictures(tmp_path):
-    experiment, findings = evaluated("rules", 1)
+    experiment, findings = evaluated("fig3-5", 1)
     folder = tmp_path / "paper"
     write_findings(experiment, findings, folder)
-    write_page(tmp_path / "paper.md", folder, {"rules": findings}, [experiment], "the command")
+    write_page(tmp_path / "paper.md", folder, {"fig3-5": findings}, [experiment], "the command")
     page = (tmp_path / "paper.md").read_text()
     assert "the command" in page
-    assert "(paper/rules.png)" in page
-    assert "168 of 169" in page
+    assert "(paper/fig3-5.png)" in page
+    assert experiment.claims(findings.table)[0].found in page
 
 
 def test_figures_are_shown_as_people_read_them():
@@ -197,18 +205,7 @@ def test_figures_are_shown_as_people_read_them():
         "12 300",
         "0.123",
     ]
-    assert markdown([{"a_b": 1}], ["a_b"]).splitlines()[0] == "| a b |"
-
-
-@pytest.mark.parametrize("name", ["fig8", "fig11"])
-def test_text_of_the_tracking_figures_follows_from_their_csv_files(name):
-    experiment = EXPERIMENTS[name]
-    jobs = [replace(job, duration=9.0) for job in experiment.jobs(1)]
-    findings = experiment.evaluate(jobs, [job() for job in jobs])
-    text, claims = experiment.describe(from_csv(to_csv(findings.table)))
-    assert (text, claims) == experiment.describe(findings.table)
-    assert "predictive" in text
-    assert claims
+    assert markdown([{"a_b": 1}]).splitlines()[0] == "| a b |"
 
 
 @pytest.fixture(scope="module")
@@ -225,28 +222,18 @@ def test_limit_cycles_are_as_predicted_at_every_point(resolution_findings):
         assert entry["chain_period_s"] == pytest.approx(entry["chain_predicted_period_s"], rel=0.25)
         assert entry["rounding_n"] == pytest.approx(entry["step_force_n"], rel=0.01)
         assert entry["chain_n"] < 0.5 * entry["step_force_n"]
-        assert entry["rounding_within_25_percent"] == entry["chain_within_25_percent"] == "yes"
-    _, (claim,) = experiment.describe(findings.table)
-    assert claim.found.count("within 25 % at each of the 12 points") == 2
+    (claim,) = experiment.claims(findings.table)
+    assert claim.found.count("within 25% at 12 of 12 points") == 2
 
 
-def test_text_of_the_limit_cycles_follows_from_their_csv_file(resolution_findings):
+def test_points_off_the_prediction_and_without_one_do_not_count(resolution_findings):
     experiment, findings = resolution_findings
-    assert experiment.describe(from_csv(to_csv(findings.table))) == experiment.describe(findings.table)
-
-
-def test_points_off_the_prediction_and_without_one_are_named(resolution_findings):
-    experiment, findings = resolution_findings
+    assert experiment.claims(from_csv(to_csv(findings.table))) == experiment.claims(findings.table)
     first, second, *others = findings.table
-    assert resolution.agreement(1.3, 1.0) == (1.3, "no")
-    assert resolution.agreement(1.2, 1.0) == (1.2, "yes")
-    assert resolution.agreement(1.2, None) == (None, "no limit cycle predicted")
-    off = {**first, "chain_ratio": 1.3, "chain_within_25_percent": "no"}
-    none = dict.fromkeys(("chain_predicted_n", "chain_ratio", "chain_predicted_period_s"))
-    calm = {**second, **none, "chain_within_25_percent": "no limit cycle predicted"}
-    _, (claim,) = experiment.describe([off, calm, *others])
-    assert "farther off at 5 000 N/m at 0.125 mm" in claim.found
-    assert "no limit cycle predicted at 5 000 N/m at 0.25 mm" in claim.found
+    (claim,) = experiment.claims([{**first, "chain_ratio": 1.3}, {**second, "chain_ratio": None}, *others])
+    assert "servo with dead band: within 25% at 10 of 12 points" in claim.found
+    (claim,) = experiment.claims([{**entry, "chain_ratio": None} for entry in findings.table])
+    assert claim.found.endswith("no limit cycle predicted")
 
 
 def test_comparison_counts_what_is_held():
@@ -262,9 +249,9 @@ def test_comparison_counts_what_is_held():
     assert len(findings.table) == 4
     counts = {entry["controller"]: entry["held"] for entry in ranking(findings.table)}
     assert counts["fuzzy"] == sum(held(entry) for entry in findings.table if entry["controller"] == "fuzzy")
-    text, _ = experiment.describe(from_csv(to_csv(findings.table)))
-    assert text == experiment.describe(findings.table)[0]
-    assert f"The fixed gains hold {counts['fuzzy']} of 2 points" in text
+    claims = experiment.claims(from_csv(to_csv(findings.table)))
+    assert claims == experiment.claims(findings.table)
+    assert f"they hold {counts['fuzzy']} of 2 points" in claims[0].found
 
 
 def test_the_whole_grid_has_every_controller_twice():

@@ -26,7 +26,7 @@ ALL = "all"
     "--page",
     type=FILE,
     metavar="FILE",
-    help="Write the page over all of them here, and as .html with charts.  [default: index.md in DIR, with `all`]",
+    help="Write the page over all of them here.  [default: index.md in DIR, with `all`]",
 )
 @click.option(
     "--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one for each core]"
@@ -42,15 +42,13 @@ def experiment(
 ) -> None:
     """Repeat figures and tables of the paper, and say where they differ.
 
-    NAME is rules, fig3, fig5 (simulation), fig7, fig8, fig9-10, fig11 (the emulated cell in virtual time),
-    resolution, controllers, or all. Each leaves a picture, its numbers as CSV and a text; the same seeds give
+    NAME is rules, fig3-5 (simulation), fig7-8, fig9-11 (the emulated cell in virtual time), resolution,
+    controllers, or all. Each leaves its numbers as CSV, a text and, but for rules, a picture; the same seeds give
     the same files.
     """
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    from hil_bridge.lab.experiments import EXPERIMENTS, html_page, run_jobs, write_findings, write_page
-    from hil_bridge.record.files import check_place, write_whole
+    from hil_bridge.console.progress import run_progress
+    from hil_bridge.lab.experiments import EXPERIMENTS, run_jobs, write_findings, write_page
+    from hil_bridge.record.files import check_place
     from hil_bridge.show.picture_files import drawing_library
 
     wanted = list(dict.fromkeys(EXPERIMENTS if ALL in names else names))
@@ -63,22 +61,12 @@ def experiment(
     for directory in (out, *([page.parent] if page else [])):
         _make(directory)
     if page is not None:
-        for place in (page, page.with_suffix(".html")):
-            check_place(place, overwrite)
+        check_place(page, overwrite)
     chosen = [EXPERIMENTS[name] for name in wanted]
     jobs = {item.name: item.jobs(seeds) for item in chosen}
     everything = list(dict.fromkeys(job for each in jobs.values() for job in each))
-    console = Console(stderr=True)
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=console,
-        disable=not console.is_terminal,
-    ) as progress:
-        bar = progress.add_task("simulations", total=len(everything))
-        results = run_jobs(everything, workers, lambda count: progress.advance(bar, count))
+    with run_progress(len(everything)) as advance:
+        results = run_jobs(everything, workers, lambda count: advance(count, 0))
     found = {}
     for item in chosen:
         done = jobs[item.name]
@@ -91,9 +79,6 @@ def experiment(
         command = f"hil-bridge campaign experiment {' '.join(names)} --seeds {seeds} -o {out} --page {page}"
         write_page(page, out, found, chosen, command)
         click.echo(f"page: {page}")
-        shown = page.with_suffix(".html")
-        write_whole(shown, html_page(found, chosen, command).encode(), overwrite or page == out / "index.md")
-        click.echo(f"page with charts: {shown}")
 
 
 def _make(directory: Path) -> None:

@@ -3,15 +3,14 @@
 from hil_bridge.lab.experiments.comparison import COMPARISON
 from hil_bridge.lab.experiments.emulated_run import EmulatedRun, run_emulated
 from hil_bridge.lab.experiments.files import write_findings, write_page
-from hil_bridge.lab.experiments.page import html_page
 from hil_bridge.lab.experiments.resolution import RESOLUTION
 from hil_bridge.lab.experiments.results import Experiment, Findings, run_jobs
 from hil_bridge.lab.experiments.rules import RULES
-from hil_bridge.lab.experiments.simulation import FIG3, FIG5
-from hil_bridge.lab.experiments.tracking import TRACKING
+from hil_bridge.lab.experiments.simulation import SIMULATION
+from hil_bridge.lab.experiments.tracking import CONTOUR, FLAT
 
 EXPERIMENTS = {
-    experiment.name: experiment for experiment in (RULES, FIG3, FIG5, *TRACKING, RESOLUTION, COMPARISON)
+    experiment.name: experiment for experiment in (RULES, SIMULATION, FLAT, CONTOUR, RESOLUTION, COMPARISON)
 }
 """Every experiment by its name, in the order of the paper."""
 
@@ -20,7 +19,6 @@ __all__ = [
     "EmulatedRun",
     "Experiment",
     "Findings",
-    "html_page",
     "run_emulated",
     "run_jobs",
     "write_findings",

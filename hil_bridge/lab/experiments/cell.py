@@ -47,8 +47,6 @@ class CellTrace(NamedTuple):
     period: float
     """Mean time between cycles, s."""
     completed: bool
-    cause: str
-    """Why the run was stopped; empty when it was not."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +148,6 @@ class CellJob:
             merit,
             float(np.mean(np.diff(time))) if len(time) > 1 else float("nan"),
             run.result.outcome is Outcome.COMPLETED,
-            run.result.text,
         )
 
     def _of_the_end(

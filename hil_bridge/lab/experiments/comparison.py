@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.lab.experiments.cell import CYCLE_S, CellJob, CellTrace
-from hil_bridge.lab.experiments.drawing import COLOURS, MARKERS, Sheet
+from hil_bridge.lab.experiments.drawing import Line, Panel, lines_by
 from hil_bridge.lab.experiments.paper_simulation import Parameters
 from hil_bridge.lab.experiments.results import (
     Claim,
@@ -14,12 +14,12 @@ from hil_bridge.lab.experiments.results import (
     digits,
     distinct,
     figure,
-    markdown,
+    mean_merits,
     round_digits,
     rows_where,
+    spread,
     verdict,
 )
-from hil_bridge.lab.experiments.statistics import figures, spread
 
 STIFFNESSES = (500.0, 1500.0, 5000.0, 20_000.0, 50_000.0, 200_000.0)
 NOISES = {"quiet": 1.0, "noisy": 100.0}
@@ -82,72 +82,35 @@ def evaluate(done: Sequence[CellJob], results: Sequence[CellTrace]) -> Findings:
             "baudrate": baudrate,
             "noise": noise,
             "stiffness_n_m": int(stiffness),
-            **figures([trace.merit for trace in traces]),
+            **mean_merits([trace.merit for trace in traces]),
             "period_ms": round_digits(spread(trace.period * 1e3 for trace in traces)[0]),
             "completed": sum(trace.completed for trace in traces),
         }
         for (name, baudrate, noise, stiffness), traces in groups.items()
     )
-    return Findings(table, _draw(table))
+    return Findings(table)
 
 
-_PANELS = (
-    ("rms_error_n", "RMS force error,\nrise included, N", (1.0, 100.0)),
-    ("steady_peak_to_peak_n", "steady force,\npeak to peak, N", (0.01, 300.0)),
-)
+_SHOWN = {
+    "rms_error_n": "RMS force error, rise included, N",
+    "steady_peak_to_peak_n": "steady force, peak to peak, N",
+}
+_STEP = "one resolution step"
 
 
-def _draw(table: Sequence[Row]) -> bytes:
-    names = distinct(table, "controller")
-    scheduled = {
-        name for name, (_, parameters) in variants().items() if ("gain_scheduling", True) in parameters
-    }
-    with Sheet(14.0, 7.6, 2, len(CONDITIONS), sharex=True, sharey="row") as sheet:
-        for at, ax in enumerate(sheet.axes):
-            column, title, limits = _PANELS[at // len(CONDITIONS)]
-            baudrate, noise = CONDITIONS[at % len(CONDITIONS)]
-            for index, name in enumerate(names):
-                rows = rows_where(table, controller=name, baudrate=baudrate, noise=noise)
-                known = [row for row in rows if row[column] is not None]
-                ax.errorbar(
-                    [figure(row, "stiffness_n_m") for row in known],
-                    values := [max(figure(row, column), limits[0]) for row in known],
-                    [
-                        # A bar down to zero would fill a logarithmic axis.
-                        [
-                            min(figure(row, f"{column}_sd"), value / 2)
-                            for row, value in zip(known, values, strict=True)
-                        ],
-                        [figure(row, f"{column}_sd") for row in known],
-                    ],
-                    color=COLOURS[index % len(COLOURS)],
-                    marker=MARKERS[index % len(MARKERS)],
-                    ms=5,
-                    lw=1.2,
-                    ls="--" if name in scheduled else "-",
-                    capsize=2,
-                    label=name,
-                )
+def panels(table: Sequence[Row]) -> list[Panel]:
+    """Errors of all controllers over the stiffness, a panel for each rate and noise."""
+    panels = []
+    for column, label in _SHOWN.items():
+        for baudrate, noise in CONDITIONS:
+            rows = rows_where(table, baudrate=baudrate, noise=noise)
+            lines = lines_by(rows, "controller", column)
             if column == "steady_peak_to_peak_n":
-                ax.plot(
-                    STIFFNESSES,
-                    [k * RESOLUTION for k in STIFFNESSES],
-                    color="#808080",
-                    lw=1.0,
-                    ls=":",
-                    label="one resolution step",
-                )
-                ax.set_xlabel("stiffness, N/m")
-            else:
-                ax.set_title(f"{baudrate} baud, {noise}")
-            ax.set_xscale("log")
-            ax.set_yscale("log")
-            ax.set_ylim(limits)
-            if at % len(CONDITIONS) == 0:
-                ax.set_ylabel(title)
-        handles, labels = sheet.axes[-1].get_legend_handles_labels()
-        sheet.figure.legend(handles, labels, loc="outside lower center", ncols=5)
-        return sheet.png()
+                steps = [{"stiffness_n_m": k, _STEP: k * RESOLUTION} for k in STIFFNESSES]
+                lines.append(Line(_STEP, _STEP, steps))
+            x = "stiffness_n_m", "stiffness, N/m"
+            panels.append(Panel(f"{baudrate} baud, {noise}", x, label, lines, log=True))
+    return panels
 
 
 def held(row: Row) -> bool:
@@ -194,38 +157,17 @@ def _rank(name: str, rows: Sequence[Row]) -> Row:
     }
 
 
-def describe(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
-    """Which controller holds how much of the grid."""
+def claims(table: Sequence[Row]) -> tuple[Claim, ...]:
+    """How much of the grid fixed gains, the paper's adaptation and the best controller hold."""
     ranked = ranking(table)
-    best = ranked[0]
     of = {str(row["controller"]): row for row in ranked}
-    fixed, adapted = of["fuzzy"], of["fuzzy-adaptive"]
-    hardest = max(distinct(table, "stiffness_n_m"))
-    on_hardest = sum(held(row) for row in rows_where(table, stiffness_n_m=hardest))
-    seeds = figure(table[0], "seeds")
+    best, fixed, adapted = ranked[0], of["fuzzy"], of["fuzzy-adaptive"]
     gained = figure(adapted, "held") - figure(fixed, "held")
-    text = (
-        f"The paper says that no fixed gain matrix is stable over a large range of stiffness and that the "
-        f"adaptive scheme performs acceptably in various contact conditions; it compares with no other "
-        f"controller. Here every controller holds {REFERENCE_N:g} N on "
-        f"{len(distinct(table, 'stiffness_n_m'))} surfaces from "
-        f"{digits(min(distinct(table, 'stiffness_n_m')))} to {digits(hardest)} N/m, quiet and noisy, at 9600 and "
-        f"19200 baud, {seeds:g} seeds each, about {SAMPLES} samples a run, the "
-        f"last {STEADY_SAMPLES} of which are its steady state. A point counts as held when "
-        f"90 % was reached, contact was never lost, and the steady force is right within a resolution step "
-        f"and swings by no more than two. The fixed gains hold {fixed['held']} of {fixed['of']} points, the "
-        f"paper's adaptation {adapted['held']}, and {best['controller']} {best['held']}. On "
-        f"{digits(hardest)} N/m one resolution step is worth {digits(hardest * RESOLUTION)} N, more than the "
-        f"desired force, and {on_hardest} of {len(rows_where(table, stiffness_n_m=hardest))} points are held "
-        f"there: what position steps cannot reach, no controller can, and passive compliance is the paper's "
-        f"remedy. On the softest surface a run of {SAMPLES} samples is too short for controllers that move by a "
-        f"few steps a sample.\n\n" + markdown(ranked, list(ranked[0]))
-    )
-    claims = (
+    return (
         Claim(
             "fixed gains are not stable over a large range of stiffness",
             f"they hold {fixed['held']} of {fixed['of']} points ({fixed['held throughout, N/m']} N/m "
-            f"throughout): " + verdict(figure(fixed, "held") < figure(fixed, "of")),
+            f"throughout): {verdict(figure(fixed, 'held') < figure(fixed, 'of'))}",
         ),
         Claim(
             "the adaptive scheme performs acceptably in various contact conditions",
@@ -234,7 +176,20 @@ def describe(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
             f"{best['controller']} holds {best['held']}",
         ),
     )
-    return text, claims
 
 
-COMPARISON = Experiment("controllers", "All controllers on the same cell", jobs, evaluate, describe)
+ABOUT = (
+    "The paper says that no fixed gain matrix is stable over a large range of stiffness and that the adaptive scheme "
+    "performs acceptably in various contact conditions; it compares with no other controller. Here every controller "
+    f"holds {REFERENCE_N:g} N on surfaces from {digits(min(STIFFNESSES))} to {digits(max(STIFFNESSES))} N/m, quiet and "
+    f"noisy, at 9600 and 19200 baud, about {SAMPLES} samples a run, the last {STEADY_SAMPLES} of which are its steady "
+    "state. A point counts as held when 90 % was reached, contact was never lost, and the steady force is right within "
+    "a resolution step and swings by no more than two. On the hardest surface one resolution step is worth more than "
+    "the desired force: what position steps cannot reach, no controller can, and passive compliance is the paper's "
+    f"remedy. On the softest surface a run of {SAMPLES} samples is too short for controllers that move by a few steps "
+    "a sample."
+)
+
+COMPARISON = Experiment(
+    "controllers", "All controllers on the same cell", ABOUT, jobs, evaluate, claims, panels, ranking
+)

@@ -1,64 +1,103 @@
-"""Figures of the experiments: one look, and PNG bytes that repeat."""
+"""Pictures of the experiments: one look, and PNG bytes that repeat."""
 
 import io
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from hil_bridge.show.charts.painter import GREY, STYLE
+from hil_bridge.show.charts.painter import STYLE
 from hil_bridge.show.picture_files import drawing_library
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["COLOURS", "GREY", "MARKERS", "Sheet", "label"]
-
 # Okabe-Ito colours: told apart with every common kind of colour blindness.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31", "#808080")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", ".")
+_WIDTH, _HEIGHT = 4.6, 3.4
+"""Of one panel, in. Chosen."""
 _STYLE: dict[Any, Any] = {**STYLE, "axes.titlesize": 10.5, "legend.frameon": False}
 
 
-class Sheet:
-    """A figure in the making: its axes, then its bytes. A context, for the style holds only inside."""
+class Line(NamedTuple):
+    """One line of a panel: a column of rows."""
 
-    def __init__(self, width: float, height: float, rows: int = 1, columns: int = 1, **how: Any) -> None:
-        matplotlib = drawing_library()  # late: the command line imports this package
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
-        self._style = matplotlib.rc_context(_STYLE)
-        self._size = (width, height)
-        self._layout = (rows, columns)
-        self._how = how
-        self._figure_type, self._canvas_type = Figure, FigureCanvasAgg
-        self.figure: Any
-        self.axes: list[Axes]
-
-    def __enter__(self) -> "Sheet":
-        self._style.__enter__()
-        self.figure = self._figure_type(figsize=self._size, dpi=100, layout="constrained")
-        self._canvas = self._canvas_type(self.figure)
-        self.axes = list(self.figure.subplots(*self._layout, squeeze=False, **self._how).flat)
-        return self
-
-    def __exit__(self, *reason: Any) -> None:
-        self._style.__exit__(*reason)
-
-    def png(self) -> bytes:
-        """The picture. The same figure gives the same bytes with the same version of matplotlib."""
-        from PIL import Image  # comes with matplotlib
-
-        self._canvas.draw()  # type: ignore[no-untyped-call]
-        drawn = np.asarray(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
-        pixels = Image.fromarray(drawn).convert("RGB")
-        buffer = io.BytesIO()
-        # A palette makes line drawings a third of the size; they are kept beside the documentation.
-        pixels.quantize(128, dither=Image.Dither.NONE).save(buffer, "PNG", optimize=True)
-        return buffer.getvalue()
+    column: str
+    label: str
+    rows: Sequence[Mapping[str, Any]]
+    joined: bool = True
+    """Points are joined; else each stands alone."""
 
 
-def label(value: float) -> str:
-    """A number for a legend: thousands apart."""
-    return f"{value:,.0f}".replace(",", " ")
+class Panel(NamedTuple):
+    """One pair of axes."""
+
+    title: str
+    x: tuple[str, str]
+    """Column of every line, and its label."""
+    y_label: str
+    lines: Sequence[Line]
+    target: float | None = None
+    """A dashed line at this value of y."""
+    log: bool = False
+    """Both axes are logarithmic."""
+
+
+def lines_by(rows: Sequence[Mapping[str, Any]], key: str, column: str, label: str = "{}") -> list[Line]:
+    """A line of this column for each value of another; `label` is a format of that value."""
+    values = dict.fromkeys(row[key] for row in rows)
+    return [Line(column, label.format(value), [row for row in rows if row[key] == value]) for value in values]
+
+
+def draw(panels: Sequence[Panel], columns: int) -> bytes:
+    """The panels in so many columns, as PNG. The same ones give the same bytes with the same version of matplotlib."""
+    matplotlib = drawing_library()  # late: the command line imports this package
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from PIL import Image  # comes with matplotlib
+
+    rows = -(-len(panels) // columns)
+    with matplotlib.rc_context(_STYLE):
+        sheet = Figure(
+            figsize=(max(2, columns) * _WIDTH, rows * _HEIGHT + 0.8), dpi=100, layout="constrained"
+        )
+        canvas = FigureCanvasAgg(sheet)
+        for ax, panel in zip(sheet.subplots(rows, columns, squeeze=False).flat, panels, strict=True):
+            _draw_panel(ax, panel)
+        labels: dict[str, Any] = {}
+        for ax in sheet.axes:
+            handles, names = ax.get_legend_handles_labels()
+            labels |= dict(zip(names, handles, strict=True))
+        sheet.legend(labels.values(), list(labels), loc="outside lower center", ncols=3)
+        canvas.draw()  # type: ignore[no-untyped-call]
+        drawn = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+    buffer = io.BytesIO()
+    # A palette makes line drawings a third of the size; they are kept beside the documentation.
+    Image.fromarray(drawn).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(
+        buffer, "PNG", optimize=True
+    )
+    return buffer.getvalue()
+
+
+def _draw_panel(ax: "Axes", panel: Panel) -> None:
+    column, label = panel.x
+    for place, line in enumerate(panel.lines):
+        known = [row for row in line.rows if row[line.column] is not None]
+        ax.plot(
+            [row[column] for row in known],
+            [row[line.column] for row in known],
+            color=COLOURS[place % len(COLOURS)],
+            marker=MARKERS[place % len(MARKERS)],
+            ms=3.5,
+            lw=1.2 if line.joined else 0.0,
+            label=line.label,
+        )
+    if panel.target is not None:
+        ax.axhline(panel.target, color="black", lw=1.0, ls="--")
+    if panel.log:
+        ax.set_xscale("log")
+        ax.set_yscale("log", nonpositive="mask")
+    ax.set_title(panel.title)
+    ax.set_xlabel(label)
+    ax.set_ylabel(panel.y_label)

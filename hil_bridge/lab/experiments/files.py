@@ -1,41 +1,36 @@
-"""The files of experiments: picture, numbers and paragraph of each, and one page over all."""
+"""The files of experiments: picture, numbers and text of each, and one page over all."""
 
 from collections.abc import Mapping, Sequence
 from os.path import relpath
 from pathlib import Path
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.lab.experiments.drawing import draw
 from hil_bridge.lab.experiments.results import Experiment, Findings, markdown, to_csv
+from hil_bridge.lab.text_tables import markdown_table
+
+PANELS_ACROSS = 4
+"""Panels beside each other at most. Chosen: a page has no room for more."""
 
 
 def write_findings(experiment: Experiment, findings: Findings, folder: Path) -> list[Path]:
-    """`NAME.png`, `NAME.csv`, `NAME-curves.csv` where there are curves, and `NAME.md`; the paths.
+    """`NAME.csv`, `NAME.md`, and where there are some `NAME.png` and `NAME-curves.csv`; the paths.
 
     Raises ConfigError when the folder cannot be written.
     """
     name = experiment.name
-    files: dict[str, bytes] = {
-        f"{name}.png": findings.picture,
+    claims = _claims({name: findings}, [experiment])
+    files = {
         f"{name}.csv": to_csv(findings.table).encode(),
-        f"{name}.md": f"# {experiment.title}\n\n{section(experiment, findings, '')}\n".encode(),
+        f"{name}.md": f"# {experiment.title}\n\n{claims}\n\n{_section(experiment, findings, '')}\n".encode(),
     }
-    if findings.series:
-        files[f"{name}-curves.csv"] = to_csv(findings.series).encode()
+    if panels := experiment.panels(findings.curves or findings.table):
+        files[f"{name}.png"] = draw(panels, min(len(panels), PANELS_ACROSS))
+    if findings.curves:
+        files[f"{name}-curves.csv"] = to_csv(findings.curves).encode()
     for file, content in files.items():
         _write(folder / file, content)
     return [folder / file for file in files]
-
-
-def section(experiment: Experiment, findings: Findings, prefix: str) -> str:
-    """Paragraph, picture, table and links in Markdown; `prefix` leads from the page to the files."""
-    text, _ = experiment.describe(findings.table)
-    parts = [text, f"![{experiment.title}]({prefix}{experiment.name}.png)"]
-    if experiment.page_columns:
-        parts.append(markdown(findings.table, experiment.page_columns))
-    links = f"Numbers: [{experiment.name}.csv]({prefix}{experiment.name}.csv)"
-    if findings.series:
-        links += f", curves: [{experiment.name}-curves.csv]({prefix}{experiment.name}-curves.csv)"
-    return "\n\n".join((*parts, links))
 
 
 def write_page(
@@ -45,27 +40,44 @@ def write_page(
     experiments: Sequence[Experiment],
     command: str,
 ) -> None:
-    """One page over these experiments, whose files lie in `folder`. Raises ConfigError when it cannot be."""
+    """One page over these experiments, whose files lie in `folder`. Raises ConfigError when it cannot be written."""
     prefix = relpath(folder, page.parent).replace("\\", "/")
     prefix = "" if prefix == "." else f"{prefix}/"
-    claims = ["| experiment | the paper says | what came out |", "|---|---|---|"]
-    sections = []
-    for experiment in experiments:
-        findings = found[experiment.name]
-        _, claimed = experiment.describe(findings.table)
-        claims += [f"| {experiment.name} | {claim.paper} | {claim.found} |" for claim in claimed]
-        sections.append(f"## {experiment.title}\n\n{section(experiment, findings, prefix)}")
+    sections = [f"## {each.title}\n\n{_section(each, found[each.name], prefix)}" for each in experiments]
     head = (
         "# The paper's results, repeated\n\n"
         'What "A Fuzzy Adaptive Control Design for Compliant Motion of a Manipulator" '
         "(IEEE, 1994) says, and what "
-        f"comes out here: its simulation under its own assumptions, and its experiments through the whole "
-        f"emulated chain – sensor board, CAN gateway, bridge, 9600 baud computer link, servo with dead "
-        f"band, contact – in virtual time. This page, its numbers and its pictures are written by one "
+        "comes out here: its simulation under its own assumptions, and its experiments through the whole "
+        "emulated chain – sensor board, CAN gateway, bridge, 9600 baud computer link, servo with dead "
+        "band, contact – in virtual time. This page, its numbers and its pictures are written by one "
         f"command, and repeat exactly:\n\n```\n{command}\n```\n\nAll figures are means over the noise "
-        f"seeds; `sd` is the standard deviation over them. Samples are control cycles."
+        "seeds; `sd` is the standard deviation over them. Curves are those of the first seed. Samples are control "
+        "cycles."
     )
-    _write(page, ("\n\n".join((head, "\n".join(claims), *sections)) + "\n").encode())
+    _write(page, ("\n\n".join((head, _claims(found, experiments), *sections)) + "\n").encode())
+
+
+def _claims(found: Mapping[str, Findings], experiments: Sequence[Experiment]) -> str:
+    """The claims of the paper and the results, as a table in Markdown."""
+    rows = [
+        (each.name, claim.paper, claim.found)
+        for each in experiments
+        for claim in each.claims(found[each.name].table)
+    ]
+    return markdown_table(("experiment", "the paper says", "what came out"), rows)
+
+
+def _section(experiment: Experiment, findings: Findings, prefix: str) -> str:
+    """Text, picture, table and links in Markdown; `prefix` leads from the page to the files."""
+    name, parts = experiment.name, [experiment.about]
+    if experiment.panels(findings.curves or findings.table):
+        parts.append(f"![{experiment.title}]({prefix}{name}.png)")
+    parts.append(markdown(experiment.summary(findings.table)))
+    links = f"Numbers: [{name}.csv]({prefix}{name}.csv)"
+    if findings.curves:
+        links += f", curves: [{name}-curves.csv]({prefix}{name}-curves.csv)"
+    return "\n\n".join((*parts, links))
 
 
 def _write(path: Path, content: bytes) -> None:

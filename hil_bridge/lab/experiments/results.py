@@ -1,21 +1,26 @@
-"""An experiment and its findings, and the way of tables into files and back."""
+"""An experiment and its findings: rows of figures, means over noise seeds, and rows as CSV and Markdown."""
 
 import csv
 import io
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from operator import call
+from statistics import fmean, pstdev
 from typing import Any, Protocol, TypeAlias
 
+from hil_bridge.control import FiguresOfMerit
+from hil_bridge.lab.experiments.drawing import Panel
 from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.lab.text_tables import markdown_table
-from hil_bridge.record.analysis.figures import title_of
+from hil_bridge.record.analysis.figures import UNKNOWN, title_of
 
 Value: TypeAlias = str | int | float | None
 Row: TypeAlias = dict[str, Value]
 """One row of a table by column; None where there is no figure."""
 
 SIGNIFICANT_DIGITS = 4
+MERITS = tuple(field.name for field in fields(FiguresOfMerit) if field.name != "rise_s")
+"""Figures that a table holds; the paper counts the rise in samples."""
 
 
 class Job(Protocol):
@@ -39,12 +44,8 @@ class Findings:
 
     table: tuple[Row, ...]
     """The numbers, as they go into the CSV file."""
-    picture: bytes
-    """PNG."""
-    series: tuple[Row, ...] = ()
-    """The curves of the picture where the table does not hold them, for a second CSV file."""
-    reference_n: float | None = None
-    """Force that the curves are to reach."""
+    curves: tuple[Row, ...] = ()
+    """Curves of the picture where the table does not hold them, for a second CSV file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,16 +54,18 @@ class Experiment:
 
     name: str
     title: str
+    about: str
+    """What the paper says and what is done here; numbers are in the claims and the table."""
     jobs: Callable[[int], Sequence[Job]]
     """The simulations for so many noise seeds."""
     evaluate: Callable[..., Findings]
-    """Table and picture from the jobs and their results, two sequences of the same length."""
-    describe: Callable[[Sequence[Row]], tuple[str, tuple[Claim, ...]]]
-    """The paragraph, and the paper's claims with the results. Both come from the table alone, so that no number in the
-    text can differ from the CSV file.
-    """
-    page_columns: tuple[str, ...] = ()
-    """Columns of the table that a page shows; none for a table too long for it."""
+    """Table and curves from the jobs and their results, two sequences of the same length."""
+    claims: Callable[[Sequence[Row]], tuple[Claim, ...]]
+    """The paper's claims with the results, from the table alone: no number can differ from the CSV file."""
+    panels: Callable[[Sequence[Row]], Sequence[Panel]] = lambda rows: ()
+    """The picture of the curves, or of the table without curves; no panel for an experiment without a picture."""
+    summary: Callable[[Sequence[Row]], Sequence[Row]] = lambda table: table
+    """The rows that a page shows."""
 
 
 def run_jobs(
@@ -78,9 +81,32 @@ def run_jobs(
         return dict(zip(todo, in_order(pool, call, todo, advance), strict=True))
 
 
+def spread(values: Iterable[float | None]) -> tuple[float | None, float | None]:
+    """Mean and standard deviation; None when a value is missing, for a mean of the others would flatter."""
+    known = list(values)
+    numbers = [float(value) for value in known if value is not None]
+    if not numbers or len(numbers) < len(known):
+        return None, None
+    return fmean(numbers), pstdev(numbers)
+
+
+def mean_merits(merits: Sequence[FiguresOfMerit | None]) -> Row:
+    """Mean of every figure over the seeds, and its standard deviation as `…_sd`."""
+    row: Row = {"seeds": len(merits)}
+    for column in MERITS:
+        mean, deviation = spread(None if merit is None else getattr(merit, column) for merit in merits)
+        row[column], row[f"{column}_sd"] = round_digits(mean), round_digits(deviation)
+    return row
+
+
 def round_digits(value: float | None) -> float | None:
     """The value with the digits that a table keeps."""
     return None if value is None else float(f"{value:.{SIGNIFICANT_DIGITS}g}")
+
+
+def columns_of(*columns: str) -> Callable[[Sequence[Row]], list[Row]]:
+    """A function that returns these columns of a table."""
+    return lambda table: [{column: row[column] for column in columns} for row in table]
 
 
 def to_csv(rows: Sequence[Row]) -> str:
@@ -93,17 +119,18 @@ def to_csv(rows: Sequence[Row]) -> str:
     return text.getvalue()
 
 
-def markdown(rows: Sequence[Row], columns: Sequence[str]) -> str:
-    """These columns as a Markdown table; underscores of column names become spaces."""
-    texts = [[digits(row[column]) for column in columns] for row in rows]
-    return markdown_table([title_of(column) for column in columns], texts)
+def markdown(rows: Sequence[Row]) -> str:
+    """The rows as a Markdown table; underscores of column names become spaces."""
+    return markdown_table(
+        [title_of(column) for column in rows[0]], [[digits(value) for value in row.values()] for row in rows]
+    )
 
 
 def digits(value: Value) -> str:
-    """A figure as a person reads it: three digits, thousands apart, a dash for none."""
+    """A figure as a person reads it: three digits, thousands apart, a dash for None."""
     match value:
         case None:
-            return "–"
+            return UNKNOWN
         case str():
             return value
         case int():
@@ -131,10 +158,10 @@ def only_row(rows: Sequence[Row], **wanted: Value) -> Row:
 
 
 def figure(row: Row, column: str) -> float:
-    """A figure that is there. Raises TypeError when it is none."""
+    """A figure that is there. Raises TypeError for a missing one."""
     value = row[column]
     if not isinstance(value, (int, float)):
-        raise TypeError(f"{column} is {value!r}, no number")
+        raise TypeError(f"{column} is {value!r}, not a number")
     return float(value)
 
 
