@@ -58,19 +58,16 @@ def test_a_bundle_holds_recordings_of_failures_and_of_drawn_seeds(bundle: Path, 
     assert len(kept) == 6
     assert set(files) == {
         "manifest.json",
-        "plan.json",
         "results.sqlite",
         *(f"recordings/{key}.mcap" for key in kept),
     }
     assert manifest["versions"] == versions()
-    cases = json.loads(files["plan.json"])["cases"]
-    assert {case["config"]["task"]["force_n"] for case in cases} == {8.0, 10.0}
 
 
 def test_a_sound_bundle_is_verified(bundle: Path) -> None:
     ended = invoke("campaign", "verify", bundle)
     assert ended.exit_code == 0, ended.output
-    assert "8 files are those of the manifest" in ended.output
+    assert "7 files are those of the manifest" in ended.output
     assert "4 runs of seed " in ended.output
     assert ended.output.endswith("4 compared with their recordings\n  the same to the last bit\n")
     told = json.loads(invoke("campaign", "verify", bundle, "--seeds", 2, "--json").stdout)
@@ -151,7 +148,6 @@ def test_a_recording_of_another_run_differs_from_its_first_cycle(bundle: Path, t
     (run,) = verified.differing
     assert (run.seed, run.differences, f"recordings/{run.key}.mcap") == (drawn, (), one)
     assert run.cycle is not None
-    assert run.fields
 
 
 def test_a_recording_that_cannot_be_read_is_named(bundle: Path, tmp_path: Path) -> None:
@@ -163,7 +159,8 @@ def test_a_recording_that_cannot_be_read_is_named(bundle: Path, tmp_path: Path) 
     files = with_manifest({**files, f"recordings/{key}.mcap": b"nothing"}, versions={"numpy": "1.0"})
     verified = verify(packed_anew(tmp_path / "b.zip", files), None)
     lines = list(verified.lines)
-    assert f"  seed {drawn}, run {key}: its recording differs from cycle 0 on: it cannot be read" in lines
+    assert f"{key}: seed {drawn}, " in "\n".join(lines)
+    assert "  differs: its recording, from cycle 0 on" in lines
     assert lines[-1] == "  another version may decide otherwise; verify with the versions of the bundle"
 
 
@@ -198,7 +195,7 @@ def test_results_that_do_not_repeat_are_not_packed(short_results: Path, tmp_path
     ended = invoke("campaign", "bundle", tmp_path / "other.sqlite")
     assert ended.exit_code == 1
     assert "repeated runs differ from the results, 1 of them" in ended.output
-    assert f"seed {drawn}, run " in ended.output
+    assert f": seed {drawn}, " in ended.output
     assert not (tmp_path / "other.zip").exists()
 
 
@@ -255,7 +252,6 @@ def longer(size: int) -> bytes:
         (lambda: b"", "is no zip file"),
         (lambda: b"[campaign]\nname = 'x'\n" * 9, "is no zip file"),
         (lambda: of_entries()[:-1], "is no zip file"),
-        (lambda: of_entries() + b"more", "is no zip file"),
         (lambda: of_entries(entry("../results.sqlite")), r"holds '\.\./results\.sqlite'"),
         (lambda: of_entries(entry("/etc/passwd")), "holds '/etc/passwd'"),
         (lambda: of_entries(entry("recordings/../../x.mcap")), "holds 'recordings/"),
@@ -263,16 +259,16 @@ def longer(size: int) -> bytes:
         (lambda: of_entries(entry("recordings/0123456789abcdef.mcap\n")), "holds 'recordings"),
         (lambda: of_entries(entry("other/")), "holds 'other/'"),
         (lambda: of_entries(entry("notes.txt")), "holds 'notes.txt'"),
-        (lambda: of_entries(entry("plan.json"), entry("plan.json")), "holds a file twice"),
+        (lambda: of_entries(entry("results.sqlite"), entry("results.sqlite")), "holds a file twice"),
         (encrypted, r"its manifest\.json is damaged"),
         (
-            lambda: of_entries(entry("plan.json", compress_type=zipfile.ZIP_BZIP2)),
-            r"holds 'plan\.json', packed in another way",
+            lambda: of_entries(entry("results.sqlite", compress_type=zipfile.ZIP_BZIP2)),
+            r"holds 'results\.sqlite', packed in another way",
         ),
-        (lambda: longer(UNPACKED_LIMIT_BYTES + 1), "holds more than 1073741824 bytes"),
+        (lambda: longer(UNPACKED_LIMIT_BYTES + 1), "holds more than 2000 files or 1073741824 bytes"),
         (
             lambda: of_entries()[:-12] + struct.pack("<2H2LH", 65535, 65535, 1 << 30, 0, 0)[2:],
-            "more files than",
+            "is no zip file",
         ),
         (lambda: of_entries(), r"its manifest\.json is none that can be read: "),
     ],
@@ -290,20 +286,20 @@ def test_a_file_that_is_no_bundle_is_refused_in_a_line(
 
 def test_a_zip_without_manifest_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"holds no manifest\.json"):
-        verify(packed_anew(tmp_path / "b.zip", {"plan.json": b"{}"}), 0)
+        verify(packed_anew(tmp_path / "b.zip", {"results.sqlite": b"{}"}), 0)
 
 
 def test_a_file_that_unpacks_to_more_than_it_tells_is_damaged(bundle: Path, tmp_path: Path) -> None:
     """A bomb whose directory tells a small size is read no farther than that."""
-    bomb = packed_anew(tmp_path / "b.zip", {**files_of(bundle), "plan.json": bytes(10_000_000)})
+    bomb = packed_anew(tmp_path / "b.zip", {**files_of(bundle), "results.sqlite": bytes(10_000_000)})
     data = bytearray(bomb.read_bytes())
-    directory = data.index(b"plan.json", data.index(b"PK\1\2")) - 46
+    directory = data.index(b"results.sqlite", data.index(b"PK\1\2")) - 46
     struct.pack_into("<L", data, directory + 24, 100)
     bomb.write_bytes(data)
     folder = tmp_path / "out"
     folder.mkdir()
-    assert unpack(bomb, folder)["plan.json"] == ""
-    assert (folder / "plan.json").stat().st_size <= 100
+    assert unpack(bomb, folder)["results.sqlite"] == ""
+    assert (folder / "results.sqlite").stat().st_size <= 100
 
 
 def test_a_bundle_that_another_program_packed_again_is_one(bundle: Path, tmp_path: Path) -> None:

@@ -1,17 +1,17 @@
 """A bundle: the results of a campaign in one zip file, with all that another computer needs to verify them.
 
-It holds `results.sqlite`; `plan.json`, the configuration of every case; files of data that settings name, such as a
-policy; recordings of the runs that failed and of seeds that are drawn; and `manifest.json`, with the versions and the
-SHA-256 of each file.
+It holds `results.sqlite` with the configuration of every case; files of data that settings name, such as a policy;
+recordings of the runs that failed and of seeds that are drawn; and `manifest.json`, with the versions and the SHA-256
+of each file.
 """
 
 import hashlib
 import io
-import json
 import platform
 import tempfile
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -22,16 +22,16 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.digest import worst_first
 from hil_bridge.lab.campaign.inputs import computing_packages, hash_file, pack_inputs
 from hil_bridge.lab.campaign.plan import Plan, code_version
-from hil_bridge.lab.campaign.repeating import CheckedRun, Repeat, job_again, repeat_runs
+from hil_bridge.lab.campaign.repeating import RepeatedRun, repeat_of, repeat_runs
 from hil_bridge.lab.campaign.store import Done, Store, now
 from hil_bridge.record.files import check_place, write_whole
 
-MANIFEST, RESULTS, PLAN, RECORDINGS = "manifest.json", "results.sqlite", "plan.json", "recordings"
+MANIFEST, RESULTS, RECORDINGS = "manifest.json", "results.sqlite", "recordings"
 FILES_MOST = 2000
 """Files of a bundle at most. Chosen: more recordings than a person looks at."""
 UNPACKED_LIMIT_BYTES = 1 << 30
 """Of all its files, unpacked, and of the bundle itself. Chosen: a thousand recordings of 1 MB."""
-FORMAT = "hil-bridge bundle 2"
+FORMAT = "hil-bridge bundle 3"
 """Format of the bundle, for a later version that reads it."""
 PACKAGES = ("numpy",)
 """Packages beside this one whose arithmetic a run goes through."""
@@ -74,7 +74,7 @@ class Packed(Struct, frozen=True):
     recordings: int
     left_out: int
     """Recordings of failing runs for which there was no room."""
-    differing: tuple[CheckedRun, ...]
+    differing: tuple[RepeatedRun, ...]
     """Repeated runs whose figures are not those of the results."""
     inputs: int = 0
     """Files that settings name."""
@@ -130,37 +130,13 @@ def draw_seeds(plan: Plan, runs: Iterable[Done], count: int) -> tuple[int, ...]:
     return tuple(sorted({run.seed for run in runs}, key=place)[:count])
 
 
-def plan_text(plan: Plan) -> bytes:
-    """The plan as JSON, for people and for programs without SQLite."""
-    cases = [
-        {
-            "cell": case.cell,
-            "fault": case.fault,
-            "phase": case.phase,
-            "impossible": case.impossible,
-            "config": json.loads(case.config),
-            "laid_over": json.loads(case.table),
-        }
-        for case in plan.cases
-    ]
-    facts = {
-        "name": plan.name,
-        "seeds": plan.seeds,
-        "cases_per_seed": plan.cases_per_seed,
-        "draw": None if plan.draw is None else json.loads(plan.draw.text),
-        "criteria": [[one.figure, one.wanted] for one in plan.criteria],
-        "requirements": plan.requirements,
-    }
-    return json.dumps({**facts, "cases": cases}, indent=1).encode()
-
-
 def pack(
     store: Store, path: Path, count: int, overwrite: bool, advance: Advance = lambda *told: None
 ) -> Packed:
     """Write a bundle of these results. Runs of `count` seeds are repeated first; none may differ.
 
-    Raises ConfigError for results of another version of the code, for a file that settings name and that is gone or
-    has another content now, and where the bundle cannot be written.
+    Raises ConfigError for results of another version of the code, for a file that settings name and that is gone, and
+    where the bundle cannot be written.
     """
     check_place(path, overwrite)
     if (code := store.fact("code")) != code_version():
@@ -173,16 +149,15 @@ def pack(
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         store.copy(folder / RESULTS)
-        (folder / PLAN).write_bytes(plan_text(plan))
         inputs = pack_inputs(folder, plan, runs)
         recordings = folder / RECORDINGS
         recordings.mkdir()
         again = [
-            Repeat(job_again(plan, done), done.figures, save=recordings / f"{done.key}.mcap")
+            replace(repeat_of(plan, done), save=recordings / f"{done.key}.mcap")
             for done in runs
             if done.seed in drawn
         ]
-        differing = tuple(run for run in repeat_runs(again, advance) if not run.equal)
+        differing = tuple(repeat_runs(again, advance))
         if differing:
             return Packed(path.name, "", len(runs), drawn, 0, 0, differing)
         left_out = _add_failing(folder, store, runs)

@@ -3,31 +3,31 @@
 Nothing in a bundle is trusted: it may be cut off, altered, a bomb, or lead out of its folder.
 """
 
-import hashlib
 import os
 import re
+import shutil
 import struct
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import BinaryIO
 
 import msgspec
 from msgspec import Struct
 from pydantic import ValidationError
 
-from hil_bridge.errors import ConfigError, SettingRefused
+from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path, open_ordinary, read_text
 from hil_bridge.lab.campaign.bundle import (
     FILES_MOST,
     FORMAT,
     MANIFEST,
-    PLAN,
     RECORDINGS,
     RESULTS,
     UNPACKED_LIMIT_BYTES,
+    Advance,
     Manifest,
     count_words,
     draw_seeds,
@@ -36,26 +36,15 @@ from hil_bridge.lab.campaign.bundle import (
 from hil_bridge.lab.campaign.inputs import INPUTS, hash_file, with_inputs
 from hil_bridge.lab.campaign.judging import REFUSED, configure_run
 from hil_bridge.lab.campaign.plan import Plan
-from hil_bridge.lab.campaign.repeating import CheckedRun, Repeat, job_again, repeat_runs
+from hil_bridge.lab.campaign.repeating import Repeat, RepeatedRun, repeat_of, repeat_runs
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.settings.configuration import explain
 
-Advance = Callable[[int, int], object]
-"""Told how many runs have been repeated since, and how many of them differ."""
-
 _NAME = re.compile(
-    rf"{re.escape(MANIFEST)}|{re.escape(RESULTS)}|{re.escape(PLAN)}|{RECORDINGS}/[0-9a-f]{{16}}\.mcap"
-    rf"|{INPUTS}/[0-9a-f]{{64}}"
+    rf"{re.escape(MANIFEST)}|{re.escape(RESULTS)}|{RECORDINGS}/[0-9a-f]{{16}}\.mcap|{INPUTS}/[0-9a-f]{{64}}"
 )
 _FOLDERS = (f"{RECORDINGS}/", f"{INPUTS}/")
 """Other programs give a folder an entry of its own, which holds nothing."""
-_PIECE_BYTES = 1 << 20
-_END = struct.Struct("<4s4H2LH")
-"""End of a zip file. Source: APPNOTE.TXT of PKWARE, 4.3.16."""
-_LOCATOR_BYTES = 20
-"""Before it, where the file has the form for very many or very long files. Source: the same, 4.3.15."""
-_ENTRY_LIMIT_BYTES = 512
-"""Of the directory for each file at most. Chosen: five times what a name of ours needs."""
 _DAMAGES = (zipfile.BadZipFile, zlib.error, EOFError, ValueError, RuntimeError, struct.error)
 
 
@@ -94,7 +83,7 @@ class Verified(Struct, frozen=True):
     """Repeated runs."""
     recordings: int = 0
     """Repeated runs that were compared with their recordings, cycle by cycle."""
-    differing: tuple[CheckedRun, ...] = ()
+    differing: tuple[RepeatedRun, ...] = ()
     """Repeated runs that are not the same to the last bit."""
     not_repeated: tuple[str, ...] = ()
     """Reasons why runs cannot be repeated here, each with their number and a remedy."""
@@ -173,13 +162,12 @@ def verify(path: Path, count: int | None, advance: Advance = lambda *told: None)
             repeats, problems = _repeats(folder, manifest, count)
         except ConfigError as error:
             return msgspec.structs.replace(checked, not_repeated=(f"the results cannot be read: {error}",))
-        runs = repeat_runs(repeats, advance)
         return msgspec.structs.replace(
             checked,
-            repeated=tuple(sorted({run.seed for run in runs})),
-            runs=len(runs),
-            recordings=sum(run.cycles is not None for run in runs),
-            differing=tuple(run for run in runs if not run.equal),
+            repeated=tuple(sorted({repeat.done.seed for repeat in repeats})),
+            runs=len(repeats),
+            recordings=sum(repeat.recording is not None for repeat in repeats),
+            differing=tuple(repeat_runs(repeats, advance)),
             not_repeated=problems,
         )
 
@@ -231,20 +219,19 @@ def _repeat(plan: Plan, done: Done, folder: Path, inputs: Mapping[str, str]) -> 
 
     Code of a bundle is never run: a controller of another package has to be installed by a person.
     """
+    recording = folder / RECORDINGS / f"{done.key}.mcap"
     try:
-        job = with_inputs(job_again(plan, done), folder, inputs)
+        repeat = repeat_of(plan, done)
+        job = with_inputs(repeat.job, folder, inputs)
         if done.outcome != REFUSED:
             configure_run(job)
     except ValidationError as error:
         return explain(error, None, set()).without_source
-    except SettingRefused as error:
-        return error.without_source
     except ConfigError as error:
-        return str(error)
+        return error.without_source
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         return f"their settings cannot be read: {error}"
-    recording = folder / RECORDINGS / f"{done.key}.mcap"
-    return Repeat(job, done.figures, recording if recording.is_file() else None)
+    return replace(repeat, job=job, recording=recording if recording.is_file() else None)
 
 
 def _seed_words(seeds: Sequence[int]) -> str:
@@ -259,7 +246,10 @@ def unpack(path: Path, folder: Path) -> dict[str, str]:
     """
     with open_ordinary(path) as file:
         try:
-            _check_end(file, path)
+            if (size := file.seek(0, os.SEEK_END)) > UNPACKED_LIMIT_BYTES:
+                raise ConfigError(
+                    f"{format_path(path)} has {size} bytes, of which at most {UNPACKED_LIMIT_BYTES} are read"
+                )
             with zipfile.ZipFile(file) as packed:
                 entries = [one for one in packed.infolist() if one.filename not in _FOLDERS]
                 for problem in _problems(entries):
@@ -273,23 +263,6 @@ def unpack(path: Path, folder: Path) -> dict[str, str]:
             ) from error
 
 
-def _check_end(file: BinaryIO, path: Path) -> None:
-    """Check size and number of files before anything is read by them."""
-    size = file.seek(0, os.SEEK_END)
-    if size > UNPACKED_LIMIT_BYTES:
-        raise ConfigError(
-            f"{format_path(path)} has {size} bytes, of which at most {UNPACKED_LIMIT_BYTES} are read"
-        )
-    file.seek(max(size - _END.size - _LOCATOR_BYTES, 0))
-    tail = file.read()
-    mark, _, _, _, count, directory, _, _ = _END.unpack(tail[-_END.size :])
-    if mark != b"PK\5\6":
-        raise zipfile.BadZipFile("its last bytes are not those of one")
-    many = tail[: -_END.size].startswith(b"PK\6\7") or directory > count * _ENTRY_LIMIT_BYTES
-    if many or count > FILES_MOST:
-        raise ConfigError(f"{format_path(path)} has more files than the {FILES_MOST} of a bundle")
-
-
 def _problems(entries: Sequence[zipfile.ZipInfo]) -> Iterator[str]:
     names = [entry.orig_filename for entry in entries]
     for entry in entries:
@@ -298,22 +271,20 @@ def _problems(entries: Sequence[zipfile.ZipInfo]) -> Iterator[str]:
             yield f"holds {entry.orig_filename[:80]!r}{'' if usual else ', packed in another way'}"
     if len(names) > len(set(names)):
         yield "holds a file twice"
-    if sum(entry.file_size for entry in entries) > UNPACKED_LIMIT_BYTES:
-        yield f"holds more than {UNPACKED_LIMIT_BYTES} bytes"
+    if len(names) > FILES_MOST or sum(entry.file_size for entry in entries) > UNPACKED_LIMIT_BYTES:
+        yield f"holds more than {FILES_MOST} files or {UNPACKED_LIMIT_BYTES} bytes"
     if MANIFEST not in names:
         yield f"holds no {MANIFEST}"
 
 
 def _unpack_one(packed: zipfile.ZipFile, entry: zipfile.ZipInfo, folder: Path) -> str:
     """Write a file as far as its directory entry says, no farther; its SHA-256, empty where it is damaged."""
-    place, digest = folder / entry.filename, hashlib.sha256()
+    place = folder / entry.filename
     place.parent.mkdir(exist_ok=True)
     with place.open("xb") as target:
         try:
             with packed.open(entry) as source:
-                while piece := source.read(_PIECE_BYTES):
-                    target.write(piece)
-                    digest.update(piece)
+                shutil.copyfileobj(source, target)
         except _DAMAGES:
             return ""
-    return digest.hexdigest()
+    return hash_file(place)

@@ -36,7 +36,7 @@ def rerun(
     from hil_bridge.errors.text_files import harmless
     from hil_bridge.lab.campaign.judging import configure_run, run
     from hil_bridge.lab.campaign.plan import code_version
-    from hil_bridge.lab.campaign.repeating import compare_run, job_again, select_runs
+    from hil_bridge.lab.campaign.repeating import compare_run, repeat_of, select_runs
     from hil_bridge.lab.campaign.store import Store
     from hil_bridge.record.files import check_record_place
 
@@ -49,10 +49,11 @@ def rerun(
         for done in chosen:
             check_record_place(folder / f"{done.key}.mcap", overwrite)
         for done in chosen:
-            ran = run(configure_run(job_again(plan, done)))
+            repeat = repeat_of(plan, done)
+            ran = run(configure_run(repeat.job))
             place = folder / f"{done.key}.mcap"
             left = "" if ran.result is None else str(ran.result.save(place, overwrite=overwrite))
-            again = compare_run(plan, done, ran, left)
+            again = compare_run(repeat, ran, left)
             repeated.append(again)
             if not as_json:
                 tell(harmless(line) for line in again.lines)

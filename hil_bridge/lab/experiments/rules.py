@@ -47,11 +47,11 @@ def claims(table: Sequence[Row]) -> tuple[Claim, ...]:
 
 
 def _matrix(table: Sequence[Row]) -> list[Row]:
-    return [
-        {"error \\ change": _signed(level)}
-        | {_signed(row["change_level"]): _entry(row) for row in rows_where(table, error_level=level)}
-        for level in LEVELS
-    ]
+    matrix: list[Row] = []
+    for level in LEVELS:
+        entries = {_signed(row["change_level"]): _entry(row) for row in rows_where(table, error_level=level)}
+        matrix.append({"error \\ change": _signed(level), **entries})
+    return matrix
 
 
 def _entry(row: Row) -> str:
