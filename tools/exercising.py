@@ -24,8 +24,9 @@ from hil_bridge.errors import BridgeError, Reason
 from hil_bridge.lab.campaign.criteria import Criterion
 from hil_bridge.lab.campaign.plan import code_version
 from hil_bridge.lab.campaign.striking import causes_of, struck_faults
-from hil_bridge.lab.guard_model import GuardModel, first_unaccepted
 from hil_bridge.lab.invariants import CHECKERS, Evidence, Promise, Violation
+from hil_bridge.lab.invariants.model import GuardModel
+from hil_bridge.lab.invariants.tracing import first_unaccepted
 from hil_bridge.record import CycleRecord, EventRecord, Recording
 from hil_bridge.runs.running import Running
 from hil_bridge.runs.watching import Listener

@@ -194,7 +194,7 @@ def test_why_tells_no_character_that_acts_on_a_terminal(monkeypatch: pytest.Monk
     monkeypatch.setattr(
         "hil_bridge.record.analysis.why.why", lambda record, file: "cause: \x1b[2J\x07gone\nthen \u202e"
     )
-    monkeypatch.setattr("hil_bridge.lab.invariants.recorded.promises_broken", lambda record: ["\x1b[2J"])
+    monkeypatch.setattr("hil_bridge.lab.invariants.promises_broken", lambda record: ["\x1b[2J"])
     monkeypatch.setattr(
         "hil_bridge.record.analysis.why.tracebacks", lambda record: ["Traceback \x1b]0;x\x07\n"]
     )

@@ -12,7 +12,7 @@ from hil_bridge.control.course.intent import CONNECT, TARE, Phase
 from hil_bridge.control.course.verdict import Stage
 from hil_bridge.errors.cause_row import COMPLETED, INTERRUPTED, STOPPED, Reaction, When
 from hil_bridge.errors.causes import Cause
-from hil_bridge.lab.guard_model.model import (
+from hil_bridge.lab.invariants.model import (
     AT_REST,
     BY_ORDERS,
     WORKING,

@@ -14,8 +14,19 @@ from hil_bridge.control.course.verdict import Stage
 from hil_bridge.errors import Cause
 from hil_bridge.errors.cause_row import Reaction, When
 from hil_bridge.errors.cause_table import ROWS
-from hil_bridge.lab.guard_model import GuardModel, Way, first_unaccepted
-from hil_bridge.lab.guard_model.model import ASKS, AT_REST, CYCLES, ENDS, FOLLOWS, LOOKS, STAGES, STRONGEST
+from hil_bridge.lab.invariants.model import (
+    ASKS,
+    AT_REST,
+    CYCLES,
+    ENDS,
+    FOLLOWS,
+    LOOKS,
+    STAGES,
+    STRONGEST,
+    GuardModel,
+    Way,
+)
+from hil_bridge.lab.invariants.tracing import first_unaccepted
 from hil_bridge.record import EventKind, EventRecord, Recording
 from tests.guard.guard_search import GuardRule, search
 from tests.recordings import Recordings

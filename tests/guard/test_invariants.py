@@ -21,10 +21,10 @@ from hil_bridge.lab.invariants import (
     World,
     added_n,
     broken_promises,
+    promises_broken,
     stated_bound_n,
     violation_text,
 )
-from hil_bridge.lab.invariants.recorded import promises_broken
 from hil_bridge.record import EventRecord, Recording
 from hil_bridge.settings.faults import FaultConfig
 

@@ -54,6 +54,6 @@ def compare_results(files: tuple[Path, ...], out: Path, as_json: bool, overwrite
 
 def broken_promises(recording: "Recording") -> tuple[str, ...]:
     """Return the promises of the guard that a run did not keep, in words."""
-    from hil_bridge.lab.invariants.recorded import promises_broken
+    from hil_bridge.lab.invariants import promises_broken
 
     return promises_broken(recording)

@@ -4,7 +4,7 @@
 use the same ones.
 """
 
-from hil_bridge.lab.invariants.checking import CHECKERS, broken_promises
+from hil_bridge.lab.invariants.checking import CHECKERS, broken_promises, promises_broken
 from hil_bridge.lab.invariants.evidence import (
     Evidence,
     Promise,
@@ -28,6 +28,7 @@ __all__ = [
     "added_n",
     "broken_promises",
     "judged_forces",
+    "promises_broken",
     "rows_of",
     "stated_bound_n",
     "violation_text",

@@ -2,15 +2,23 @@
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 
-from hil_bridge.lab.invariants.course import bugs, gate_stops, unfit_codes, unwhole
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.invariants.course import (
+    bugs,
+    deeper_orders,
+    gate_stops,
+    other_decisions,
+    too_fast,
+    unaccepted_cycles,
+    unfit_codes,
+    unwhole,
+)
 from hil_bridge.lab.invariants.ends import untold_ends, untrue_lines
-from hil_bridge.lab.invariants.evidence import Evidence, Promise, Violation
+from hil_bridge.lab.invariants.evidence import Evidence, Promise, Violation, violation_text
 from hil_bridge.lab.invariants.force import beyond_bound
-from hil_bridge.lab.invariants.modelled import unaccepted_cycles
-from hil_bridge.lab.invariants.orders import deeper_orders
-from hil_bridge.lab.invariants.replayed import other_decisions
-from hil_bridge.lab.invariants.speed import too_fast
 from hil_bridge.lab.invariants.voids import void_reasons
+from hil_bridge.record import Recording
+from hil_bridge.runs.replay import recorded_config
 
 CHECKERS: Mapping[Promise, Callable[[Evidence], Iterator[Violation]]] = {
     Promise.ORDERS: deeper_orders,
@@ -26,6 +34,8 @@ CHECKERS: Mapping[Promise, Callable[[Evidence], Iterator[Violation]]] = {
     Promise.MODEL: unaccepted_cycles,
 }
 """The checker of each promise."""
+_OF_A_RUN = (Promise.REPLAY, Promise.WHOLE, Promise.BUG)
+"""Promises that `hil-bridge replay` judges, or of which the first sentences tell."""
 
 
 def broken_promises(evidence: Evidence, without: Collection[Promise] = ()) -> tuple[Violation, ...]:
@@ -37,3 +47,13 @@ def broken_promises(evidence: Evidence, without: Collection[Promise] = ()) -> tu
         if promise not in without and not void_reasons(promise, faults)
         for violation in check(evidence)
     )
+
+
+def promises_broken(recording: Recording) -> tuple[str, ...]:
+    """Promises of the guard that a run did not keep, in words. None for a configuration of another version."""
+    try:
+        config = recorded_config(recording, {})
+    except ConfigError:
+        return ()
+    violations = broken_promises(Evidence(recording, config), without=_OF_A_RUN)
+    return tuple(map(violation_text, violations))

@@ -14,7 +14,7 @@ from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.verdict import Clamp
 from hil_bridge.errors.cause_row import COMPLETED, INTERRUPTED, STOPPED, Reaction
 from hil_bridge.errors.causes import Cause
-from hil_bridge.lab.guard_model.model import (
+from hil_bridge.lab.invariants.model import (
     AT_REST,
     CYCLES,
     WITHIN,
