@@ -1,8 +1,6 @@
-"""Differences between two campaigns."""
+"""Differences between two campaigns, run by run. `trends` compares their figures and tests significance."""
 
 import json
-import math
-import statistics
 from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
@@ -80,24 +78,6 @@ class ChangedRun(Struct, frozen=True):
         return f"{self.cell} | {self.fault} {self.phase} | seed {self.seed}: {words}"
 
 
-class Shift(Struct, frozen=True):
-    """How far a figure has moved, over the runs that differ, in its unit."""
-
-    figure: str
-    runs: int
-    least: float
-    largest: float
-    median: float
-
-    @property
-    def text(self) -> str:
-        """In words."""
-        return (
-            f"{self.figure}: moved in {self.runs} runs, {self.least:+.4g} … {self.largest:+.4g}, "
-            f"median {self.median:+.4g}"
-        )
-
-
 class Compared(Struct, frozen=True):
     """Two campaigns side by side."""
 
@@ -111,7 +91,6 @@ class Compared(Struct, frozen=True):
     """Runs that passed and fail now."""
     better: int
     """Runs that failed and pass now."""
-    shifts: tuple[Shift, ...]
     changed: tuple[ChangedRun, ...]
     """Runs that differ, those with another outcome first."""
 
@@ -122,14 +101,13 @@ class Compared(Struct, frozen=True):
 
     @property
     def lines(self) -> Iterator[str]:
-        """For people: the settings that differ, the sums, the shifts, and at most LINES runs."""
+        """For people: the settings that differ, the sums, and at most LINES runs."""
         yield self.before.text
         yield self.after.text
         yield from setting_lines(self.settings)
         yield f"{self.common} runs in both, {self.differing} of them differ"
         if self.worse or self.better:
             yield f"{self.worse} passed and fail now, {self.better} failed and pass now"
-        yield from (shift.text for shift in self.shifts)
         yield from (run.text for run in self.changed[:LINES])
         if self.differing > LINES:
             yield f"and {self.differing - LINES} more"
@@ -183,7 +161,6 @@ def compare_campaigns(first: Store, second: Store) -> Compared:
         len(common),
         sum(old[name].passed and not new[name].passed for name in common),
         sum(new[name].passed and not old[name].passed for name in common),
-        tuple(_shifts([old[name] for name in changed], [new[name] for name in changed])),
         tuple(ChangedRun(*name, changed[name]) for name in order),
     )
 
@@ -195,14 +172,3 @@ def _by_name(store: Store) -> dict[_Name, Done]:
         for done in store.runs()
         for case in (cases[done.number],)
     }
-
-
-def _shifts(old: list[Done], new: list[Done]) -> Iterator[Shift]:
-    for name in JUDGED:
-        moved = []
-        for one, other in zip(old, new, strict=True):
-            was, now = one.figures.get(name), other.figures.get(name)
-            if isinstance(was, (int, float)) and isinstance(now, (int, float)) and was != now:
-                moved.append(float(now) - float(was))
-        if moved and all(map(math.isfinite, moved)):
-            yield Shift(name, len(moved), min(moved), max(moved), statistics.median(moved))

@@ -31,8 +31,11 @@ POLICY_RUNTIME = "onnxruntime"
 
 def hash_file(path: Path) -> str:
     """Return the SHA-256 of a file. Raises ConfigError."""
+    digest = hashlib.sha256()
     with open_ordinary(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        while piece := file.read(1 << 20):
+            digest.update(piece)
+    return digest.hexdigest()
 
 
 def pin_policy(config: Config) -> Config:

@@ -14,9 +14,6 @@ LOOK_S = 0.5
 REST = 5.0
 """Least rest after a rendering, in times that it took: a large campaign leaves the computer to its runs. Chosen."""
 
-READ_AT_ONCE = 3
-"""Recordings that a rendering reads, so that the page comes soon. Chosen: a fifth of a second."""
-
 
 @dataclass(slots=True)
 class Seen:
@@ -33,7 +30,7 @@ class Results:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._body = PageBody(read_at_once=READ_AT_ONCE)
+        self._body = PageBody()
         self._told: dict[str, str] = {}
         self._version = 0
         self._file_version: int | None = None
@@ -71,7 +68,7 @@ class Results:
     def _render(self) -> dict[str, str]:
         """Title, file and body; what is told already where the file has not changed."""
         version = self._store.version()
-        if version == self._file_version and self._body.whole:
+        if version == self._file_version:
             return self._told
         body, title = self._body.render(self._store), page_title(self._store.plan())
         self._file_version = version

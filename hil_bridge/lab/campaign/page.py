@@ -15,6 +15,7 @@ from hil_bridge.lab.campaign.digest import (
     Tally,
     criterion_results,
     facts_of,
+    figure_results,
     tally_of,
     true_force,
     unmet_by,
@@ -22,7 +23,7 @@ from hil_bridge.lab.campaign.digest import (
 )
 from hil_bridge.lab.campaign.pictures import drawn_faults, injections, matrix
 from hil_bridge.lab.campaign.plan import Plan
-from hil_bridge.lab.campaign.report_text import rerun_command
+from hil_bridge.lab.campaign.report_text import Section, criteria_section, figures_section, rerun_command
 from hil_bridge.lab.campaign.spreads import distributions
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.lab.campaign.telling import describe_run, fault_of, faults_of_run, settings_of_run
@@ -79,20 +80,15 @@ def page_title(plan: Plan) -> str:
 class PageBody:
     """Renders the body of a campaign's page: once for a file, again and again for a page in the browser."""
 
-    def __init__(self, folder: Path | None = None, read_at_once: int = WORST) -> None:
-        """`folder` is that of the page's file, for links; None: no links. A rendering reads at most so many recordings;
-        runs whose turn has not come show their cause alone, and `whole` is False.
-        """
+    def __init__(self, folder: Path | None = None) -> None:
+        """`folder` is that of the page's file, for links; None: no links."""
         self._folder = folder
-        self._read_at_once = read_at_once
-        self._unread = 0
         self._reasons: dict[str, str] = {}
         """Paragraphs of `why` by the key of the run: a recording does not change any more."""
 
     def render(self, store: Store) -> str:
         """The body as HTML, of what is kept so far. Raises ConfigError for a damaged file."""
         plan, runs = store.plan(), list(store.runs())
-        self._unread = self._read_at_once
         tally, hunted = tally_of(runs), _render_hunt(store, plan)
         planned = tally.total if hunted else plan.count
         return f"""{_head(plan, tally, planned)}
@@ -102,20 +98,14 @@ cannot have, a question mark a case without a run.</p>
 {matrix(plan, runs)}
 <h2>When, where and how fast</h2>{pairs(facts_of(store, plan, runs), "facts")}
 {hunted}
-<h2>Criteria</h2><div class="scroll">{_criteria(plan, runs)}</div>
+{_section(criteria_section(criterion_results(plan, runs)))}
 <h2>Worst runs first</h2>{self._worst(store, plan, runs)}
 <h2>Distribution of the figures</h2>
-<p class="quiet">Bars are all runs. A strip is a cell of the matrix: least to largest value, the middle half, the
-median.</p>
 {distributions(plan, runs)}
+{_section(figures_section(figure_results(plan, runs)))}
 {_render_injections(plan, runs)}
 <h2>How runs ended</h2>{_endings(runs)}
 <h2>Never exercised</h2>{_never(plan, runs)}"""
-
-    @property
-    def whole(self) -> bool:
-        """Whether the last rendering has read every recording that it shows."""
-        return self._unread >= 0
 
     def _worst(self, store: Store, plan: Plan, runs: Sequence[Done]) -> str:
         """Failing runs by the number of criteria, then by the true force; behind them passing ones by the force."""
@@ -178,9 +168,6 @@ median.</p>
         if not run.recording:
             return ""
         if run.key not in self._reasons:
-            self._unread -= 1
-            if self._unread < 0:
-                return ""
             place = store.folder / run.recording
             try:
                 self._reasons[run.key] = why(read(place), f"{store.folder.name}/{run.recording}")
@@ -216,12 +203,9 @@ def _head(plan: Plan, tally: Tally, planned: int) -> str:
     )
 
 
-def _criteria(plan: Plan, runs: Sequence[Done]) -> str:
-    lines = [
-        (one.criterion, str(one.met), str(one.not_met), str(one.no_concern))
-        for one in criterion_results(plan, runs)
-    ]
-    return cells(("criterion", "met", "not met", "did not concern the run"), lines, "narrow")
+def _section(section: Section) -> str:
+    table = cells(section.columns, section.rows, "narrow")
+    return f'<h2>{escape(section.title)}</h2><div class="scroll">{table}</div>'
 
 
 def _command(store: Store, key: str) -> str:

@@ -25,11 +25,7 @@ def matrix(plan: Plan, runs: Sequence[Done]) -> str:
     def field(number: int | None) -> str:
         if number is None or plan.cases[number].impossible:
             return '<td class="none" title="cannot be">·</td>'
-        if not done[number]:
-            return '<td class="none" title="no run yet">?</td>'
-        if passed[number] == done[number]:
-            return f'<td class="pass">{done[number]}</td>'
-        return f'<td class="fail">{passed[number]}/{done[number]}</td>'
+        return _counts(passed[number], done[number])
 
     apart = len({head for _, head in cells}) == len(cells)
     heads = "".join(
@@ -63,17 +59,21 @@ def injections(plan: Plan, runs: Sequence[Done]) -> tuple[str, list[str]]:
             place = target, title, phase
             if phase not in possible:
                 fields.append('<td class="none" title="not planned">·</td>')
-            elif not done[place]:
-                fields.append('<td class="none" title="no run yet">?</td>')
+                continue
+            fields.append(_counts(passed[place], done[place]))
+            if not done[place]:
                 empty.append(f"{name} in {phase}")
-            elif passed[place] == done[place]:
-                fields.append(f'<td class="pass">{done[place]}</td>')
-            else:
-                fields.append(f'<td class="fail">{passed[place]}/{done[place]}</td>')
         rows.append(f"<tr><th>{escape(name)}</th>{''.join(fields)}</tr>\n")
     heads = "".join(f"<th>{escape(phase)}</th>" for phase in phases)
     table = f'<table class="matrix"><tr><th>fault</th>{heads}</tr>\n{"".join(rows)}</table>'
     return f'<div class="scroll">{table}</div>', empty
+
+
+def _counts(passed: int, done: int) -> str:
+    """A field of a matrix: how many runs passed, of how many."""
+    if not done:
+        return '<td class="none" title="no run yet">?</td>'
+    return f'<td class="pass">{done}</td>' if passed == done else f'<td class="fail">{passed}/{done}</td>'
 
 
 def drawn_faults(plan: Plan) -> dict[tuple[str, str], list[str]]:

@@ -128,6 +128,12 @@ class _Reading:
     def _wrong(self, key: str, text: str) -> None:
         self._problems.append(f"{self._source}: {key} {text}")
 
+    def _wrong_in(self, told: Mapping[str, Sequence[str]], key: str = "") -> None:
+        """Problems, each with the cells in which it is."""
+        for problem, labels in told.items():
+            more = f" and {len(labels) - 1} more" if len(labels) > 1 else ""
+            self._problems.append(f"{self._source}: {key}{problem} (with {labels[0]}{more})")
+
     def _requirements(self, given: object) -> tuple[str, ...]:
         names = given if isinstance(given, list) else [None]
         if all(isinstance(name, str) and name.strip() and name.isprintable() for name in names):
@@ -178,9 +184,7 @@ class _Reading:
                 without[cell] = impossible
             for problem in problems:
                 told.setdefault(problem, []).append(cell)
-        for problem, labels in told.items():
-            more = f" and {len(labels) - 1} more" if len(labels) > 1 else ""
-            self._problems.append(f"{self._source}: campaign.draw: {problem} (with {labels[0]}{more})")
+        self._wrong_in(told, "campaign.draw: ")
         return msgspec.structs.replace(draw, without=without)
 
     def _base(self, path: object) -> dict[str, Any]:
@@ -282,9 +286,7 @@ class _Reading:
                 cases.append(
                     Case(label, head, fault_label(table), table.get("phase", ""), text, row, refusal)
                 )
-        for problem, labels in told.items():
-            more = f" and {len(labels) - 1} more" if len(labels) > 1 else ""
-            self._problems.append(f"{self._source}: {problem} (with {labels[0]}{more})")
+        self._wrong_in(told)
         for number, texts in refusals.items():  # a fault that no cell can have is a mistake
             if texts and len(texts) == len(cells) - sum(map(len, told.values())):
                 self._problems.append(f"{self._source}: campaign.fault.{number}: {texts[0]}")

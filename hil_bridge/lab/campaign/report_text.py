@@ -1,11 +1,11 @@
 """The report of a campaign as text for a terminal, as Markdown for a build server's summary, and as JUnit XML."""
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from hil_bridge.lab.campaign.criteria import figure_text
-from hil_bridge.lab.campaign.digest import Digest, FailedRun, Tally, unmet_by
+from hil_bridge.lab.campaign.digest import CriterionResult, Digest, FailedRun, FigureResult, Tally, unmet_by
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.lab.campaign.telling import faults_of_run
 from hil_bridge.lab.junit import RECORDING, REQUIREMENT, JunitCase, Verdict, attachment, encode_junit
@@ -59,12 +59,8 @@ def sections(digest: Digest) -> Iterator[Section]:
             (f"{left} more did not pass. " if left else "")
             + f"`{rerun_command(digest.results, 'KEY')}` repeats one.",
         )
-    yield Section(
-        "Criteria",
-        ("criterion", "met", "not met", "no concern"),
-        [(one.criterion, str(one.met), str(one.not_met), str(one.no_concern)) for one in digest.criteria],
-    )
-    yield _figures(digest)
+    yield criteria_section(digest.criteria)
+    yield figures_section(digest.figures)
     yield Section("Facts", ("fact", "value"), list(digest.facts.items()))
 
 
@@ -92,9 +88,16 @@ def _field(tally: Tally, impossible: str) -> str:
     return f"{tally.passed}/{tally.total}" + ("" if tally.good else " ✗")
 
 
-def _figures(digest: Digest) -> Section:
+def criteria_section(criteria: Iterable[CriterionResult]) -> Section:
+    """How often each criterion was met."""
+    rows = [(one.criterion, str(one.met), str(one.not_met), str(one.no_concern)) for one in criteria]
+    return Section("Criteria", ("criterion", "met", "not met", "no concern"), rows)
+
+
+def figures_section(figures: Iterable[FigureResult]) -> Section:
+    """Least, median and largest value of each figure in each cell."""
     rows = []
-    for one in digest.figures:
+    for one in figures:
         numbers = (FIGURES[one.figure].text(value) for value in (one.least, one.median, one.largest))
         runs = f"{one.runs}" + (f", {one.endless} endless" if one.endless else "")
         rows.append((FIGURES[one.figure].words, one.cell, runs, *numbers))
