@@ -86,10 +86,10 @@ def test_a_ramp_has_no_grid_and_a_rounded_ramp_has_one() -> None:
 
 def test_times_between_samples() -> None:
     times = np.cumsum(np.array([0.0] + [0.002] * 98 + [0.010]))
-    result = measures.times_of(times)
-    assert result.mean == pytest.approx(0.206 / 99)
-    assert result.longest == pytest.approx(0.010)
-    assert result.deviation == pytest.approx(math.sqrt(98) / 99 * 0.008)
+    result = measures.gaps_of(times)
+    assert result.mean_s == pytest.approx(0.206 / 99)
+    assert result.longest_s == pytest.approx(0.010)
+    assert result.deviation_s == pytest.approx(math.sqrt(98) / 99 * 0.008)
 
 
 def test_the_way_of_speeds_is_their_integral() -> None:

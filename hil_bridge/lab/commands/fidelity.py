@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from hil_bridge.cli.bag_options import bag_options
-from hil_bridge.console.options import json_option, overwrite_option, tell
+from hil_bridge.console.options import json_option, overwrite_option, tell, tell_json
 from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.extras import install_command
@@ -85,7 +85,6 @@ def fidelity(
     """
     with requiring_scipy():
         from hil_bridge.lab.fidelity.subjects import compare_with, read
-        from hil_bridge.lab.fidelity.telling import as_json as json_of
         from hil_bridge.lab.fidelity.telling import describe
     from hil_bridge.record.files import check_place, write_whole
 
@@ -102,7 +101,7 @@ def fidelity(
 
         write_whole(page, fidelity_page(recording.name, compared).encode(), overwrite)
     if as_json:
-        click.echo(json_of(compared.comparison))
+        tell_json(compared.comparison)
     else:
         tell(describe(compared.comparison))
     if page is not None:

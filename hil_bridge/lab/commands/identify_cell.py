@@ -45,7 +45,7 @@ def identify_cell(
     with requiring_scipy():
         from hil_bridge.lab.identification.identifying import identify_run, identify_table
         from hil_bridge.lab.identification.profile import profile_text
-        from hil_bridge.lab.identification.telling import as_values, describe
+        from hil_bridge.lab.identification.telling import describe
     from hil_bridge.record import read
     from hil_bridge.record.files import check_place, write_whole
 
@@ -62,7 +62,7 @@ def identify_cell(
     else:
         identified = identify_run(read(recording))
     if as_json:
-        tell_json({"recording": recording.name, "values": as_values(identified.values)})
+        tell_json({"recording": recording.name, "values": list(identified.values)})
     else:
         tell(describe(identified.values))
     if out is not None:

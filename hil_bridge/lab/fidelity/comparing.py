@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.fidelity import measures
-from hil_bridge.lab.fidelity.measures import Floats
+from hil_bridge.lab.fidelity.measures import Floats, Gaps
 from hil_bridge.lab.fidelity.tables import Table
 from hil_bridge.lab.fidelity.units import FAMILIES, unit_of
 
@@ -91,15 +91,6 @@ class Law(Struct, frozen=True):
     emulated: float
 
 
-class Gaps(Struct, frozen=True):
-    """Times between samples, s."""
-
-    mean_s: float
-    deviation_s: float
-    percentile_99_s: float
-    longest_s: float
-
-
 class Comparison(Struct, frozen=True):
     """A recording against the emulated device."""
 
@@ -168,7 +159,7 @@ def joined(
     sides: Sides, lines: Sequence[Line], laws: tuple[Law, ...] = (), left_out: tuple[str, ...] = ()
 ) -> Comparison:
     """The comparison with these lines."""
-    measured, emulated = (Gaps(*measures.times_of(table.times)) for table in sides.tables)
+    measured, emulated = (measures.gaps_of(table.times) for table in sides.tables)
     times = sides.measured.times
     return Comparison(
         sides.kind,

@@ -7,6 +7,7 @@ import math
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.signal import periodogram
@@ -58,13 +59,13 @@ class Lag(NamedTuple):
     """Output less input, after the shift; NaN where the input does not reach."""
 
 
-class Times(NamedTuple):
+class Gaps(Struct, frozen=True):
     """Times between samples, s."""
 
-    mean: float
-    deviation: float
-    percentile_99: float
-    longest: float
+    mean_s: float
+    deviation_s: float
+    percentile_99_s: float
+    longest_s: float
 
 
 def shift_of(times: Floats, source: Floats, output: Floats, free: int = 0) -> Lag:
@@ -212,10 +213,10 @@ def _grid_near(steps: Floats, guess: float) -> tuple[float, float]:
     return size, incoherence(size)
 
 
-def times_of(times: Floats) -> Times:
+def gaps_of(times: Floats) -> Gaps:
     """Times between samples at `times`."""
     gaps = np.diff(times)
-    return Times(float(gaps.mean()), float(gaps.std()), float(np.percentile(gaps, 99.0)), float(gaps.max()))
+    return Gaps(float(gaps.mean()), float(gaps.std()), float(np.percentile(gaps, 99.0)), float(gaps.max()))
 
 
 def integral_of(times: Floats, speeds: Floats) -> Floats:

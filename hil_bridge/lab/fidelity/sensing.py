@@ -9,6 +9,7 @@ from contextlib import AsyncExitStack
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.control.analysis.tool_identification import ToolPose, identify_tool
@@ -23,7 +24,6 @@ from hil_bridge.lab.fidelity.tables import Table
 from hil_bridge.lab.fidelity.units import WRENCH
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import Sensor, sensor_in
-from protocol.geometry import Quaternion
 from protocol.wrench import WrenchFrame, wrench_of
 
 LOADS = tuple(f"load_{name}" for name in WRENCH)
@@ -56,28 +56,17 @@ def _weight(table: Table, wrench: Floats) -> Floats:
             f"rotation: its rows are no rotation, by up to {error:.3g}; give the sensor's frame in the base"
         )
     chosen = np.linspace(0, len(wrench) - 1, min(_POSES, len(wrench))).astype(int)
-    poses = [ToolPose(_quaternion(rotations[k]), tuple(wrench[k].tolist())) for k in chosen]
+    quaternions = Rotation.from_matrix(rotations[chosen]).as_quat()[:, [3, 0, 1, 2]]
+    poses = [
+        ToolPose((w, x, y, z), tuple(reading))
+        for (w, x, y, z), reading in zip(quaternions.tolist(), wrench[chosen].tolist(), strict=True)
+    ]
     tool = identify_tool(poses, Wrist())
     gravity = np.einsum("nji,j->ni", rotations, GRAVITY_BASE)
     force = tool.mass * gravity
     moment = np.cross(np.array(tool.centre_of_gravity), force)
     load: Floats = np.hstack([force, moment]) + np.array(tool.bias)
     return load
-
-
-def _quaternion(rotation: Floats) -> Quaternion:
-    """Unit quaternion w x y z of a rotation: the eigenvector of the largest value. Source: Bar-Itzhack, 2000."""
-    (a, b, c), (d, e, f), (g, h, i) = rotation
-    matrix = np.array(
-        [
-            [a - e - i, d + b, g + c, h - f],
-            [d + b, e - a - i, h + f, c - g],
-            [g + c, h + f, i - a - e, d - b],
-            [h - f, c - g, d - b, a + e + i],
-        ]
-    )
-    x, y, z, w = np.linalg.eigh(matrix / 3.0)[1][:, -1]
-    return float(w), float(x), float(y), float(z)
 
 
 class _Load:

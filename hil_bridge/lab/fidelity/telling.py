@@ -1,22 +1,15 @@
-"""A comparison as text for people and as JSON."""
+"""A comparison as text for people."""
 
 import math
 from collections.abc import Callable, Iterator
 
-import msgspec
+from hil_bridge.lab.fidelity.comparing import Comparison, Line
+from hil_bridge.lab.fidelity.measures import Gaps
+from hil_bridge.lab.fidelity.units import prefixed_unit
+from hil_bridge.record.analysis.figures import UNKNOWN
 
-from hil_bridge.lab.fidelity.comparing import Comparison, Gaps, Line
-
-_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 _NOTHING = 1e-12
 """Chosen: smaller values are rounding, in every unit here."""
-UNKNOWN = "–"
-"""Stands for a figure that the samples do not tell."""
-
-
-def as_json(comparison: Comparison) -> str:
-    """One object; null for a figure that the samples do not tell."""
-    return msgspec.json.format(msgspec.json.encode(comparison), indent=2).decode()
 
 
 def describe(comparison: Comparison) -> Iterator[str]:
@@ -107,10 +100,8 @@ def format_quantity(value: float, unit: str) -> str:
         return f"{value:.0f} {unit}".rstrip()
     if not unit:
         return f"{value:.3g}"
-    size, prefix = next(((s, p) for s, p in _PREFIXES if abs(value) >= s), _PREFIXES[-1])
-    if prefix and unit.partition("/")[0] not in ("rad", "m", "N", "N·m"):
-        size, prefix = 1.0, ""
-    return f"{value / size:.3g} {prefix}{unit}"
+    size, name = prefixed_unit(abs(value), unit)
+    return f"{value / size:.3g} {name}"
 
 
 def _ms(seconds: float) -> str:

@@ -55,6 +55,8 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 COUNTS = ("counts", "count", "raw", "digits", "lsb")
 """Units whose size a sensor's calibration alone tells."""
 _KNOWN = {unit for units in (*UNITS.values(), TIME) for unit in units if unit != "1"} | {*COUNTS}
+_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+_PREFIXED = ("s", "rad", "m", "N", "N·m")
 _BRACKETS = re.compile(r"(.+?)\s*(?:\[([^\[\]]+)\]|\(([^()]+)\))")
 _JOINED = re.compile(r"([µmk]?N)([cm]?m)")
 _TIMES_SIGNS = re.compile(r"\s*[*⋅·.-]\s*|\s+")
@@ -77,6 +79,16 @@ def plain_unit(text: str) -> str:
         return "·".join(joined.groups())
     first, _, second = text.partition("·")
     return f"{second}·{first}" if first in ("in", "ft") and second else text
+
+
+def prefixed_unit(largest: float, unit: str) -> tuple[float, str]:
+    """Size and name of the unit in which values of this unit, up to `largest`, are shown: with a prefix where they are
+    small and the unit takes one.
+    """
+    if unit.partition("/")[0] not in _PREFIXED:
+        return 1.0, unit
+    size, prefix = next((pair for pair in _PREFIXES if largest >= pair[0]), _PREFIXES[-1])
+    return size, f"{prefix}{unit}"
 
 
 def is_unit(unit: str) -> bool:

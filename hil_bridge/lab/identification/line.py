@@ -8,11 +8,10 @@ from scipy.special import betaincinv
 
 from hil_bridge.devices.facts import MISSING, PACKETS
 from hil_bridge.lab.identification.blocks import Estimate
+from hil_bridge.lab.identification.gaps import LOST_GAP
 from hil_bridge.lab.identification.seen import Seen
 from hil_bridge.lab.identification.values import Part, Quantity, Value, Why
 
-_LOST_GAP = 1.5
-"""Chosen: a longer gap between frames, in usual ones, misses some."""
 _PAUSE_S = 1.0
 """Chosen: a longer gap is a pause and no loss."""
 _TAIL = 0.025
@@ -69,7 +68,7 @@ def _frames(seen: Seen) -> Value:
     if len(gaps) < 2:
         return FRAMES_LOST.unseen(Why.NO_SAMPLES)
     usual = float(np.median(gaps))
-    long = gaps[(gaps > _LOST_GAP * usual) & (gaps < _PAUSE_S)]
+    long = gaps[(gaps > LOST_GAP * usual) & (gaps < _PAUSE_S)]
     facts = seen.stream.facts
     asked = facts is not None and facts.period is None  # one lost answer is a whole time-out
     lost = float(len(long)) if asked else float(np.sum(np.round(long / usual) - 1.0))

@@ -18,17 +18,14 @@ from hil_bridge.lab.identification.blocks import (
     jackknife,
     mean_of,
 )
+from hil_bridge.lab.identification.gaps import gap_values, step_value
 from hil_bridge.lab.identification.seen import Seen
 from hil_bridge.lab.identification.steps import servo_of_steps
 from hil_bridge.lab.identification.values import Part, Quantity, Value, Why
 from hil_bridge.record.analysis.latency import timestamps
 
-_LOST_GAP = 1.5
-"""Chosen: a longer time, in usual ones, misses a packet."""
 _PAUSE_CYCLES = 50.0
 """Chosen: over so many cycles the packets in between can be counted."""
-_EVEN_S = 1e-6
-"""Chosen: a smaller deviation of times is the rounding of stamps."""
 _LEAST_CYCLES = 20
 """Chosen: cycles at least."""
 _PARTS = 8
@@ -45,8 +42,6 @@ _DECIMALS_M = tuple(10.0**-places for places in range(3, 10))
 """Last decimals that are tried, m."""
 _FLOATS = 1e-14
 """Derived: a smaller share of a place is the rounding of numbers of 64 bits."""
-_STEP_SHARE = 0.01
-"""Chosen: a step is told to one hundredth."""
 
 CYCLE = Quantity("robot.cycle", Part.ROBOT, "time of a cycle", "s")
 JITTER = Quantity("robot.jitter", Part.ROBOT, "deviation of that time", "s")
@@ -106,18 +101,7 @@ def _cycles(seen: Seen) -> Iterator[Value]:
     if nominal := seen.robot.cycle_s:  # a control cycle may take several packets
         packets = np.maximum(np.round(gaps / nominal), 1.0)
         gaps = (gaps / packets)[gaps < _PAUSE_CYCLES * nominal]
-    if len(gaps) < _LEAST_CYCLES:
-        yield CYCLE.unseen(Why.NO_SAMPLES)
-        yield JITTER.unseen(Why.NO_SAMPLES)
-        return
-    usual = gaps[gaps < _LOST_GAP * float(np.median(gaps))]
-    yield CYCLE.value(mean_of(usual).wider(0.1 * _EVEN_S, "and the rounding of the stamps"), method)
-    jitter = deviation_of(usual)
-    yield (
-        JITTER.unseen(Why.EVEN)
-        if jitter.value < _EVEN_S
-        else JITTER.value(jitter, "standard deviation of these times")
-    )
+    yield from gap_values(gaps, _LEAST_CYCLES, (CYCLE, JITTER), method)
 
 
 def _turnarounds(seen: Seen) -> Iterator[Value]:
@@ -245,14 +229,7 @@ def _places(seen: Seen, emulated: Table | None) -> Iterator[Value]:
     ]
     yield from noises
     yield _noise_ratio(noises, emulated, motion)
-    if math.isnan(step):
-        yield STEP.unseen(Why.NO_STEP)
-    else:
-        margin = _STEP_SHARE * step
-        yield STEP.value(
-            Estimate(step, step - margin, step + margin, "chosen: it is told to 1 %"),
-            "step of which the differences of successive places are multiples",
-        )
+    yield step_value(STEP, step)
 
 
 def _noise_ratio(noises: Sequence[Value], emulated: Table | None, motion: Table) -> Value:

@@ -14,10 +14,9 @@ from hil_bridge.lab.identification.blocks import (
     Estimate,
     Ints,
     Mask,
-    deviation_of,
     jackknife,
-    mean_of,
 )
+from hil_bridge.lab.identification.gaps import gap_values, step_value, usual_gaps
 from hil_bridge.lab.identification.seen import Seen, Stream
 from hil_bridge.lab.identification.values import Part, Quantity, Value, Why
 from protocol.wrench import AXES
@@ -38,12 +37,6 @@ _SEEN_STEPS = 0.55
 """Derived: with a smaller deviation, in steps, rounding is not noise of its own any more. Half a step, and rounding."""
 _MEMORY_LEAST = 0.05
 """Chosen: a correlation from frame to frame below this is none."""
-_LOST_GAP = 1.5
-"""Chosen: a longer gap, in usual ones, misses a frame."""
-_EVEN_S = 1e-6
-"""Chosen: a smaller deviation of times is the rounding of stamps."""
-_STEP_SHARE = 0.01
-"""Chosen: a step is told to one hundredth."""
 _FREE_LEAST_S = 1.0
 """Chosen: free space at each end from which a drift is told."""
 _MEAN_S = 0.5
@@ -77,9 +70,11 @@ def stream_values(seen: Seen) -> Iterator[Value]:
         yield from (quantity.unseen(Why.NO_FORCE) for quantity in ALL)
         return
     yield from _noise(stream)
-    yield from _steps(stream)
+    for quantity, size in zip(STEP, _step_sizes(stream).tolist(), strict=True):
+        yield step_value(quantity, size)
     yield from _drift(stream, seen)
-    yield from _times(stream)
+    method = "mean time between frames, lost ones left out"
+    yield from gap_values(np.diff(stream.times), 2 * LEAST_BLOCKS, (PERIOD, JITTER), method)
 
 
 # --- noise and filter
@@ -208,8 +203,7 @@ def _spectra_of(stream: Stream) -> _Spectra | None:
     length = max(length, _SHORTEST)
     if len(times) < LEAST_BLOCKS * length:
         return None
-    usual = float(np.median(np.diff(times)))
-    rate = 1.0 / float(np.diff(times)[np.diff(times) < _LOST_GAP * usual].mean())
+    rate = 1.0 / float(usual_gaps(np.diff(times)).mean())
     window = np.hanning(length + 1)[:-1]
     scale = 1.0 / float(window @ window)
     frequencies = np.fft.rfftfreq(length, 1.0 / rate)
@@ -242,18 +236,6 @@ def _spectra_of(stream: Stream) -> _Spectra | None:
 def _step_sizes(stream: Stream) -> Floats:
     """(6,): the step on which the values of each axis lie; NaN where none is seen."""
     return np.array([grid_of(stream.wrench[:, axis]) for axis in range(len(AXES))])
-
-
-def _steps(stream: Stream) -> Iterator[Value]:
-    for quantity, size in zip(STEP, _step_sizes(stream), strict=True):
-        if math.isnan(size):
-            yield quantity.unseen(Why.NO_STEP)
-            continue
-        margin = _STEP_SHARE * float(size)
-        estimate = Estimate(
-            float(size), float(size) - margin, float(size) + margin, "chosen: it is told to 1 %"
-        )
-        yield quantity.value(estimate, "step of which the differences of successive values are multiples")
 
 
 # --- drift
@@ -307,25 +289,3 @@ def _walk(means: list[tuple[Floats, Floats]]) -> float:
         return 0.0
     more = float((far**2).mean() - (steps**2).mean()) / (3.0 * _MEAN_S)
     return math.sqrt(max(more, 0.0))
-
-
-# --- times
-
-
-def _times(stream: Stream) -> Iterator[Value]:
-    gaps = np.diff(stream.times)
-    usual = gaps[gaps < _LOST_GAP * float(np.median(gaps))]
-    if len(usual) < LEAST_BLOCKS * 2:
-        yield PERIOD.unseen(Why.NO_SAMPLES)
-        yield JITTER.unseen(Why.NO_SAMPLES)
-        return
-    period = mean_of(usual)
-    yield PERIOD.value(
-        period.wider(0.1 * _EVEN_S, "and the rounding of the stamps"),
-        "mean time between frames, lost ones left out",
-    )
-    jitter = deviation_of(usual)
-    if jitter.value < _EVEN_S:
-        yield JITTER.unseen(Why.EVEN)
-    else:
-        yield JITTER.value(jitter, "standard deviation of these times")

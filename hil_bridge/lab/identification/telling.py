@@ -1,20 +1,15 @@
-"""Values of a recording as text for people and for programs."""
+"""Values of a recording as text for people."""
 
 import math
 from collections.abc import Iterator, Sequence
 from itertools import groupby
-from typing import Any
 
-import msgspec
-
+from hil_bridge.lab.fidelity.units import prefixed_unit
 from hil_bridge.lab.identification.values import Part, Value, Values
 
 _VALUE, _WORDS = 18, 38
 """Widths of columns."""
 _MOST_DECIMALS = 6
-_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
-_PREFIXED = ("s", "m", "N", "N·m")
-"""Units that take a prefix."""
 
 
 def describe(values: Values, methods: bool = True) -> Iterator[str]:
@@ -49,7 +44,8 @@ def _together(words: Sequence[str]) -> str:
 
 def format_value(value: Value) -> tuple[str, str, str]:
     """The value and both ends of its interval, in one unit, with the digits that the interval leaves."""
-    size, unit = _unit_of(value)
+    largest = max(abs(value.value), 0.5 * abs(value.high - value.low))
+    size, unit = prefixed_unit(largest, value.unit)
     numbers = [number / size for number in (value.value, value.low, value.high)]
     half = 0.5 * (numbers[2] - numbers[1])
     decimals = 3 if half <= 0.0 else min(max(1 - math.floor(math.log10(half)), 0), _MOST_DECIMALS)
@@ -57,24 +53,3 @@ def format_value(value: Value) -> tuple[str, str, str]:
         f"{round(number, decimals) + 0.0:.{decimals}f}".replace("-", "−") for number in numbers
     )
     return f"{number} {unit}".rstrip(), low, f"{high} {unit}".rstrip()
-
-
-def _unit_of(value: Value) -> tuple[float, str]:
-    """Size of the unit in which a value is shown, and its name: with a prefix where the value is small."""
-    if value.unit.partition("/")[0] not in _PREFIXED:
-        return 1.0, value.unit
-    largest = max(abs(value.value), 0.5 * abs(value.high - value.low))
-    size, prefix = next((pair for pair in _PREFIXES if largest >= pair[0]), _PREFIXES[-1])
-    return size, f"{prefix}{value.unit}"
-
-
-def as_values(values: Values) -> list[dict[str, Any]]:
-    """One object for each value; null where it is not seen."""
-    rows = []
-    for value in values:
-        row = msgspec.to_builtins(value)
-        row["why"] = None if value.why is None else value.why.value
-        rows.append(
-            {key: None if isinstance(item, float) and math.isnan(item) else item for key, item in row.items()}
-        )
-    return rows
