@@ -1,11 +1,12 @@
 """Reports of the scenarios: a table for people, JSON, and JUnit for build servers."""
 
 import json
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
+
+import msgspec
 
 from hil_bridge.clock.heartbeat import MOST_S
 from hil_bridge.lab.conform.trial import SUITE_VERSION, Played
@@ -89,7 +90,7 @@ def as_json(what: tuple[str, str], command: Sequence[str], rules: Any, played: S
             for one in played
         ],
     }
-    return json.dumps(_finite(found), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return msgspec.json.format(msgspec.json.encode(found), indent=2).decode() + "\n"
 
 
 def as_junit(kind: str, played: Sequence[Played[Any]]) -> bytes:
@@ -117,12 +118,3 @@ def _evidence_texts(one: Played[Any]) -> Iterator[tuple[str, str]]:
 def _plain(text: str) -> str:
     """A line of a stranger's output that does nothing to the terminal."""
     return "".join(sign if sign.isprintable() else "\ufffd" for sign in text)
-
-
-def _finite(value: Any) -> Any:
-    """The same, with None for numbers that JSON does not have."""
-    if isinstance(value, dict):
-        return {key: _finite(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -134,6 +134,8 @@ class Trial(ABC, Generic[Seen]):
 
     thing: ClassVar[str]
     """The device: robot or sensor."""
+    meanings: ClassVar[Mapping[str, str]]
+    """All scenarios with their meaning, in the order in which they are played."""
 
     config: Config
     """Its emulated kind is the one of the trial."""
@@ -143,17 +145,34 @@ class Trial(ABC, Generic[Seen]):
     make_client: Callable[[], Client]
 
     @property
-    @abstractmethod
     def kind(self) -> str:
         """Name of the device's kind."""
+        section: Any = getattr(self.config, self.thing)
+        return str(section.emulated)
 
     @property
     @abstractmethod
-    def scenarios(self) -> Mapping[str, str]:
-        """Scenarios that this device can have, in the order in which they are played, with their meaning.
+    def mishaps(self) -> Mapping[str, Mishap | None]:
+        """The fault of each scenario that this device can have, in their order.
 
         Raises ConfigError for a device without any.
         """
+
+    @property
+    def scenarios(self) -> Mapping[str, str]:
+        """Scenarios that this device can have, in their order, with their meaning. Raises ConfigError as `mishaps`."""
+        return {name: self.meanings[name] for name in self.mishaps}
+
+    def _possible(
+        self, mishaps: Mapping[str, Mishap], faults: Mapping[str, Mapping[str, Any]]
+    ) -> dict[str, Mishap | None]:
+        """The mishaps among the faults of an emulated device, and the scenario without one."""
+        return {
+            name: mishap
+            for name in self.meanings
+            for mishap in (mishaps.get(name),)
+            if name == NOMINAL or (mishap is not None and mishap.fault in faults.get(mishap.on, {}))
+        }
 
     @property
     @abstractmethod

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from itertools import islice
 
 from hil_bridge.lab.conform.ending import describe_end
 from hil_bridge.lab.conform.robots.scenarios import (
@@ -16,18 +15,13 @@ from hil_bridge.lab.conform.robots.scenarios import (
 )
 from hil_bridge.lab.conform.robots.watching import Seen
 from hil_bridge.lab.conform.trial import CUT, NOMINAL
-from hil_bridge.lab.conform.verdict import Outcome, Verdict
+from hil_bridge.lab.conform.verdict import Verdict, decide
 
 
 def judge(scenario: str, seen: Seen, rules: Rules) -> Verdict:
     """The verdict on this evidence."""
-    skipped = _explain_skip(scenario, seen)
-    if skipped:
-        return Verdict(Outcome.SKIPPED, skipped)
-    wrong = list(islice(_find_faults(scenario, seen, rules), 3))
-    if wrong:
-        return Verdict(Outcome.FAILED, "; ".join(wrong))
-    return Verdict(Outcome.PASSED, _WELL[scenario](seen))
+    faults = _find_faults(scenario, seen, rules)
+    return decide(_explain_skip(scenario, seen), faults, lambda: _WELL[scenario](seen))
 
 
 def _explain_skip(scenario: str, seen: Seen) -> str:

@@ -37,15 +37,11 @@ class RobotTrial(Trial[Seen]):
     """A client of a robot under trial."""
 
     thing: ClassVar[str] = "robot"
+    meanings: ClassVar[Mapping[str, str]] = SCENARIOS
     rules: Rules
 
     @property
-    def kind(self) -> str:
-        return self.config.robot.emulated
-
-    @property
     def mishaps(self) -> dict[str, Mishap | None]:
-        """The fault of each scenario, in the order of the scenarios. Raises ConfigError for a robot without any."""
         kind = ROBOTS.kind(self.kind)
         if kind.emulation is None or not kind.emulation.mishaps:
             raise ConfigError(
@@ -59,16 +55,7 @@ class RobotTrial(Trial[Seen]):
             CUT: Mishap(WIRE, "off", {"for_s": self.rules.cut_s}),
             **{name: Mishap("robot", fault) for name, fault in emulation.mishaps.items()},
         }
-        can_have = {
-            name: mishap
-            for name, mishap in mishaps.items()
-            if mishap.fault in emulation.faults.get(mishap.on, {})
-        }
-        return {name: can_have.get(name) for name in SCENARIOS if name == NOMINAL or name in can_have}
-
-    @property
-    def scenarios(self) -> Mapping[str, str]:
-        return {name: SCENARIOS[name] for name in self.mishaps}
+        return self._possible(mishaps, emulation.faults)
 
     @property
     def listen(self) -> Listen:

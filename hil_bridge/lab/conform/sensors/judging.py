@@ -1,13 +1,12 @@
 """Verdicts on a sensor's client, by its readings alone: pure functions."""
 
 from collections.abc import Callable, Iterator, Mapping
-from itertools import islice
 
 from hil_bridge.lab.conform.ending import describe_end
 from hil_bridge.lab.conform.sensors.readings import Heard, difference, units
 from hil_bridge.lab.conform.sensors.scenarios import LOST, RESTART, STATUS, SensorRules
 from hil_bridge.lab.conform.trial import CUT, NOMINAL
-from hil_bridge.lab.conform.verdict import Outcome, Verdict
+from hil_bridge.lab.conform.verdict import Verdict, decide
 from protocol.geometry import Wrench
 from protocol.wrench import AXES
 
@@ -16,15 +15,10 @@ _FORCES = 3
 
 def judge(scenario: str, heard: Heard, rules: SensorRules) -> Verdict:
     """The verdict on this evidence."""
+    skipped = ""
     if heard.first_at is not None and scenario != NOMINAL and heard.fault_at is None:
-        return Verdict(
-            Outcome.SKIPPED,
-            f"the client had ended after {heard.ended_at or 0.0:.1f} s, before the fault came; let it read longer",
-        )
-    wrong = list(islice(_find_faults(scenario, heard, rules), 3))
-    if wrong:
-        return Verdict(Outcome.FAILED, "; ".join(wrong))
-    return Verdict(Outcome.PASSED, _WELL[scenario](heard))
+        skipped = f"the client had ended after {heard.ended_at or 0.0:.1f} s, before the fault came; let it read longer"
+    return decide(skipped, _find_faults(scenario, heard, rules), lambda: _WELL[scenario](heard))
 
 
 def is_near(one: Wrench, other: Wrench, rules: SensorRules, times: float = 1.0) -> bool:

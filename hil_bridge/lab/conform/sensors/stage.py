@@ -29,17 +29,11 @@ class SensorTrial(Trial[Heard]):
     """A client of a force sensor under trial."""
 
     thing: ClassVar[str] = "sensor"
+    meanings: ClassVar[Mapping[str, str]] = SENSOR_SCENARIOS
     rules: SensorRules
 
     @property
-    def kind(self) -> str:
-        return self.config.sensor.emulated
-
-    @property
     def mishaps(self) -> dict[str, Mishap | None]:
-        """The fault of each scenario, in the order of the scenarios. Raises ConfigError for a sensor that cannot be
-        loaded.
-        """
         kind = SENSORS.kind(self.kind)
         faults = {} if kind.emulation is None else kind.emulation.faults
         if kind.emulation is None or _OFFSET not in faults.get(_SIGNAL, {}):
@@ -55,14 +49,7 @@ class SensorTrial(Trial[Heard]):
                 for name, fault in kind.emulation.mishaps.items()
             },
         }
-        can_have = {
-            name: mishap for name, mishap in mishaps.items() if mishap.fault in faults.get(mishap.on, {})
-        }
-        return {name: can_have.get(name) for name in SENSOR_SCENARIOS if name == NOMINAL or name in can_have}
-
-    @property
-    def scenarios(self) -> Mapping[str, str]:
-        return {name: SENSOR_SCENARIOS[name] for name in self.mishaps}
+        return self._possible(mishaps, faults)
 
     @property
     def listen(self) -> Listen:
