@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 from emulators.cell import OWN_FAULTS
 from emulators.faults import FOREVER, Fault
+from hil_bridge.api import simulate
 from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.errors import BridgeError
-from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.settings.configuration import load_config
 from tools.pages import placed, table
@@ -91,7 +91,7 @@ def settings(job: Job) -> Mapping[str, object]:
 def measured(job: Job) -> Mapping[str, Any]:
     """The end of one run: its exit code, and the first line of its cause."""
     try:
-        result = run_emulated(load_config(None, settings(job))).result
+        result = simulate(load_config(None, settings(job)))
     except BridgeError as error:
         return {"exit": error.exit_code, "cause": _first_line(str(error))}
     finally:

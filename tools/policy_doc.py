@@ -14,8 +14,8 @@ from statistics import fmean
 from types import ModuleType
 from typing import Any, TypeAlias
 
+from hil_bridge.api import simulate
 from hil_bridge.gym import OBSERVED, PolicyController
-from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.record import Outcome
 from hil_bridge.runs.setup import Setup
@@ -72,7 +72,7 @@ def judge(job: tuple[Case, Sequence[float]]) -> Row:
         chosen,
         seed,
     )
-    run = run_emulated(Setup(config).config)
+    run = simulate(Setup(config).config)
     track = [cycle for cycle in run.cycles if cycle.phase == "track"]
     forces = [cycle.force for cycle in track]
     return {
@@ -84,8 +84,8 @@ def judge(job: tuple[Case, Sequence[float]]) -> Row:
         "overshoot_percent": max(0.0, *(100.0 * (force / FORCE_N - 1.0) for force in forces))
         if forces
         else None,
-        "stopped": run.result.outcome is Outcome.STOPPED,
-        "cause": "" if run.result.cause is None else str(run.result.cause),
+        "stopped": run.outcome is Outcome.STOPPED,
+        "cause": "" if run.cause is None else str(run.cause),
         "losses": sum(a.in_contact and not b.in_contact for a, b in pairwise(track)),
     }
 

@@ -12,8 +12,8 @@ from itertools import pairwise, product
 from typing import Any, NamedTuple
 
 from emulators.devices.rtde.profile import RtdeProfile
+from hil_bridge.api import simulate
 from hil_bridge.control import CONTROLLERS
-from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import read_config
@@ -94,13 +94,13 @@ def figures_of(case: Case) -> Mapping[str, Any]:
             }
         )
     ).config
-    run = run_emulated(config)
+    run = simulate(config)
     track = [cycle for cycle in run.cycles if cycle.phase == "track"]
     settled = [
         cycle.force for cycle in track if cycle.sample.sensor_at >= track[0].sensor_at + case.settled_s
     ]
     return {
-        "cause": run.result.text,
+        "cause": run.text,
         "period_ms": statistics.fmean(1e3 * (b.started_at - a.started_at) for a, b in pairwise(track)),
         "rms_n": math.sqrt(statistics.fmean((force - FORCE_N) ** 2 for force in settled))
         if settled

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from hil_bridge.api import simulate
 from hil_bridge.cli import cli
 from hil_bridge.devices.kinds import ROBOTS, SENSORS
-from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import read_config
 from tests.near_surface import AWAKE_TOML, CLOSE, CLOSE_TOML, merged
@@ -38,8 +38,8 @@ def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) ->
         },
     )
     config = read_config(values)
-    run = run_emulated(config)
-    assert (run.result.outcome, run.result.text) == (Outcome.COMPLETED, "")
+    run = simulate(config)
+    assert (run.outcome, run.text) == (Outcome.COMPLETED, "")
     tracked = [record for record in run.cycles if record.phase == "track"]
     steady = [
         record.force for record in tracked if record.sample.sensor_at > tracked[0].sample.sensor_at + 0.5
@@ -48,7 +48,7 @@ def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) ->
     assert statistics.fmean(steady) == pytest.approx(10.0, abs=1.0 if robot == "rtde" else 0.5)
     assert max(abs(force - 10.0) for force in steady) < 2.0
     assert all(record.in_contact for record in tracked)
-    assert run.result.left.startswith("retracted")
+    assert run.left.startswith("retracted")
 
 
 @pytest.mark.parametrize("robot", STREAMED)

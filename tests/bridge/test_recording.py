@@ -16,10 +16,10 @@ from mcap.reader import make_reader
 from msgspec import structs
 
 from hil_bridge import api
+from hil_bridge.api import simulate
 from hil_bridge.control import Predictive
 from hil_bridge.devices.facts import Devices, RobotFacts
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.lab.experiments import run_emulated
 from hil_bridge.record import (
     VIRTUAL,
     VIRTUAL_CHUNKS,
@@ -333,7 +333,7 @@ def test_what_a_controller_explains_is_recorded_as_numbers(monkeypatch: pytest.M
         return state, structs.replace(command, explanation={"why": "soft", "found": True})
 
     monkeypatch.setattr(Predictive, "step", talkative)
-    cycles = run_emulated(read_config({"run": {"duration_s": 2.0}})).cycles
+    cycles = simulate(read_config({"run": {"duration_s": 2.0}})).cycles
     told = [cycle.explanation for cycle in cycles if cycle.phase == "track"]
     assert told
     assert all(math.isnan(one["why"]) and one["found"] == 1.0 for one in told)

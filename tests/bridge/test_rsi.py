@@ -9,10 +9,10 @@ import pytest
 from click.testing import CliRunner
 
 from emulators.devices.rsi import RSI_FAULTS
+from hil_bridge.api import Result, simulate
 from hil_bridge.cli import cli
 from hil_bridge.devices.kinds import ROBOTS, robot_of
 from hil_bridge.errors import ConfigError, DeviceError
-from hil_bridge.lab.experiments import EmulatedRun, run_emulated
 from hil_bridge.record import Outcome, read
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.settings.configuration import load_config
@@ -56,21 +56,21 @@ NEXT = "with = { probability = 1.0, "
 """Begin of the parameters of a fault that strikes every telegram."""
 
 
-def emulated(place: Path, more: str, duration_s: float = 2.0, controller: str | None = None) -> EmulatedRun:
+def emulated(place: Path, more: str, duration_s: float = 2.0, controller: str | None = None) -> Result:
     text = BASE.replace("period_ms", f"duration_s = {duration_s}\nperiod_ms") + more
     file = place / "rsi.toml"
     file.write_text(text)
-    return run_emulated(load_config(file, {"controller.name": controller}))
+    return simulate(load_config(file, {"controller.name": controller}))
 
 
-def with_fault(place: Path, on: str, fault: str, more: str = "", given: str = "") -> EmulatedRun:
+def with_fault(place: Path, on: str, fault: str, more: str = "", given: str = "") -> Result:
     row = f'[[faults]]\non = "{on}"\nfault = "{fault}"\nphase = "track"\nafter_s = 0.3\n{given}'
     if RSI_FAULTS[on][fault].lasts_s is not None:
         row += "for_s = 0.6\n"
     return emulated(place, UNDER_GUARD + more + row, duration_s=1.5)
 
 
-def struck(run: EmulatedRun) -> int:
+def struck(run: Result) -> int:
     (text,) = (event.text for event in run.events if " struck " in event.text)
     return int(text.split(" struck ")[1].split()[0])
 
@@ -97,7 +97,7 @@ def test_the_loop_closes_at_ten_newtons(more: str, tmp_path: Path) -> None:
 
 def test_the_force_holds_on_a_contour(tmp_path: Path) -> None:
     run = emulated(tmp_path, WAVE, duration_s=3.0)
-    assert run.result.outcome is Outcome.COMPLETED
+    assert run.outcome is Outcome.COMPLETED
     tracked = [cycle for cycle in run.cycles if cycle.phase == "track"]
     assert all(cycle.in_contact for cycle in tracked)
     errors = [cycle.force - 10.0 for cycle in tracked[50:]]
@@ -140,7 +140,7 @@ def test_the_guard_holds_a_robot_that_is_corrected_by_its_axes(
     )
     run = emulated(tmp_path, UNDER_GUARD + AXES_ABSOLUTE + rows, duration_s=1.5)
     assert sum(" struck " in event.text for event in run.events) == len(faults)
-    assert run.result.outcome is Outcome.STOPPED
+    assert run.outcome is Outcome.STOPPED
     assert max(cycle.force for cycle in run.cycles) < 15.0
 
 
@@ -201,9 +201,9 @@ def test_urls_name_the_kind_and_settings_stand_in_its_sections(tmp_path: Path) -
 def test_each_refusal_ends_a_run_in_one_plain_line(on: str, fault: str, words: str, tmp_path: Path) -> None:
     run = with_fault(tmp_path, on, fault)
     assert struck(run) > 0
-    assert run.result.outcome is Outcome.STOPPED
-    assert words in run.result.text
-    assert "\n" not in run.result.text
+    assert run.outcome is Outcome.STOPPED
+    assert words in run.text
+    assert "\n" not in run.text
     assert max(cycle.force for cycle in run.cycles) < 15.0
 
 
@@ -226,7 +226,7 @@ def test_a_network_that_loses_and_repeats_a_little_is_borne(
 ) -> None:
     run = with_fault(tmp_path, "wire", fault, more, given)
     assert struck(run) > 0
-    assert run.result.outcome is Outcome.COMPLETED
+    assert run.outcome is Outcome.COMPLETED
     forces = [cycle.force for cycle in run.cycles if cycle.phase == "track"][-10:]
     assert statistics.fmean(forces) == pytest.approx(10.0, abs=0.5)
     # set point and robot stay together, whatever was lost
@@ -251,9 +251,9 @@ def test_the_guard_holds_tilt_speed_and_following_of_a_robot_that_streams(
     fault: str, given: str, words: str, tmp_path: Path
 ) -> None:
     run = with_fault(tmp_path, "pose", fault, given=f"with = {{{given}}}\n")
-    assert run.result.outcome is Outcome.STOPPED
-    assert words in run.result.text
-    assert run.result.left.startswith("retracted")
+    assert run.outcome is Outcome.STOPPED
+    assert words in run.text
+    assert run.left.startswith("retracted")
     assert max(cycle.force for cycle in run.cycles) < 20.0
 
 

@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from hil_bridge.api import simulate
 from hil_bridge.control import Measurement, Pairing, Predictive, Stiffness
 from hil_bridge.control.laws.servo import Served, Servo
 from hil_bridge.control.laws.stiffness import observe
 from hil_bridge.devices.facts import ServoFacts
-from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import read_config
 from protocol.marks import SettingError
@@ -103,10 +103,10 @@ def held(**parameters: float) -> tuple[float, str]:
         },
     }
     config = read_config(merged(CLOSE, settings))
-    run = run_emulated(config)
+    run = simulate(config)
     track = [cycle for cycle in run.cycles if cycle.phase == "track"]
     settled = [cycle.force for cycle in track if cycle.sample.sensor_at >= track[0].sample.sensor_at + 0.5]
-    return math.sqrt(fmean((force - FORCE) ** 2 for force in settled)), run.result.text
+    return math.sqrt(fmean((force - FORCE) ** 2 for force in settled)), run.text
 
 
 def test_a_noisy_position_no_longer_shakes_the_tool() -> None:

@@ -5,8 +5,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from hil_bridge.api import simulate
 from hil_bridge.control.laws.fuzzy import infer
-from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.record import CycleRecord
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.zeroing import wrist
@@ -32,7 +32,7 @@ STEP = Target("value", 30.0)
 def recorded(controller: dict[str, Any]) -> tuple[Config, tuple[CycleRecord, ...]]:
     """A run of the emulated cell with this controller, and its cycles."""
     config = read_config({"run": {"duration_s": TRACK_S, "seed": 3}, "controller": controller})
-    return config, run_emulated(config).cycles
+    return config, simulate(config).cycles
 
 
 def steps_us(config: Config, cycles: tuple[CycleRecord, ...]) -> list[float]:

@@ -13,10 +13,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from hil_bridge.api import simulate
 from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import toml_pair
-from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.record import CycleRecord, read
 from hil_bridge.settings.configuration import read_config
 from protocol.devices.s3.adlp import LinkProfile
@@ -114,7 +114,7 @@ def measure(say: Callable[[str], None]) -> Report:
         for baudrate in BAUDRATES:
             floor = line_floor(LinkProfile(baudrate=baudrate)) * MILLI
             say(f"{baudrate} baud, virtual time")
-            virtual = cycle_time(run_emulated(read_config(settings(baudrate))).cycles) * MILLI
+            virtual = cycle_time(simulate(read_config(settings(baudrate))).cycles) * MILLI
             times = {"virtual time": virtual}
             stolen = {}
             for way, realtime in ways.items():

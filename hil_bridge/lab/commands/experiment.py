@@ -26,7 +26,7 @@ ALL = "all"
     "--page",
     type=FILE,
     metavar="FILE",
-    help="Write the page over all of them here.  [default: index.md in DIR, with `all`]",
+    help="Write the page over all of them here.  [default: index.md in DIR]",
 )
 @click.option(
     "--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one for each core]"
@@ -43,8 +43,8 @@ def experiment(
     """Repeat figures and tables of the paper, and say where they differ.
 
     NAME is rules, fig3-5 (simulation), fig7-8, fig9-11 (the emulated cell in virtual time), resolution,
-    controllers, or all. Each leaves its numbers as CSV, a text and, but for rules, a picture; the same seeds give
-    the same files.
+    controllers, or all. Each leaves its numbers as CSV and, but for rules, a picture, and all together one page; the
+    same seeds give the same files.
     """
     from hil_bridge.console.progress import run_progress
     from hil_bridge.lab.experiments import EXPERIMENTS, run_jobs, write_findings, write_page
@@ -72,13 +72,11 @@ def experiment(
         done = jobs[item.name]
         found[item.name] = item.evaluate(done, [results[job] for job in done])
         write_findings(item, found[item.name], out)
-        click.echo(f"{item.title}: {out / item.name}.md")
-    if page is None and ALL in names:
-        page = out / "index.md"
-    if page is not None:
-        command = f"hil-bridge campaign experiment {' '.join(names)} --seeds {seeds} -o {out} --page {page}"
-        write_page(page, out, found, chosen, command)
-        click.echo(f"page: {page}")
+        click.echo(f"{item.title}: {out / item.name}.csv")
+    page = page or out / "index.md"
+    command = f"hil-bridge campaign experiment {' '.join(names)} --seeds {seeds} -o {out} --page {page}"
+    write_page(page, out, found, chosen, command)
+    click.echo(f"page: {page}")
 
 
 def _make(directory: Path) -> None:

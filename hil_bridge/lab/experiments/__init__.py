@@ -1,7 +1,6 @@
 """The paper's figures and tables, repeated by simulation and on the emulated cell, and what goes beyond."""
 
 from hil_bridge.lab.experiments.comparison import COMPARISON
-from hil_bridge.lab.experiments.emulated_run import EmulatedRun, run_emulated
 from hil_bridge.lab.experiments.files import write_findings, write_page
 from hil_bridge.lab.experiments.resolution import RESOLUTION
 from hil_bridge.lab.experiments.results import Experiment, Findings, run_jobs
@@ -16,10 +15,8 @@ EXPERIMENTS = {
 
 __all__ = [
     "EXPERIMENTS",
-    "EmulatedRun",
     "Experiment",
     "Findings",
-    "run_emulated",
     "run_jobs",
     "write_findings",
     "write_page",

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_bridge.api import simulate
 from hil_bridge.control import FiguresOfMerit, ForceTrace, figures_of_merit
 from hil_bridge.control.analysis.merit import STEADY_SAMPLES
-from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.lab.experiments.paper_simulation import Parameters
 from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import Config, read_config
@@ -124,7 +124,7 @@ class CellJob:
 
     def __call__(self) -> CellTrace:
         """Run it."""
-        run = run_emulated(self.config())
+        run = simulate(self.config())
         cycles = [cycle for cycle in run.cycles if cycle.phase == "track"]
 
         def column(name: str) -> Floats:
@@ -147,7 +147,7 @@ class CellJob:
             column("stiffness"),
             merit,
             float(np.mean(np.diff(time))) if len(time) > 1 else float("nan"),
-            run.result.outcome is Outcome.COMPLETED,
+            run.outcome is Outcome.COMPLETED,
         )
 
     def _of_the_end(

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from hil_bridge.control import CONTROLLERS
+from hil_bridge.lab.drawing import Line, Panel, lines_by
 from hil_bridge.lab.experiments.cell import CYCLE_S, CellJob, CellTrace
-from hil_bridge.lab.experiments.drawing import Line, Panel, lines_by
 from hil_bridge.lab.experiments.paper_simulation import Parameters
 from hil_bridge.lab.experiments.results import (
     Claim,

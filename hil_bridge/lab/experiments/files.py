@@ -1,11 +1,11 @@
-"""The files of experiments: picture, numbers and text of each, and one page over all."""
+"""The files of experiments: picture and numbers of each, and one page over all."""
 
 from collections.abc import Mapping, Sequence
 from os.path import relpath
 from pathlib import Path
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.experiments.drawing import draw
+from hil_bridge.lab.drawing import draw
 from hil_bridge.lab.experiments.results import Experiment, Findings, markdown, to_csv
 from hil_bridge.lab.text_tables import markdown_table
 
@@ -14,16 +14,12 @@ PANELS_ACROSS = 4
 
 
 def write_findings(experiment: Experiment, findings: Findings, folder: Path) -> list[Path]:
-    """`NAME.csv`, `NAME.md`, and where there are some `NAME.png` and `NAME-curves.csv`; the paths.
+    """`NAME.csv`, and where there are some `NAME.png` and `NAME-curves.csv`; the paths.
 
     Raises ConfigError when the folder cannot be written.
     """
     name = experiment.name
-    claims = _claims({name: findings}, [experiment])
-    files = {
-        f"{name}.csv": to_csv(findings.table).encode(),
-        f"{name}.md": f"# {experiment.title}\n\n{claims}\n\n{_section(experiment, findings, '')}\n".encode(),
-    }
+    files = {f"{name}.csv": to_csv(findings.table).encode()}
     if panels := experiment.panels(findings.curves or findings.table):
         files[f"{name}.png"] = draw(panels, min(len(panels), PANELS_ACROSS))
     if findings.curves:
@@ -44,6 +40,12 @@ def write_page(
     prefix = relpath(folder, page.parent).replace("\\", "/")
     prefix = "" if prefix == "." else f"{prefix}/"
     sections = [f"## {each.title}\n\n{_section(each, found[each.name], prefix)}" for each in experiments]
+    claims = [
+        (each.name, claim.paper, claim.found)
+        for each in experiments
+        for claim in each.claims(found[each.name].table)
+    ]
+    table = markdown_table(("experiment", "the paper says", "what came out"), claims)
     head = (
         "# The paper's results, repeated\n\n"
         'What "A Fuzzy Adaptive Control Design for Compliant Motion of a Manipulator" '
@@ -55,17 +57,7 @@ def write_page(
         "seeds; `sd` is the standard deviation over them. Curves are those of the first seed. Samples are control "
         "cycles."
     )
-    _write(page, ("\n\n".join((head, _claims(found, experiments), *sections)) + "\n").encode())
-
-
-def _claims(found: Mapping[str, Findings], experiments: Sequence[Experiment]) -> str:
-    """The claims of the paper and the results, as a table in Markdown."""
-    rows = [
-        (each.name, claim.paper, claim.found)
-        for each in experiments
-        for claim in each.claims(found[each.name].table)
-    ]
-    return markdown_table(("experiment", "the paper says", "what came out"), rows)
+    _write(page, ("\n\n".join((head, table, *sections)) + "\n").encode())
 
 
 def _section(experiment: Experiment, findings: Findings, prefix: str) -> str:

@@ -24,8 +24,8 @@ from hil_bridge.control.analysis.stability import (
 )
 from hil_bridge.devices.robots.s3.room import ROBOT as S3
 from hil_bridge.devices.sensors.jr3.room import CAN_GATEWAY as JR3
+from hil_bridge.lab.drawing import Line, Panel
 from hil_bridge.lab.experiments.cell import CellJob, CellTrace
-from hil_bridge.lab.experiments.drawing import Line, Panel
 from hil_bridge.lab.experiments.paper_simulation import PERIOD, PaperJob, PaperRun, Parameters
 from hil_bridge.lab.experiments.results import (
     Claim,

@@ -1,7 +1,5 @@
 """An experiment and its findings: rows of figures, means over noise seeds, and rows as CSV and Markdown."""
 
-import csv
-import io
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 from operator import call
@@ -9,10 +7,11 @@ from statistics import fmean, pstdev
 from typing import Any, Protocol, TypeAlias
 
 from hil_bridge.control import FiguresOfMerit
-from hil_bridge.lab.experiments.drawing import Panel
+from hil_bridge.lab.drawing import Panel
 from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.lab.text_tables import markdown_table
 from hil_bridge.record.analysis.figures import UNKNOWN, title_of
+from hil_bridge.record.export.tables import as_csv
 
 Value: TypeAlias = str | int | float | None
 Row: TypeAlias = dict[str, Value]
@@ -111,12 +110,7 @@ def columns_of(*columns: str) -> Callable[[Sequence[Row]], list[Row]]:
 
 def to_csv(rows: Sequence[Row]) -> str:
     """The rows under a line of column names; an empty field for None."""
-    text = io.StringIO()
-    if rows:
-        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-    return text.getvalue()
+    return as_csv({column: [row[column] for row in rows] for column in rows[0]}).decode()
 
 
 def markdown(rows: Sequence[Row]) -> str:

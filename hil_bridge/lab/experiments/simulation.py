@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from hil_bridge.lab.experiments.drawing import Panel, lines_by
+from hil_bridge.lab.drawing import Panel, lines_by
 from hil_bridge.lab.experiments.paper_simulation import RESOLUTION, PaperJob, PaperRun, Parameters
 from hil_bridge.lab.experiments.results import (
     Claim,

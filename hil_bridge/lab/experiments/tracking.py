@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hil_bridge.lab.drawing import Panel, lines_by
 from hil_bridge.lab.experiments.cell import CellJob, CellTrace
-from hil_bridge.lab.experiments.drawing import Panel, lines_by
 from hil_bridge.lab.experiments.results import (
     Claim,
     Experiment,

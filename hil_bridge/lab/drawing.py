@@ -1,13 +1,11 @@
-"""Pictures of the experiments: one look, and PNG bytes that repeat."""
+"""Pictures of the lab as files: panels of lines in one look, and bytes that repeat."""
 
 import io
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from hil_bridge.show.charts.painter import STYLE
-from hil_bridge.show.picture_files import drawing_library
+from hil_bridge.show.picture_files import drawing_library, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,7 +15,12 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", ".")
 _WIDTH, _HEIGHT = 4.6, 3.4
 """Of one panel, in. Chosen."""
-_STYLE: dict[Any, Any] = {**STYLE, "axes.titlesize": 10.5, "legend.frameon": False}
+_STYLE: dict[Any, Any] = {
+    **STYLE,
+    "axes.titlesize": 10.5,
+    "legend.frameon": False,
+    "svg.hashsalt": "hil-bridge",
+}
 
 
 class Line(NamedTuple):
@@ -50,40 +53,44 @@ def lines_by(rows: Sequence[Mapping[str, Any]], key: str, column: str, label: st
     return [Line(column, label.format(value), [row for row in rows if row[key] == value]) for value in values]
 
 
-def draw(panels: Sequence[Panel], columns: int) -> bytes:
-    """The panels in so many columns, as PNG. The same ones give the same bytes with the same version of matplotlib."""
+def draw(panels: Sequence[Panel], columns: int, kind: str = "png") -> bytes:
+    """The panels in so many columns, as `png`, `pdf` or `svg`. The same ones give the same bytes with the same version
+    of matplotlib.
+    """
     matplotlib = drawing_library()  # late: the command line imports this package
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from PIL import Image  # comes with matplotlib
 
     rows = -(-len(panels) // columns)
     with matplotlib.rc_context(_STYLE):
-        sheet = Figure(
-            figsize=(max(2, columns) * _WIDTH, rows * _HEIGHT + 0.8), dpi=100, layout="constrained"
-        )
-        canvas = FigureCanvasAgg(sheet)
-        for ax, panel in zip(sheet.subplots(rows, columns, squeeze=False).flat, panels, strict=True):
+        size = max(2, columns) * _WIDTH, rows * _HEIGHT + 0.8
+        figure = Figure(figsize=size, dpi=100, layout="constrained")
+        FigureCanvasAgg(figure)
+        for ax, panel in zip(figure.subplots(rows, columns, squeeze=False).flat, panels, strict=True):
             _draw_panel(ax, panel)
         labels: dict[str, Any] = {}
-        for ax in sheet.axes:
+        for ax in figure.axes:
             handles, names = ax.get_legend_handles_labels()
             labels |= dict(zip(names, handles, strict=True))
-        sheet.legend(labels.values(), list(labels), loc="outside lower center", ncols=3)
-        canvas.draw()  # type: ignore[no-untyped-call]
-        drawn = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+        figure.legend(labels.values(), list(labels), loc="outside lower center", ncols=3)
+        drawn = save_figure(figure, kind)
+    return _with_palette(drawn) if kind == "png" else drawn
+
+
+def _with_palette(png: bytes) -> bytes:
+    """The same picture at a third of the size: line drawings are kept beside the documentation."""
+    from PIL import Image  # comes with matplotlib
+
     buffer = io.BytesIO()
-    # A palette makes line drawings a third of the size; they are kept beside the documentation.
-    Image.fromarray(drawn).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(
-        buffer, "PNG", optimize=True
-    )
+    picture = Image.open(io.BytesIO(png)).convert("RGB").quantize(128, dither=Image.Dither.NONE)
+    picture.save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
 
 
 def _draw_panel(ax: "Axes", panel: Panel) -> None:
     column, label = panel.x
     for place, line in enumerate(panel.lines):
-        known = [row for row in line.rows if row[line.column] is not None]
+        known = [row for row in line.rows if row[column] is not None and row[line.column] is not None]
         ax.plot(
             [row[column] for row in known],
             [row[line.column] for row in known],
