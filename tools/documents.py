@@ -34,7 +34,6 @@ DOCUMENTS: Mapping[str, Document] = {
     "computer-link": Document("computer_link_doc", ("reference/computer-link.md",)),
     "faults": Document("faults_doc", ("reference/faults.md",), "reference/faults.json"),
     "held-force": Document("held_force_doc", ("reference/rtde.md",), "reference/held-force.json"),
-    "house": Document("house_doc", ("explanation/architecture.md",)),
     "identified-cells": Document(
         "identified_cells", ("reference/identify-cell.md",), "reference/identified-cells.json"
     ),

@@ -1,43 +1,24 @@
-"""Count the house's lines by room, and name its longest functions and widest parameter lists: `python -m tools.size`.
+"""Print lines by room, and whatever is larger than the style allows: `python -m tools.size`.
 
-Lines are those of Python and C files, blank ones and comments included. Functions and parameters are those of the
-product and the tools; `self` and `cls` do not count. The exit code is 1 when a function has too many parameters, those
-of commands left out. `--tree PATH` counts another checkout.
+Lines are those of Python and C files, blank lines and comments included. The limits hold for the product and the tools;
+`self` and `cls` are no parameters, and commands may have more, since their options are parameters. The exit code is 1
+when a limit is exceeded.
 """
 
-import argparse
 import ast
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
-KINDS = {
-    "product": ("hil_bridge", "emulators", "protocol"),
-    "tests": ("tests",),
-    "tools": ("tools",),
-}
+PRODUCT = ("hil_bridge", "emulators", "protocol")
+FOLDERS = (*PRODUCT, "tests", "tools")
 ENDINGS = {".py", ".c"}
-MODULE_LIMIT = 500
-"""Lines of a module; a longer one is named. Chosen: the style's own."""
-MOST = 10
-"""Functions that are named. Chosen."""
-PARAMETERS_MOST = 5
-"""Of a function. Chosen: the style's own."""
-FUNCTION_LIMIT = 60
-"""Lines of a function. Chosen: the style's own."""
+MODULE_LINES, FUNCTION_LINES, PARAMETERS = 500, 60, 5
+"""Limits of the style."""
 COMMANDS = frozenset(("cli", "commands", "commands.py"))
-"""Folders and modules of commands, whose options are parameters."""
-
-
-class Function(NamedTuple):
-    """A function or method where it is defined."""
-
-    place: str
-    lines: int
-    parameters: int
+"""Folders and modules of commands."""
 
 
 def files(tree: Path, folder: str) -> list[Path]:
@@ -45,88 +26,55 @@ def files(tree: Path, folder: str) -> list[Path]:
     return sorted(path for path in (tree / folder).rglob("*") if path.suffix in ENDINGS)
 
 
-def line_count(path: Path) -> int:
-    """Lines of a file."""
-    return len(path.read_text(encoding="utf-8").splitlines())
+def lines_by_room(tree: Path) -> Counter[str]:
+    """Number of lines of each room: a folder on the first level below its root, or the root itself."""
+    rooms: Counter[str] = Counter()
+    for path in (path for folder in FOLDERS for path in files(tree, folder)):
+        parts = path.relative_to(tree).parts
+        room = "/".join(parts[: min(2, len(parts) - 1)])
+        rooms[room] += len(path.read_text(encoding="utf-8").splitlines())
+    return rooms
 
 
-def room(tree: Path, path: Path) -> str:
-    """The folder's first level below its root, or the root for a file that lies directly in it."""
-    parts = path.relative_to(tree).parts
-    return "/".join(parts[: min(2, len(parts) - 1)])
+def exceeded(tree: Path) -> Iterator[str]:
+    """Each module, function and parameter list that exceeds its limit, with the number that does."""
+    for path in (path for folder in (*PRODUCT, "tools") for path in files(tree, folder)):
+        text, place = path.read_text(encoding="utf-8"), path.relative_to(tree)
+        if (lines := len(text.splitlines())) > MODULE_LINES:
+            yield f"{place}: {lines} lines"
+        if path.suffix == ".py" and COMMANDS.isdisjoint(place.parts):
+            yield from (f"{place}:{excess}" for excess in exceeded_functions(text))
 
 
-def functions(tree: Path, path: Path) -> Iterator[Function]:
-    """Every function of a module."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
-            taken = node.args
-            names = [each.arg for each in (*taken.posonlyargs, *taken.args, *taken.kwonlyargs)]
-            more = sum(each is not None for each in (taken.vararg, taken.kwarg))
-            own = names[:1] in (["self"], ["cls"])
-            place = f"{path.relative_to(tree)}:{node.lineno} {node.name}"
-            length = (node.end_lineno or node.lineno) - node.lineno + 1
-            yield Function(place, length, len(names) + more - own)
-
-
-def own_functions(tree: Path) -> Iterator[Function]:
-    """Functions of product and tools, those of commands left out."""
-    folders = (*KINDS["product"], *KINDS["tools"])
-    for path in (path for folder in folders for path in files(tree, folder)):
-        if path.suffix == ".py" and COMMANDS.isdisjoint(path.relative_to(tree).parts):
-            yield from functions(tree, path)
-
-
-def too_wide(tree: Path) -> list[Function]:
-    """Functions with more parameters than the style allows."""
-    return [each for each in own_functions(tree) if each.parameters > PARAMETERS_MOST]
-
-
-def too_long(tree: Path) -> list[Function]:
-    """Functions of more lines than the style allows."""
-    return [each for each in own_functions(tree) if each.lines > FUNCTION_LIMIT]
-
-
-def long_modules(tree: Path) -> list[Path]:
-    """Modules of product and tools that are longer than the style allows."""
-    folders = (*KINDS["product"], *KINDS["tools"])
-    return [path for folder in folders for path in files(tree, folder) if line_count(path) > MODULE_LIMIT]
-
-
-def lines(tree: Path) -> Iterable[str]:
-    """The counts, as text."""
-    counts = {
-        path: line_count(path) for roots in KINDS.values() for each in roots for path in files(tree, each)
-    }
-    found: list[Function] = []
-    for kind, roots in KINDS.items():
-        rooms: Counter[str] = Counter()
-        for path in (path for each in roots for path in files(tree, each)):
-            rooms[room(tree, path)] += counts[path]
-            if kind != "tests" and path.suffix == ".py":
-                found += functions(tree, path)
-        yield f"{kind}: {rooms.total()} lines"
-        yield from (f"  {count:6} {name}" for name, count in rooms.most_common())
-    yield f"modules above {MODULE_LIMIT} lines"
-    longest = sorted(counts, key=lambda path: -counts[path])
-    yield from (
-        f"  {counts[path]:6} {path.relative_to(tree)}" for path in longest if counts[path] > MODULE_LIMIT
-    )
-    yield "longest functions, in lines"
-    by_length = sorted(found, key=lambda each: (-each.lines, each.place))
-    yield from (f"  {each.lines:6} {each.place}" for each in by_length[:MOST])
-    yield "widest parameter lists"
-    by_width = sorted(found, key=lambda each: (-each.parameters, each.place))
-    yield from (f"  {each.parameters:6} {each.place}" for each in by_width[:MOST])
+def exceeded_functions(text: str) -> Iterator[str]:
+    """The same for the functions of a module, by their lines in it."""
+    for node in ast.walk(ast.parse(text)):
+        if not isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            continue
+        lines = (node.end_lineno or node.lineno) - node.lineno + 1
+        if lines > FUNCTION_LINES:
+            yield f"{node.lineno} {node.name}: {lines} lines"
+        given = node.args
+        names = [each.arg for each in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+        own = names[:1] in (["self"], ["cls"])
+        count = len(names) - own + sum(each is not None for each in (given.vararg, given.kwarg))
+        if count > PARAMETERS:
+            yield f"{node.lineno} {node.name}: {count} parameters"
 
 
 def main() -> int:
-    """Print the counts; the exit code is 1 when a function has too many parameters."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--tree", type=Path, default=ROOT, help="the checkout to count")
-    tree = parser.parse_args().tree.resolve()
-    print("\n".join(lines(tree)))
-    return int(bool(too_wide(tree)))
+    """Print the counts and the excesses."""
+    rooms = lines_by_room(ROOT)
+    for folder in FOLDERS:
+        own = {room: count for room, count in rooms.most_common() if room.split("/")[0] == folder}
+        print(
+            f"{folder}: {sum(own.values())} lines",
+            *(f"  {count:6} {room}" for room, count in own.items()),
+            sep="\n",
+        )
+    excesses = list(exceeded(ROOT))
+    print(*excesses, sep="\n")
+    return int(bool(excesses))
 
 
 if __name__ == "__main__":
