@@ -1,8 +1,7 @@
-"""Write two tables of the true force into docs/explanation/safety.md, from runs that hit a surface.
+"""Two tables of the true force in docs/explanation/safety.md, from runs that hit a surface.
 
-The one compares it with its bound, at each period. The other has it by stiffness, approach speed and delay. With
---measure the runs are made first, in virtual time, and their figures go to docs/explanation/bound.json; `--measure
-touch` makes those of one table alone.
+The one compares it with its bound, at each period. The other has it by stiffness, approach speed and delay. The runs
+are made in virtual time; `--measure touch` makes those of one table alone.
 """
 
 import math
@@ -12,11 +11,10 @@ from typing import Any
 
 import hil_bridge
 from hil_bridge.control.types import SAMPLE_MS, Command, Measurement
-from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.force_bound import force_bound_n
 from hil_bridge.settings.configuration import read_config
-from tools.pages import placed, table
+from tools.pages import run_jobs, table
 
 SENSORS = ("jr3", "jr3-uart", "jr3-board", "netft", "ati-can", "ft300")
 PERIODS_MS: Mapping[str, tuple[int, ...]] = {
@@ -118,8 +116,7 @@ def measure_touches() -> dict[str, Any]:
     """By robot and what is late: a row of stiffnesses and speeds, each with the largest force and its outcome."""
     cells = [(robot, late, k, v) for robot in WAYS for late in LATE for k in TOUCH_KN_M for v in TOUCH_MM_S]
     figures: dict[str, Any] = {}
-    with own_processes() as pool:
-        runs = iter(in_order(pool, touched, [(*cell, seed) for cell in cells for seed in TOUCH_SEEDS]))
+    runs = iter(run_jobs(touched, [(*cell, seed) for cell in cells for seed in TOUCH_SEEDS]))
     for robot, late, _, _ in cells:
         row = figures.setdefault(robot, {}).setdefault(late, [])
         row.append(max(next(runs) for _ in TOUCH_SEEDS))
@@ -136,9 +133,7 @@ def measure_bound() -> dict[str, Any]:
         for sensor in SENSORS
     ]
     figures: dict[str, Any] = {}
-    with own_processes() as pool:
-        pairs = in_order(pool, measured, jobs, chunk=1)
-    for (robot, sensor, period, case), pair in zip(jobs, pairs, strict=True):
+    for (robot, sensor, period, case), pair in zip(jobs, run_jobs(measured, jobs), strict=True):
         cell = figures.setdefault(robot, {}).setdefault(str(period), {}).setdefault(case, {})
         cell[sensor] = pair
     return figures
@@ -147,7 +142,7 @@ def measure_bound() -> dict[str, Any]:
 def bound_table(figures: Mapping[str, Any]) -> str:
     """A row for each robot and period: of the six sensors the one that came nearest to its bound."""
     rows = []
-    for robot, periods in figures.items():
+    for robot, periods in figures["bound"].items():
         for period, by_case in periods.items():
             row = [robot, "its line's" if period == "0" else period]
             for case in CASES:
@@ -170,17 +165,13 @@ def touch_table(figures: Mapping[str, Any]) -> str:
     rows = [
         [robot, f"{late.partition(',')[0]}{f', {LATE[late]:g} ms' if LATE[late] else ''}"]
         + [f"{force:.0f}{' stopped' if outcome == 'stopped' else ''}" for force, outcome in row]
-        for robot, by_late in figures.items()
+        for robot, by_late in figures["touch"].items()
         for late, row in by_late.items()
     ]
     return table(head, rows)
 
 
-def renewed(text: str, figures: Mapping[str, Any]) -> str:
-    """The document with the tables as the figures have them. Raises ValueError where one has no place."""
-    return placed(text, {"bound": bound_table(figures["bound"]), "touch": touch_table(figures["touch"])})
-
-
+TABLES = {"bound": bound_table, "touch": touch_table}
 MEASURES: Mapping[str, Callable[[], dict[str, Any]]] = {"bound": measure_bound, "touch": measure_touches}
 """The runs of each table."""
 JSON_DEPTH = 3

@@ -1,4 +1,4 @@
-"""Write the tables of docs/reference/computer-link.md from the tables that the code itself works with."""
+"""Tables of docs/reference/computer-link.md, from the tables that the code itself works with."""
 
 from collections.abc import Callable
 
@@ -27,7 +27,7 @@ from protocol.devices.s3.arap import (
 )
 from protocol.fields import Field, Layout
 from protocol.marks import settings
-from tools.pages import placed, table
+from tools.pages import table
 
 _TYPES = {**TYPE_NAMES, "d": "f64"}
 """An orders file has no type of eight bytes."""
@@ -192,8 +192,3 @@ TABLES: dict[str, Callable[[], str]] = {
     "profile": profile,
     "golden blocks": golden_blocks,
 }
-
-
-def renewed(text: str) -> str:
-    """The document with every table as the code has it now. Raises ValueError for a table without its place."""
-    return placed(text, {name: make() for name, make in TABLES.items()})

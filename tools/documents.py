@@ -4,8 +4,9 @@
     python -m tools.documents faults tasks --check     # write nothing; the exit code is 1 when one is not up to date
     python -m tools.documents faults --measure egm     # make the runs of one first; without a name all its runs
 
-The prose around them stays. A module of the table below has `renewed(text)`, or `renewed(text, figures)` where its runs
-take too long for each time, or `pictures()`; `measure(names, figures)` makes the runs, all where no name is given.
+The prose around them stays. A module of `DOCUMENTS` has `TABLES`: what stands between two marks of the page, by their
+name, as a function of the figures where the document has some. `PICTURES` has functions that draw files of
+docs/pictures, by their name. `measure(names, figures)` makes the runs, all of them where no name is given.
 """
 
 import argparse
@@ -16,6 +17,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from tools.pages import placed
+
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 
@@ -23,34 +26,32 @@ class Document(NamedTuple):
     """A module of tools that writes into documents."""
 
     module: str
-    files: tuple[str, ...] = ()
-    """Pages that it renews."""
+    page: str = ""
+    """Page with its tables; empty for a module that only draws."""
     figures: str = ""
-    """JSON file of its runs, or a page, that it is given; empty for none."""
+    """File of its figures, JSON or a page; empty for none."""
 
 
 DOCUMENTS: Mapping[str, Document] = {
-    "bound": Document("bound_doc", ("explanation/safety.md",), "explanation/bound.json"),
-    "computer-link": Document("computer_link_doc", ("reference/computer-link.md",)),
-    "faults": Document("faults_doc", ("reference/faults.md",), "reference/faults.json"),
-    "held-force": Document("held_force_doc", ("reference/rtde.md",), "reference/held-force.json"),
+    "bound": Document("bound_doc", "explanation/safety.md", "explanation/bound.json"),
+    "computer-link": Document("computer_link_doc", "reference/computer-link.md"),
+    "faults": Document("faults_doc", "reference/faults.md", "reference/faults.json"),
     "identified-cells": Document(
-        "identified_cells", ("reference/identify-cell.md",), "reference/identified-cells.json"
+        "identified_cells", "reference/identify-cell.md", "reference/identified-cells.json"
     ),
-    "link-diagrams": Document("link_diagrams", ("reference/computer-link.md",)),
-    "policies": Document("policy_doc", ("how-to/policies.md", "reference/gym.md"), "how-to/policies.json"),
-    "probe": Document("probe_doc", ("reference/probe.md",)),
-    "robot-commands": Document("robot_commands", ("reference/commands.md",), "reference/robot-commands.json"),
+    "link-diagrams": Document("link_diagrams", "reference/computer-link.md"),
+    "observation": Document("observation_doc", "reference/gym.md"),
+    "probe": Document("probe_doc", "reference/probe.md"),
     "rooms": Document("room_pictures"),
-    "safety": Document("safety_doc", ("explanation/safety.md",), "explanation/safety.json"),
-    "safety-tests": Document("safety_sentences", ("explanation/safety-tests.md",), "explanation/safety.md"),
+    "safety": Document("safety_doc", "explanation/safety.md", "explanation/safety.json"),
+    "safety-tests": Document("safety_sentences", "explanation/safety-tests.md", "explanation/safety.md"),
     "sensor-errors": Document(
-        "sensor_errors_doc", ("explanation/fidelity.md",), "explanation/sensor-errors.json"
+        "sensor_errors_doc", "explanation/fidelity.md", "explanation/sensor-errors.json"
     ),
-    "streaming": Document("streaming_doc", ("explanation/streaming.md",), "explanation/streaming.json"),
-    "tasks": Document("tasks_doc", ("reference/tasks.md",)),
+    "streaming": Document("streaming_doc", "explanation/streaming.md", "explanation/streaming.json"),
+    "tasks": Document("tasks_doc", "reference/tasks.md"),
     "terminal": Document("terminal_pictures"),
-    "urscript": Document("urscript_doc", ("reference/urscript.md",)),
+    "urscript": Document("urscript_doc", "reference/urscript.md"),
 }
 
 
@@ -70,27 +71,31 @@ def measure(name: str, names: list[str]) -> None:
     """Make the runs of a document, and keep their figures."""
     document = DOCUMENTS[name]
     module: Any = import_module(f"tools.{document.module}")
-    place = DOCS / document.figures
-    before = json.loads(place.read_text(encoding="utf-8")) if document.figures else {}
-    figures = module.measure(names, before)
+    figures = module.measure(names, *figures_of(document))
     if document.figures:
         depth = getattr(module, "JSON_DEPTH", None)
         text = json.dumps(figures, indent=1, allow_nan=False) if depth is None else as_json(figures, depth)
-        place.write_text(text + "\n", encoding="utf-8")
+        (DOCS / document.figures).write_text(text + "\n", encoding="utf-8")
 
 
-def contents(document: Document) -> Iterator[tuple[Path, str]]:
-    """Each file of a document, and what it should hold."""
+def figures_of(document: Document) -> list[Any]:
+    """Return the figures as the only item of a list, which is empty for a document without figures."""
+    if not document.figures:
+        return []
+    text = (DOCS / document.figures).read_text(encoding="utf-8")
+    return [json.loads(text) if document.figures.endswith(".json") else text]
+
+
+def contents(name: str) -> Iterator[tuple[Path, str]]:
+    """Yield each file of a document, and the text that it should hold."""
+    document = DOCUMENTS[name]
     module: Any = import_module(f"tools.{document.module}")
-    given = []
-    if document.figures:
-        text = (DOCS / document.figures).read_text(encoding="utf-8")
-        given = [json.loads(text) if document.figures.endswith(".json") else text]
-    for name in document.files:
-        yield DOCS / name, module.renewed((DOCS / name).read_text(encoding="utf-8"), *given)
-    if hasattr(module, "pictures"):
-        for name, picture in module.pictures().items():
-            yield DOCS / "pictures" / name, picture
+    if document.page:
+        page, figures = DOCS / document.page, figures_of(document)
+        tables = {mark: make(*figures) for mark, make in module.TABLES.items()}
+        yield page, placed(page.read_text(encoding="utf-8"), tables)
+    for file, draw in getattr(module, "PICTURES", {}).items():
+        yield DOCS / "pictures" / file, draw()
 
 
 def main() -> int:
@@ -108,7 +113,7 @@ def main() -> int:
         measure(chosen.names[0], chosen.measure)
     stale = False
     for name in chosen.names or DOCUMENTS:
-        for place, text in contents(DOCUMENTS[name]):
+        for place, text in contents(name):
             if place.exists() and place.read_text(encoding="utf-8") == text:
                 continue
             stale = True

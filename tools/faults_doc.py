@@ -1,11 +1,11 @@
-"""Write the tables of docs/reference/faults.md: every emulated fault from the code, what a run did from runs.
+"""Tables of docs/reference/faults.md: every emulated fault from the code, what a run did from runs.
 
-With --measure the runs are made first, in virtual time, and their ends go to docs/reference/faults.json; it takes some
-minutes. `--measure egm ft300` makes those of these devices alone.
+The runs are made in virtual time; they take some minutes. `--measure egm ft300` makes those of these devices alone.
 """
 
 import gc
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 from emulators.cell import OWN_FAULTS
@@ -13,9 +13,8 @@ from emulators.faults import FOREVER, Fault
 from hil_bridge.api import simulate
 from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.errors import BridgeError
-from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.settings.configuration import load_config
-from tools.pages import placed, table
+from tools.pages import run_jobs, table
 
 ROBOT_NAMES = ("s3", "egm", "rtde", "rsi")
 SENSOR_NAMES = ("jr3", "jr3-uart", "jr3-board", "netft", "ati-can", "ft300", "ft300-urcap")
@@ -107,8 +106,7 @@ def measure(devices: Sequence[str], before: Mapping[str, Any]) -> Mapping[str, A
     """The ends of all runs by the name of each, those of these devices measured anew; of all where none is named."""
     wanted = list(jobs())
     anew = [job for job in wanted if not devices or job.device in devices or job.key not in before]
-    with own_processes() as pool:
-        found = {job.key: end for job, end in zip(anew, in_order(pool, measured, anew, chunk=1), strict=True)}
+    found = {job.key: end for job, end in zip(anew, run_jobs(measured, anew), strict=True)}
     return {job.key: found.get(job.key) or before[job.key] for job in wanted}
 
 
@@ -150,12 +148,9 @@ def have_table(names: Sequence[str]) -> str:
     return table(["on", "fault", *names], rows)
 
 
-def renewed(text: str, figures: Mapping[str, Any]) -> str:
-    """The document with every table as code and figures have it now. Raises ValueError for one without its place."""
-    tables = {"robots": have_table(ROBOT_NAMES), "sensors": have_table(SENSOR_NAMES)}
-    for name in (*ROBOT_NAMES, "jr3", *MEASURED_SENSORS, CELL):
-        tables[name] = device_table(name, figures)
-    return placed(text, tables)
-
-
+TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
+    "robots": lambda figures: have_table(ROBOT_NAMES),
+    "sensors": lambda figures: have_table(SENSOR_NAMES),
+    **{name: partial(device_table, name) for name in (*ROBOT_NAMES, "jr3", *MEASURED_SENSORS, CELL)},
+}
 JSON_DEPTH = 1

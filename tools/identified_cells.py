@@ -1,13 +1,12 @@
-"""Write the tables of docs/reference/identify-cell.md: hidden settings of emulated cells, and what was found of them.
+"""Tables of docs/reference/identify-cell.md: hidden settings of emulated cells, and what was found of them.
 
-With --measure the cells are run and identified first, in virtual time. Their figures go to
-docs/reference/identified-cells.json; it takes some six minutes.
+The cells are run and identified in virtual time; it takes some six minutes.
 """
 
 import json
 import math
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import hil_bridge
@@ -17,13 +16,12 @@ from hil_bridge.lab.campaign.drawing import Between, Draw, Setting, draw_values,
 from hil_bridge.lab.identification.identifying import identify_run
 from hil_bridge.lab.identification.telling import format_value
 from hil_bridge.lab.identification.values import Part, Value, Values
-from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.record import Recording
 from hil_bridge.settings.configuration import lay_over, read_config
 from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 from protocol.devices.netft.records import INTERNAL_RATE_HZ, output_step
 from protocol.wrench import AXES
-from tools.pages import placed, table
+from tools.pages import run_jobs, table
 
 TRACK_S = 10.0
 HARDEST_N_M = 3e4
@@ -281,10 +279,7 @@ def figures_of(number: int) -> dict[str, Any]:
 
 def measure(names: Sequence[str], before: object) -> list[dict[str, Any]]:
     """All cells, one a core at a time."""
-    with own_processes() as pool:
-        return in_order(
-            pool, figures_of, range(len(CELLS)), lambda count: print(".", end="", flush=True), chunk=1
-        )
+    return run_jobs(figures_of, range(len(CELLS)))
 
 
 # --- the page
@@ -407,23 +402,18 @@ def _coverage(figures: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def renewed(document: str, figures: Sequence[Mapping[str, Any]]) -> str:
-    """The document with the tables of these cells."""
-    rows = [row for _, row in all_rows(figures)]
-    cells = []
+def _cells(figures: Sequence[Mapping[str, Any]]) -> Iterator[tuple[object, ...]]:
     for one in figures:
-        own_within, own_seen = within_of([Row(**row) for row in one["rows"]])
-        cells.append((one["cell"], f"`{one['robot']}`", f"`{one['sensor']}`", own_seen, own_within))
-    return placed(
-        document,
-        {
-            "drawn": table(("cells", "setting", "drawn from", "default"), _draws()),
-            "losses": _losses(),
-            "coverage": _coverage(figures),
-            "quantities": table(
-                ("value", "seen", "within", "half width, median", "not seen, and why"), _quantities(rows)
-            ),
-            "cells": table(("cell", "robot", "sensor", "values seen", "within"), cells),
-            "outside": table(("cell", "value", "true", "found"), _outside(figures)),
-        },
-    )
+        within, seen = within_of([Row(**row) for row in one["rows"]])
+        yield one["cell"], f"`{one['robot']}`", f"`{one['sensor']}`", seen, within
+
+
+_QUANTITIES = ("value", "seen", "within", "half width, median", "not seen, and why")
+TABLES: Mapping[str, Callable[[Sequence[Mapping[str, Any]]], str]] = {
+    "drawn": lambda figures: table(("cells", "setting", "drawn from", "default"), _draws()),
+    "losses": lambda figures: _losses(),
+    "coverage": _coverage,
+    "quantities": lambda figures: table(_QUANTITIES, _quantities([row for _, row in all_rows(figures)])),
+    "cells": lambda figures: table(("cell", "robot", "sensor", "values seen", "within"), _cells(figures)),
+    "outside": lambda figures: table(("cell", "value", "true", "found"), _outside(figures)),
+}

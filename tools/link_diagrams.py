@@ -1,15 +1,13 @@
-"""Draw the states of the link's two roles into docs/reference/computer-link.md, from the table that it works by.
-
-Only the section between the marks of the state diagrams is written.
-"""
+"""State diagrams of both roles of the link in docs/reference/computer-link.md, from the table that it works by."""
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from functools import partial
 from itertools import permutations
 
 from protocol.devices.s3.adlp import TRANSITIONS, Action, LinkProfile, Role, State, Stimulus
-from tools.pages import placed
-from tools.state_picture import Bend, Layout, picture
+from tools.pages import table
+from tools.state_picture import Bend, Layout, draw_states
 
 SENDING = {State.BIDDING, State.HOLDING, State.AWAITING_ACK}
 """States whose arrows are drawn with the sender; those of the idle ones go with what they lead to."""
@@ -74,45 +72,43 @@ A pair that is not listed is ignored and counted. "Failed" is what the sender is
 one that broke off. "Gap" is silence inside a block or after garbage (`gap_timeout_s`), the other time-outs are those of
 the state."""
 
-CONDITIONS = {
-    (Action.COLLIDE, State.BIDDING): "we go first",
-    (Action.COLLIDE, State.AWAITING_BLOCK): "the other side goes first",
-    (Action.WAIT_LONGER, State.BIDDING): "up to wack_limit",
-    (Action.WAIT_LONGER, State.AWAITING_ACK): "up to wack_limit",
-    (Action.WAIT_LONGER, State.IDLE): "then EOT, failed",
-    (Action.BID_AGAIN, State.BIDDING): "up to bid_limit",
-    (Action.BID_AGAIN, State.IDLE): "then failed",
-    (Action.SEND_FIRST, State.AWAITING_ACK): "message there",
-    (Action.SEND_FIRST, State.HOLDING): "bid was ahead of its message",
-    (Action.SEND_FIRST, State.BIDDING): "read too late, ENQ again up to bid_limit",
-    (Action.SEND_FIRST, State.IDLE): "then failed",
-    (Action.SEND_HELD, State.AWAITING_ACK): "in time",
-    (Action.SEND_HELD, State.IDLE): "too late, EOT",
-    (Action.SEND_HELD, State.LISTENING): "too late, EOT, line was asked for",
-    (Action.RELEASE, State.IDLE): "EOT",
-    (Action.RELEASE, State.LISTENING): "EOT, line was asked for",
-    (Action.SEND_FIRST_REVERSED, State.AWAITING_ACK): "message there",
-    (Action.SEND_FIRST_REVERSED, State.HOLDING): "bid was ahead of its message",
-    (Action.SEND_FIRST_REVERSED, State.BIDDING): "read too late, ENQ again up to bid_limit",
-    (Action.SEND_FIRST_REVERSED, State.IDLE): "then failed",
-    (Action.SEND_NEXT, State.AWAITING_ACK): "more blocks",
-    (Action.SEND_NEXT, State.IDLE): "none left, EOT",
-    (Action.SEND_NEXT, State.LISTENING): "none left, EOT, line was asked for",
-    (Action.SEND_NEXT_REVERSED, State.AWAITING_ACK): "more blocks",
-    (Action.SEND_NEXT_REVERSED, State.LISTENING): "none left, EOT",
-    (Action.REPEAT_REFUSED, State.AWAITING_ACK): "up to repeat_limit",
-    (Action.REPEAT_REFUSED, State.IDLE): "then EOT, failed",
-    (Action.REPEAT_UNANSWERED, State.AWAITING_ACK): "up to repeat_limit",
-    (Action.REPEAT_UNANSWERED, State.IDLE): "then EOT, failed",
-    (Action.ACCEPT_BLOCK, State.AWAITING_MORE): "ACK",
-    (Action.ACCEPT_BLOCK, State.IDLE): "too many, EOT, failed",
-    (Action.REFUSE_BLOCK, State.AWAITING_BLOCK): "NAK, up to repeat_limit",
-    (Action.REFUSE_BLOCK, State.IDLE): "then failed",
-    (Action.JUDGE_GARBAGE, State.AWAITING_BLOCK): "NAK",
-    (Action.JUDGE_GARBAGE, State.IDLE): "a mutilated EOT, or NAKs used up",
-    (Action.RECOGNISE_LATE, State.AWAITING_MORE): "ACK, after a missing EOT",
-    (Action.RECOGNISE_LATE, State.IDLE): "else a stray one",
-    (Action.RECOGNISE_LATE, State.LISTENING): "else a stray one",
+_FIRST = {
+    State.AWAITING_ACK: "message there",
+    State.HOLDING: "bid was ahead of its message",
+    State.BIDDING: "read too late, ENQ again up to bid_limit",
+    State.IDLE: "then failed",
+}
+_REPEATED = {State.AWAITING_ACK: "up to repeat_limit", State.IDLE: "then EOT, failed"}
+_ENDED = {State.IDLE: "none left, EOT", State.LISTENING: "none left, EOT, line was asked for"}
+_STRAY = "else a stray one"
+CONDITIONS: Mapping[Action, Mapping[State, str]] = {
+    Action.COLLIDE: {State.BIDDING: "we go first", State.AWAITING_BLOCK: "the other side goes first"},
+    Action.WAIT_LONGER: {
+        State.BIDDING: "up to wack_limit",
+        State.AWAITING_ACK: "up to wack_limit",
+        State.IDLE: "then EOT, failed",
+    },
+    Action.BID_AGAIN: {State.BIDDING: "up to bid_limit", State.IDLE: "then failed"},
+    Action.SEND_FIRST: _FIRST,
+    Action.SEND_HELD: {
+        State.AWAITING_ACK: "in time",
+        State.IDLE: "too late, EOT",
+        State.LISTENING: "too late, EOT, line was asked for",
+    },
+    Action.RELEASE: {State.IDLE: "EOT", State.LISTENING: "EOT, line was asked for"},
+    Action.SEND_FIRST_REVERSED: _FIRST,
+    Action.SEND_NEXT: {State.AWAITING_ACK: "more blocks", **_ENDED},
+    Action.SEND_NEXT_REVERSED: {State.AWAITING_ACK: "more blocks", State.LISTENING: "none left, EOT"},
+    Action.REPEAT_REFUSED: _REPEATED,
+    Action.REPEAT_UNANSWERED: _REPEATED,
+    Action.ACCEPT_BLOCK: {State.AWAITING_MORE: "ACK", State.IDLE: "too many, EOT, failed"},
+    Action.REFUSE_BLOCK: {State.AWAITING_BLOCK: "NAK, up to repeat_limit", State.IDLE: "then failed"},
+    Action.JUDGE_GARBAGE: {State.AWAITING_BLOCK: "NAK", State.IDLE: "a mutilated EOT, or NAKs used up"},
+    Action.RECOGNISE_LATE: {
+        State.AWAITING_MORE: "ACK, after a missing EOT",
+        State.IDLE: _STRAY,
+        State.LISTENING: _STRAY,
+    },
 }
 """Where an action leads to several states: which it is."""
 
@@ -158,31 +154,30 @@ def receiving() -> dict[tuple[State, State], list[str]]:
     return host
 
 
-def pictures() -> dict[str, str]:
-    """Each picture by the name of its file."""
-    told = {
-        f"link-{NAMES[role].lower()}-sends.svg": picture(
-            f"States of the link while the {NAMES[role]} sends", labels(arrows(role, sending=True)), SENDER
-        )
-        for role in Role
-    }
-    title = "States of the link while either side receives"
-    return {**told, "link-receives.svg": picture(title, labels(receiving()), RECEIVER)}
+def draw_sending(role: Role) -> str:
+    """Draw the states while this side sends."""
+    title = f"States of the link while the {NAMES[role]} sends"
+    return draw_states(title, labels(arrows(role, sending=True)), SENDER)
 
 
-def table() -> str:
+def draw_receiving() -> str:
+    """Draw the states while either side receives."""
+    return draw_states("States of the link while either side receives", labels(receiving()), RECEIVER)
+
+
+def action_table() -> str:
     """Action and next state, by state and stimulus."""
-    lines = ["| in state | happens | is done | and then |", "| --- | --- | --- | --- |"]
+    lines = []
     for (state, stimulus), transition in TRANSITIONS.items():
-        targets = [
-            f"{target.value} ({condition})"
-            if (condition := CONDITIONS.get((transition.action, target)))
-            else target.value
+        conditions = CONDITIONS.get(transition.action, {})
+        targets = (
+            f"{target.value} ({conditions[target]})" if target in conditions else target.value
             for target in transition.next
-        ]
-        doing = transition.action.value.replace("_", " ")
-        lines.append(f"| {state.value} | {stimulus.value} | {doing} | {'; '.join(targets)} |")
-    return "\n".join(lines)
+        )
+        lines.append(
+            (state.value, stimulus.value, transition.action.value.replace("_", " "), "; ".join(targets))
+        )
+    return table(("in state", "happens", "is done", "and then"), lines)
 
 
 def section() -> str:
@@ -197,9 +192,11 @@ def section() -> str:
         ]
     shown = "![States of the link while either side receives](../pictures/link-receives.svg)"
     parts += ["### Either receives", RECEIVING, shown]
-    return "\n\n".join([*parts, "### What is done", DOING, table()])
+    return "\n\n".join([*parts, "### What is done", DOING, action_table()])
 
 
-def renewed(text: str) -> str:
-    """The document with the section as the table has it now. Raises ValueError for a document without its place."""
-    return placed(text, {"state diagrams": section()})
+TABLES = {"state diagrams": section}
+PICTURES = {
+    **{f"link-{NAMES[role].lower()}-sends.svg": partial(draw_sending, role) for role in Role},
+    "link-receives.svg": draw_receiving,
+}

@@ -1,10 +1,16 @@
-"""Parts of the tools that write tables into a document: a table, and its place between two marks."""
+"""Parts of the tools that write tables into documents: a table, its place between two marks, and its runs."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
+
+from hil_bridge.lab.processes import in_order, own_processes
+
+_Job = TypeVar("_Job")
+_Result = TypeVar("_Result")
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table in Markdown."""
+    """Return a table in Markdown."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(
         "| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in lines
@@ -12,7 +18,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def placed(text: str, contents: Mapping[str, str]) -> str:
-    """The document with each content between the marks of its name; the prose around them stays.
+    """Return the document with each content between the marks of its name; the prose around them stays.
 
     Raises ValueError for a content without its place.
     """
@@ -24,3 +30,14 @@ def placed(text: str, contents: Mapping[str, str]) -> str:
             raise ValueError(f"the document has no place for {name!r}: {begin} … {end}")
         text = f"{before}{begin}\n{content}\n{end}{after}"
     return text
+
+
+def where(rows: Iterable[Mapping[str, Any]], **facts: object) -> list[Mapping[str, Any]]:
+    """Return the rows that have these values under these names."""
+    return [row for row in rows if all(row[name] == value for name, value in facts.items())]
+
+
+def run_jobs(run: Callable[[_Job], _Result], jobs: Sequence[_Job]) -> list[_Result]:
+    """Return the results of all jobs in their order, one job a core at a time; print a dot for each."""
+    with own_processes() as pool:
+        return in_order(pool, run, jobs, lambda count: print(".", end="", flush=True), chunk=1)

@@ -1,4 +1,4 @@
-"""Write the tables of docs/reference/probe.md: the answer of `probe robot` on each kind of robot, fault by fault.
+"""Tables of docs/reference/probe.md: the answer of `probe robot` on each kind of robot, fault by fault.
 
 The probes are made each time, in virtual time; they take some seconds.
 """
@@ -6,6 +6,7 @@ The probes are made each time, in virtual time; they take some seconds.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.site import robot_probe
 from protocol.endpoint import Trouble
-from tools.pages import placed, table
+from tools.pages import table
 
 KINDS = ("s3", "egm", "rtde", "rsi")
 TARGETS = ("robot", "pose", "wire")
@@ -168,6 +169,4 @@ def answers(kind: str) -> str:
     )
 
 
-def renewed(document: str) -> str:
-    """The document with the tables of probes that are made now."""
-    return placed(document, {kind: answers(kind) for kind in KINDS})
+TABLES = {kind: partial(answers, kind) for kind in KINDS}

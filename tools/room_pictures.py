@@ -1,32 +1,32 @@
-"""Draw the two pictures of docs/explanation/architecture.md: the rooms with the arrows that matter, and the data's way.
+"""Pictures of docs/explanation/architecture.md: the rooms with the arrows that matter, and the path of the data.
 
 Each box names its modules and each arrow stands for imports, so that a test compares both with the code.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
-LOOK = """
-  .band { fill: #f6f8fa; stroke: #d0d7de } .room { fill: #ffffff; stroke: #57708f } .real { fill: #fff1e5; stroke: #bc4c00 }
-  .title { font: 600 14px ui-monospace, monospace; fill: #59636e } .small { font: 11px system-ui, sans-serif; text-anchor: middle; fill: #59636e }
-  .name { font: 600 13px system-ui, sans-serif; text-anchor: middle; fill: #1f2328 }
-  .line, .dash { stroke: #0969da; stroke-width: 1.4; fill: none } .dash { stroke-dasharray: 4 3 } #head path { fill: #0969da }
-  @media (prefers-color-scheme: dark) {
-    .band { fill: #151b23; stroke: #3d444d } .room { fill: #0d1117; stroke: #7d94b3 } .real { fill: #2b1d12; stroke: #f0883e }
-    .title, .small { fill: #9198a1 } .name { fill: #f0f6fc } .line, .dash { stroke: #4493f8 } #head path { fill: #4493f8 } }
-"""  # noqa: E501
+from tools.svg import Point, draw_arrow, draw_box, draw_picture, draw_text
 
 
 class Box(NamedTuple):
     """A box of the picture, for one or more modules of a package."""
 
-    corner: tuple[float, float]
+    corner: Point
     """Left and top."""
-    size: tuple[float, float]
+    size: Point
     title: str
-    beside: str = ""
+    note: str = ""
     """Smaller, below the title."""
-    modules: Sequence[str] = ()
+    package: str = ""
+    names: str = ""
+    """Modules of that package, with a blank between them; empty for a thing outside."""
+
+    @property
+    def modules(self) -> list[str]:
+        """Full names of the modules."""
+        return [f"{self.package}.{name}" for name in self.names.split()]
 
 
 class Arrow(NamedTuple):
@@ -34,111 +34,48 @@ class Arrow(NamedTuple):
 
     source: str
     target: str
-    way: Sequence[tuple[float, float]]
+    points: Sequence[Point]
     dashed: bool = False
 
 
 SIZE = (960, 560)
 BANDS = {"hil_bridge": (10, 330), "emulators": (352, 98), "protocol": (462, 88)}
 """Top and height of each package."""
-HOUSE, EMULATORS, WIRES = "hil_bridge.{}", "emulators.{}", "protocol.{}"
-
-
-def _of(package: str, *names: str) -> list[str]:
-    return [package.format(name) for name in names]
-
-
+HOUSE, DEVICES, EMULATORS, WIRES = "hil_bridge", "hil_bridge.devices", "emulators", "protocol"
+SEAMS = "robots.seam robots.asked robots.streamed sensors.stream"
+OURS = "robots.s3 robots.egm robots.rsi robots.rtde sensors.jr3 sensors.netft sensors.ati_can sensors.ft300"
+GENERAL = "seams, arm, sensing, surface, faults"
+TRANSPORTS = "transports: serial, CAN, TCP, UDP, memory"
 ROOMS: Mapping[str, Box] = {
-    "cli": Box((150, 24), (150, 40), "cli", "commands", _of(HOUSE, "cli")),
-    "site": Box(
-        (330, 24),
-        (280, 40),
-        "site",
-        "doctor, probe, identify, free, explain",
-        _of(HOUSE, "site"),
-    ),
-    "api": Box(
-        (640, 24),
-        (290, 40),
-        "api, lab",
-        "programs; campaigns, tuning, conform",
-        _of(HOUSE, "api", "lab"),
-    ),
-    "runs": Box((330, 92), (280, 44), "runs", "cycle, session, compose, replay", _of(HOUSE, "runs")),
-    "show": Box(
-        (30, 164),
-        (190, 44),
-        "show",
-        "reports, pages, terminal",
-        _of(HOUSE, "show"),
-    ),
-    "record": Box((240, 164), (150, 44), "record", "MCAP, analysis, export", _of(HOUSE, "record")),
-    "control": Box((410, 164), (150, 44), "control", "course, laws, geometry", _of(HOUSE, "control")),
-    "settings": Box((580, 164), (160, 44), "settings", "configuration", _of(HOUSE, "settings")),
-    "kinds": Box((760, 164), (170, 44), "devices.kinds", "registry of rooms", _of(HOUSE, "devices.kinds")),
-    "facts": Box((240, 236), (150, 40), "devices.facts", "as plain values", _of(HOUSE, "devices.facts")),
-    "seams": Box(
-        (410, 236),
-        (180, 40),
-        "seams",
-        "asked, streamed, stream",
-        _of(
-            HOUSE,
-            *(
-                f"devices.{name}"
-                for name in ("robots.seam", "robots.asked", "robots.streamed", "sensors.stream")
-            ),
-        ),
-    ),
-    "wiring": Box((610, 236), (130, 40), "devices.wiring", "wires for a room", _of(HOUSE, "devices.wiring")),
-    "devices": Box(
-        (760, 236),
-        (170, 40),
-        "robots.*, sensors.*",
-        "one room a device",
-        _of(
-            HOUSE,
-            *(f"devices.robots.{name}" for name in ("s3", "egm", "rsi", "rtde")),
-            *(f"devices.sensors.{name}" for name in ("jr3", "netft", "ati_can", "ft300")),
-        ),
-    ),
-    "transports": Box(
-        (410, 296), (330, 34), "transports: serial, CAN, TCP, UDP, memory", "", _of(HOUSE, "transports")
-    ),
-    "cell": Box(
-        (150, 378),
-        (190, 56),
-        "cell",
-        "joins robot, surface, sensor",
-        _of(EMULATORS, "cell"),
-    ),
-    "arm": Box(
-        (360, 378),
-        (290, 56),
-        "seams, arm, sensing, surface, faults",
-        "the general half",
-        _of(EMULATORS, "seams", "arm", "sensing", "surface", "faults"),
-    ),
+    "cli": Box((150, 24), (150, 40), "cli", "commands", HOUSE, "cli"),
+    "site": Box((330, 24), (280, 40), "site", "doctor, probe, identify, free, explain", HOUSE, "site"),
+    "api": Box((640, 24), (290, 40), "api, lab", "programs; campaigns, tuning, conform", HOUSE, "api lab"),
+    "runs": Box((330, 92), (280, 44), "runs", "cycle, session, compose, replay", HOUSE, "runs"),
+    "show": Box((30, 164), (190, 44), "show", "reports, pages, terminal", HOUSE, "show"),
+    "record": Box((240, 164), (150, 44), "record", "MCAP, analysis, export", HOUSE, "record"),
+    "control": Box((410, 164), (150, 44), "control", "course, laws, geometry", HOUSE, "control"),
+    "settings": Box((580, 164), (160, 44), "settings", "configuration", HOUSE, "settings"),
+    "kinds": Box((760, 164), (170, 44), "devices.kinds", "registry of rooms", DEVICES, "kinds"),
+    "facts": Box((240, 236), (150, 40), "devices.facts", "as plain values", DEVICES, "facts"),
+    "seams": Box((410, 236), (180, 40), "seams", "asked, streamed, stream", DEVICES, SEAMS),
+    "wiring": Box((610, 236), (130, 40), "devices.wiring", "wires for a room", DEVICES, "wiring"),
+    "devices": Box((760, 236), (170, 40), "robots.*, sensors.*", "one room a device", DEVICES, OURS),
+    "transports": Box((410, 296), (330, 34), TRANSPORTS, "", HOUSE, "transports"),
+    "cell": Box((150, 378), (190, 56), "cell", "joins robot, surface, sensor", EMULATORS, "cell"),
+    "arm": Box((360, 378), (290, 56), GENERAL, "the general half", EMULATORS, GENERAL.replace(",", "")),
     "emulated": Box(
         (670, 378),
         (260, 56),
         "devices: s3, egm, rtde, rsi",
         "jr3, netft, ati_can, ft300",
-        _of(EMULATORS, "devices"),
+        EMULATORS,
+        "devices",
     ),
     "plain": Box(
-        (150, 490),
-        (240, 46),
-        "robot, wrench, geometry",
-        "plain values",
-        _of(WIRES, "robot", "wrench", "geometry"),
+        (150, 490), (240, 46), "robot, wrench, geometry", "plain values", WIRES, "robot wrench geometry"
     ),
     "codecs": Box(
-        (410, 490),
-        (520, 46),
-        "devices, one room each",
-        "codecs and clients, without I/O",
-        _of(WIRES, "devices"),
+        (410, 490), (520, 46), "devices, one room each", "codecs and clients, without I/O", WIRES, "devices"
     ),
 }
 ARROWS = (
@@ -166,16 +103,16 @@ ARROWS = (
     Arrow("emulated", "codecs", [(800, 434), (800, 490)]),
     Arrow("codecs", "plain", [(410, 512), (390, 512)]),
 )
-WAY = (
+PATH = (
     Box((12, 40), (118, 56), "sensor", "counts, frames"),
-    Box((148, 40), (118, 56), "transports", "bytes, stamped", _of(HOUSE, "transports")),
-    Box((284, 40), (118, 56), "sensors.stream", "force, tool frame", _of(HOUSE, "devices.sensors.stream")),
-    Box((420, 40), (118, 56), "control", "what to command", _of(HOUSE, "control")),
-    Box((556, 40), (118, 56), "supervisor", "allow, clamp, stop", _of(HOUSE, "control.course.supervisor")),
-    Box((692, 40), (118, 56), "robots", "pose as telegram", _of(HOUSE, "devices.robots")),
+    Box((148, 40), (118, 56), "transports", "bytes, stamped", HOUSE, "transports"),
+    Box((284, 40), (118, 56), "sensors.stream", "force, tool frame", DEVICES, "sensors.stream"),
+    Box((420, 40), (118, 56), "control", "what to command", HOUSE, "control"),
+    Box((556, 40), (118, 56), "supervisor", "allow, clamp, stop", HOUSE, "control.course.supervisor"),
+    Box((692, 40), (118, 56), "robots", "pose as telegram", DEVICES, "robots"),
     Box((828, 40), (118, 56), "robot", "moves, touches"),
 )
-"""From the sensor to the robot. A box without modules is a thing outside."""
+"""From the sensor to the robot."""
 NOTES = {
     24: "one thread, plain calls, one direction",
     130: "the contact closes the loop: really, or by the emulated cell",
@@ -184,64 +121,28 @@ NOTES = {
 """Lines of text by their height."""
 
 
-def drawn_box(box: Box, look: str = "room") -> Iterator[str]:
-    """The box with its texts."""
-    (x, y), (width, height) = box.corner, box.size
-    yield f'<rect class="{look}" x="{x}" y="{y}" width="{width}" height="{height}" rx="6"/>'
-    middle, line = x + width / 2, y + height / 2
-    yield f'<text class="name" x="{middle}" y="{line - 4 if box.beside else line + 5}">{box.title}</text>'
-    if box.beside:
-        yield f'<text class="small" x="{middle}" y="{line + 13}">{box.beside}</text>'
-
-
-def drawn_arrow(way: Sequence[tuple[float, float]], dashed: bool = False) -> str:
-    """A line along these corners, with a head at its end."""
-    points = " ".join(f"{x},{y}" for x, y in way)
-    return f'<polyline class="{"dash" if dashed else "line"}" points="{points}" marker-end="url(#head)"/>'
-
-
-def document(title: str, size: tuple[int, int], parts: Sequence[str]) -> str:
-    """The SVG, which suits a light and a dark page."""
-    return "\n".join(
-        [
-            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size[0]} {size[1]}" role="img"',
-            f' aria-label="{title}">',
-            f"<style>{LOOK}</style>",
-            '<defs><marker id="head" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7"'
-            ' orient="auto"><path d="M0 0 L8 4 L0 8 z"/></marker></defs>',
-            *parts,
-            "</svg>\n",
-        ]
-    )
-
-
-def rooms() -> str:
-    """The picture of the rooms."""
+def draw_rooms() -> str:
+    """Draw the rooms and their arrows."""
     parts = []
     for name, (top, height) in BANDS.items():
         parts.append(
             f'<rect class="band" x="10" y="{top}" width="{SIZE[0] - 20}" height="{height}" rx="10"/>'
         )
-        parts.append(f'<text class="title" x="24" y="{top + 22}">{name}</text>')
-    parts += [drawn_arrow(arrow.way, arrow.dashed) for arrow in ARROWS]
-    for box in ROOMS.values():
-        parts += drawn_box(box)
-    return document("The rooms of the three packages, and the arrows between them", SIZE, parts)
+        parts.append(draw_text("title", (24, top + 22), name))
+    parts += [draw_arrow(arrow.points, arrow.dashed) for arrow in ARROWS]
+    parts += [draw_box(*box[:4]) for box in ROOMS.values()]
+    return draw_picture("The rooms of the three packages, and the arrows between them", SIZE, parts)
 
 
-def data_way() -> str:
-    """The picture of the data's way."""
-    parts, height = [], 190
-    for box, after in zip(WAY, [*WAY[1:], None], strict=True):
-        parts += drawn_box(box, "room" if box.modules else "real")
-        if after is not None:
-            parts.append(drawn_arrow([(box.corner[0] + box.size[0], 68), (after.corner[0], 68)]))
-    first, last = (box.corner[0] + box.size[0] / 2 for box in (WAY[0], WAY[-1]))
-    parts.append(drawn_arrow([(last, 96), (last, 136), (first, 136), (first, 98)]))
-    parts += [f'<text class="small" x="{SIZE[0] / 2}" y="{y}">{text}</text>' for y, text in NOTES.items()]
-    return document("The way of the data from the sensor to the robot", (SIZE[0], height), parts)
+def draw_path() -> str:
+    """Draw the path of the data."""
+    parts = [draw_box(*box[:4], "box" if box.names else "real") for box in PATH]
+    for box, after in pairwise(PATH):
+        parts.append(draw_arrow([(box.corner[0] + box.size[0], 68), (after.corner[0], 68)]))
+    first, last = (box.corner[0] + box.size[0] / 2 for box in (PATH[0], PATH[-1]))
+    parts.append(draw_arrow([(last, 96), (last, 136), (first, 136), (first, 98)]))
+    parts += [draw_text("small", (SIZE[0] / 2, height), text) for height, text in NOTES.items()]
+    return draw_picture("The path of the data from the sensor to the robot", (SIZE[0], 190), parts)
 
 
-def pictures() -> dict[str, str]:
-    """Each picture by the name of its file."""
-    return {"rooms.svg": rooms(), "data-way.svg": data_way()}
+PICTURES = {"rooms.svg": draw_rooms, "data-way.svg": draw_path}

@@ -1,7 +1,6 @@
-"""Write the tables of docs/explanation/safety.md: the conditions from the code, the times from runs that are measured.
+"""Tables of docs/explanation/safety.md: the conditions from the code, the times from runs that are measured.
 
-With --measure the runs are made first, in virtual time, and their figures go to docs/explanation/safety.json;
-`--measure egm` makes those of these robots alone.
+The runs are made in virtual time; `--measure egm` makes those of these robots alone.
 """
 
 import asyncio
@@ -9,8 +8,7 @@ import gc
 import math
 import random
 import statistics
-import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -18,14 +16,13 @@ from hil_bridge.api import Config, Simulation, load, run_virtual, simulation
 from hil_bridge.errors.cause_row import INTERRUPTED, When
 from hil_bridge.errors.cause_table import TABLE
 from hil_bridge.lab.campaign.watching import Watch
-from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.record import EventKind, Outcome
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import RETRACT
 from hil_bridge.runs.ending import TRANSITIONS, RunState, Stimulus, Transition
 from hil_bridge.site.guard.conditions import HEAD, cells
 from protocol.devices.s3.arap import FunctionCode
-from tools.pages import placed, table
+from tools.pages import run_jobs, table
 
 SEEDS: Mapping[str, int] = {"s3": 20, "egm": 5, "rtde": 5, "rsi": 5}
 """Runs of a case by robot: fewer of a robot that streams, for each takes some seconds of processor time."""
@@ -255,8 +252,7 @@ def measure(robots: Sequence[str], before: Mapping[str, Any]) -> dict[str, Any]:
     anew = [place for place in places() if not robots or place[1] in robots]
     jobs = [job for place in anew for job in columns_of(*place)]
     figures: dict[str, Any] = {}
-    with own_processes() as pool:
-        runs = iter(in_order(pool, _row, jobs, lambda count: print(".", end="", file=sys.stderr, flush=True)))
+    runs = iter(run_jobs(_row, jobs))
     for case, robot, stiffness in places():
         by_stiffness = figures.setdefault(case.name, {}).setdefault(robot, {})
         if (case, robot, stiffness) in anew:
@@ -380,15 +376,10 @@ def _forces(values: Sequence[float]) -> str:
     return f"{statistics.median(values):.0f}, at most {max(values):.0f}"
 
 
-def renewed(text: str, figures: Mapping[str, Any]) -> str:
-    """The document with every table as code and figures have it now. Raises ValueError for one without its place."""
-    tables = {
-        "conditions": conditions_table(),
-        "ends": ends_table(),
-        "times": times_table(figures),
-        "uncovered": uncovered_table(figures),
-    }
-    return placed(text, tables)
-
-
+TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
+    "conditions": lambda figures: conditions_table(),
+    "ends": lambda figures: ends_table(),
+    "times": times_table,
+    "uncovered": uncovered_table,
+}
 JSON_DEPTH = 4

@@ -1,7 +1,6 @@
-"""Write two tables of docs/explanation/fidelity.md: runs with the errors of real sensors, and true faults beside them.
+"""Tables of docs/explanation/fidelity.md: runs with the errors of real sensors, and true faults beside them.
 
-With --measure the runs are made first, in virtual time, and their figures go to docs/explanation/sensor-errors.json; it
-takes some twenty minutes on two cores.
+The runs are made in virtual time; they take some twenty minutes on two cores.
 """
 
 import gc
@@ -13,8 +12,7 @@ from typing import Any, NamedTuple
 
 import hil_bridge
 from hil_bridge.errors import BridgeError
-from hil_bridge.lab.processes import in_order, own_processes
-from tools.pages import placed, table
+from tools.pages import run_jobs, table, where
 
 FORCE_N, TRACK_S, SETTLED_S, PERIOD_MS = 10.0, 12.0, 4.0, 20.0
 ROBOTS, SENSORS, STIFFNESSES_KN_M = ("rtde", "egm", "rsi"), ("netft", "ft300"), (5, 50)
@@ -88,107 +86,66 @@ def figures_of(job: Job) -> Mapping[str, Any]:
     try:
         recording = hil_bridge.simulate(settings(job)).recording
     except BridgeError as error:
-        return {
-            **job._asdict(),
-            "cause": str(error).splitlines()[0],
-            "rms_n": None,
-            "peak_n": 0.0,
-            "took_s": 0.0,
-        }
+        refused = {"cause": str(error).splitlines()[0], "rms_n": None, "peak_n": 0.0, "took_s": 0.0}
+        return {**job._asdict(), **refused}
     finally:
         gc.collect()  # a cell and its run refer to each other
-    begin = next((cycle.started_at for cycle in recording.cycles if cycle.phase == "track"), math.inf)
-    end = max((cycle.started_at for cycle in recording.cycles if cycle.phase == "track"), default=-math.inf)
+    times = [cycle.started_at for cycle in recording.cycles] or [0.0]
+    track = [cycle.started_at for cycle in recording.cycles if cycle.phase == "track"] or [math.inf]
     forces = [(truth.at, math.hypot(*truth.force)) for truth in recording.truths]
-    held = [force for at, force in forces if begin + SETTLED_S < at <= end]
-    stopped = recording.end["outcome"] == "stopped"
+    errors = [force - FORCE_N for at, force in forces if track[0] + SETTLED_S < at <= track[-1]]
     return {
         **job._asdict(),
-        "cause": recording.end["cause"] if stopped else "",
-        "rms_n": round(math.sqrt(statistics.fmean((force - FORCE_N) ** 2 for force in held)), 4)
-        if held
-        else None,
+        "cause": recording.end["cause"] if recording.end["outcome"] == "stopped" else "",
+        "rms_n": round(statistics.fmean(error**2 for error in errors) ** 0.5, 4) if errors else None,
         "peak_n": round(max((force for _, force in forces), default=0.0), 4),
-        "took_s": round(_seconds(recording), 4),
+        "took_s": round(times[-1] - times[0], 4),
     }
 
 
-def _seconds(recording: Any) -> float:
-    """Length of a run in the cell's time, s; 0 for one that was refused."""
-    times = [cycle.started_at for cycle in recording.cycles]
-    return max(times) - min(times) if times else 0.0
-
-
 def measure(names: Sequence[str], before: object) -> list[Mapping[str, Any]]:
-    """All runs, one a core at a time."""
-    with own_processes() as pool:
-        return in_order(pool, figures_of, jobs(), lambda count: print(".", end="", flush=True), chunk=1)
+    """All runs."""
+    return run_jobs(figures_of, jobs())
+
+
+def errors_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A row for each robot, sensor and stiffness, a column for each kind of errors; then their sums."""
+    healthy = where(rows, fault="")
+    lines = []
+    for cell in product(ROBOTS, SENSORS, STIFFNESSES_KN_M):
+        own = where(healthy, **dict(zip(Job._fields, cell, strict=False)))
+        robot, sensor, stiffness = cell
+        cells = (_healthy(where(own, errors=errors)) for errors in ERRORS)
+        lines.append((f"`{robot}`", f"`{sensor}`", f"{stiffness} kN/m", *cells))
+    totals = (_total(where(healthy, errors=errors)) for errors in ERRORS)
+    return table(("robot", "sensor", "surface", *ERRORS), [*lines, ("all", "", "", *totals)])
 
 
 def _healthy(rows: Sequence[Mapping[str, Any]]) -> str:
-    """A cell of the first table: runs of one robot, sensor and stiffness."""
     stops = [row["cause"] for row in rows if row["cause"]]
     rms = [row["rms_n"] for row in rows if row["rms_n"] is not None]
     mean = f"{statistics.fmean(rms):.2f} N" if rms else "none"
     return mean if not stops else f"{mean}; {len(stops)} × {', '.join(sorted(set(stops)))}"
 
 
+def _total(rows: Sequence[Mapping[str, Any]]) -> str:
+    stops, minutes = sum(bool(row["cause"]) for row in rows), sum(row["took_s"] for row in rows) / 60.0
+    return f"{stops} stops in {minutes:.0f} min and {len(rows)} runs"
+
+
+def faults_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A row for each fault, a column for each robot and kind of errors."""
+    columns = list(product(FAULT_ROBOTS, ERRORS))
+    lines = [
+        (fault, *(_faulty(where(rows, fault=fault, robot=robot, errors=errors)) for robot, errors in columns))
+        for fault in FAULTS
+    ]
+    return table(("the sensor", *(f"`{robot}`, {errors}" for robot, errors in columns)), lines)
+
+
 def _faulty(rows: Sequence[Mapping[str, Any]]) -> str:
-    """A cell of the second table: runs of one robot and fault."""
     causes = sorted({row["cause"].replace("-", " ") or "not stopped" for row in rows})
     return f"{max(row['peak_n'] for row in rows):.0f} N, {', '.join(causes)}"
 
 
-def renewed(document: str, rows: Sequence[Mapping[str, Any]]) -> str:
-    """The document with the tables of these runs."""
-    healthy = [row for row in rows if not row["fault"]]
-    lines = [
-        (
-            f"`{robot}`",
-            f"`{sensor}`",
-            f"{stiffness} kN/m",
-            *(
-                _healthy(
-                    [
-                        row
-                        for row in healthy
-                        if (row["robot"], row["sensor"], row["stiffness_kn_m"], row["errors"])
-                        == (robot, sensor, stiffness, errors)
-                    ]
-                )
-                for errors in ERRORS
-            ),
-        )
-        for robot, sensor, stiffness in product(ROBOTS, SENSORS, STIFFNESSES_KN_M)
-    ]
-    totals = []
-    for errors in ERRORS:
-        of_errors = [row for row in healthy if row["errors"] == errors]
-        hours = sum(row["took_s"] for row in of_errors) / 3600.0
-        stops = sum(bool(row["cause"]) for row in of_errors)
-        totals.append(f"{stops} stops in {60.0 * hours:.0f} min and {len(of_errors)} runs")
-    lines.append(("all", "", "", *totals))
-    faults = [
-        (
-            name,
-            *(
-                _faulty(
-                    [
-                        row
-                        for row in rows
-                        if (row["fault"], row["robot"], row["errors"]) == (name, robot, errors)
-                    ]
-                )
-                for robot, errors in product(FAULT_ROBOTS, ERRORS)
-            ),
-        )
-        for name in FAULTS
-    ]
-    heads = [f"`{robot}`, {errors}" for robot, errors in product(FAULT_ROBOTS, ERRORS)]
-    return placed(
-        document,
-        {
-            "sensor-errors": table(("robot", "sensor", "surface", *ERRORS), lines),
-            "sensor-faults": table(("the sensor", *heads), faults),
-        },
-    )
+TABLES = {"sensor-errors": errors_table, "sensor-faults": faults_table}

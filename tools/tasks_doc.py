@@ -1,10 +1,12 @@
-"""Write the tables of docs/reference/tasks.md from the code: a program's words and paths with all their settings.
+"""Tables of docs/reference/tasks.md: the words and paths of a program with all their settings.
 
-With --measure the pictures of the examples are drawn anew."""
+With --measure the pictures of the examples are drawn again.
+"""
 
 import dataclasses
 import inspect
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
@@ -18,7 +20,7 @@ from hil_bridge.settings.configuration import FrameConfig, load_config
 from hil_bridge.settings.program import PATHS, STEPS
 from hil_bridge.show.report.task_plot import draw_task
 from hil_bridge.show.report.task_steps import list_steps, total_line
-from tools.pages import placed, table
+from tools.pages import table
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS, EXAMPLES = ROOT / "docs", ROOT / "examples" / "tasks"
@@ -61,19 +63,7 @@ TASK_SETTINGS = ("file", "safe_height_mm", "force_n", "expected_stiffness_n_m")
 FRAME_SETTINGS = ("approach", "travel", "origin_mm", "follow_normal")
 
 
-def renewed(text: str) -> str:
-    """The document with every table as the code has it now. Raises ValueError for one without its place."""
-    tables = {word: section_table(word, step) for word, step in STEPS.items()}
-    tables |= {f"path {kind}": section_table(kind, path) for kind, path in PATHS.items()}
-    tables["criterion"] = section_table("criterion", Criterion)
-    tables["limits"] = limits_table()
-    tables["task"] = rows_table(_fields("task", TaskParameters, TASK_SETTINGS))
-    tables["frame"] = frame_table()
-    tables["facing"] = section_table("facing", Facing)
-    return placed(text, tables)
-
-
-def measure(names: Sequence[str], before: object) -> None:
+def measure(names: Sequence[str]) -> None:
     """Draw the pictures of these examples, of all where none is named."""
     for path in sorted(EXAMPLES.glob("*.toml")):
         if not names or path.stem in names:
@@ -176,3 +166,14 @@ def _choices(annotation: Any) -> tuple[str, ...]:
 
 def _one_line(text: str) -> str:
     return " ".join(text.split())
+
+
+TABLES: Mapping[str, Callable[[], str]] = {
+    **{word: partial(section_table, word, step) for word, step in STEPS.items()},
+    **{f"path {kind}": partial(section_table, kind, path) for kind, path in PATHS.items()},
+    "criterion": partial(section_table, "criterion", Criterion),
+    "limits": limits_table,
+    "task": lambda: rows_table(_fields("task", TaskParameters, TASK_SETTINGS)),
+    "frame": frame_table,
+    "facing": partial(section_table, "facing", Facing),
+}

@@ -6,6 +6,8 @@ the code.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
+from io import StringIO
 from typing import Any
 
 from rich.console import Console
@@ -50,7 +52,7 @@ class Picture:
 
 S3 = {"run": {"duration_s": 12.0}}
 STREAMED = {"run": {"duration_s": 12.0}, "robot": {"emulated": "rtde"}, "sensor": {"emulated": "netft"}}
-PICTURES_WANTED = (
+RUNS = (
     Picture("terminal-60x20", 60, 20, S3, 6.0),
     Picture("terminal-100x30", 100, 30, S3, 6.0),
     Picture("terminal-200x50", 200, 50, STREAMED, 6.0),
@@ -95,16 +97,12 @@ def seen(picture: Picture) -> Snapshot:
     return model.snapshot(until, Health(sensor_at=frames[-1].at if frames else None))
 
 
-def drawn(picture: Picture) -> str:
+def draw(picture: Picture) -> str:
     """The picture as SVG, the same for the same code."""
-    console = Console(
-        record=True, width=picture.width, height=picture.height, force_terminal=True, color_system="truecolor",
-        file=open("/dev/null", "w"),  # noqa: SIM115
-    )  # fmt: skip
+    size = {"width": picture.width, "height": picture.height}
+    console = Console(record=True, force_terminal=True, color_system="truecolor", file=StringIO(), **size)
     console.print(panel(seen(picture), picture.width, picture.height))
     return console.export_svg(title="hil-bridge run", theme=PAPER, unique_id=picture.name)
 
 
-def pictures() -> dict[str, str]:
-    """Each picture by the name of its file."""
-    return {f"{picture.name}.svg": drawn(picture) for picture in PICTURES_WANTED}
+PICTURES = {f"{run.name}.svg": partial(draw, run) for run in RUNS}

@@ -1,11 +1,17 @@
-"""Write the table of docs/reference/urscript.md from the code: each function of URScript, and how far it goes."""
+"""Tables of docs/reference/urscript.md: each function of URScript, and how far it goes."""
 
 from collections import Counter
 
 from emulators.devices.rtde.urscript import FUNCTIONS
 from emulators.devices.rtde.urscript.table import Support
 from protocol.devices.rtde.fields import NEVER, Number
-from tools.pages import placed, table
+from tools.pages import table
+
+
+def counts() -> str:
+    """How many functions are modelled, and how many only have their names."""
+    support = Counter(function.support for function in FUNCTIONS.values())
+    return f"{support[Support.MODELLED]} functions are modelled, {support[Support.TAGGED]} are tagged."
 
 
 def function_table() -> str:
@@ -28,8 +34,4 @@ def _version(since: Number) -> str:
     return "never" if since == NEVER else ".".join(map(str, since)) if any(since) else ""
 
 
-def renewed(document: str) -> str:
-    """The document with the counts and the table of now."""
-    counts = Counter(function.support for function in FUNCTIONS.values())
-    told = f"{counts[Support.MODELLED]} functions are modelled, {counts[Support.TAGGED]} are tagged."
-    return placed(document, {"counts": told, "functions": function_table()})
+TABLES = {"counts": counts, "functions": function_table}

@@ -1,13 +1,9 @@
 """The pictures of the architecture show rooms that there are, and imports that are made."""
 
-from pathlib import Path
-
 import grimp
 import pytest
 
-from tools.room_pictures import ARROWS, ROOMS, WAY, Arrow, Box, pictures
-
-PICTURES = Path(__file__).resolve().parents[2] / "docs" / "pictures"
+from tools.room_pictures import ARROWS, PATH, ROOMS, Arrow, Box
 
 
 @pytest.fixture(scope="module")
@@ -15,15 +11,8 @@ def graph() -> grimp.ImportGraph:
     return grimp.build_graph("hil_bridge", "emulators", "protocol", cache_dir=None)
 
 
-@pytest.mark.parametrize("name", list(pictures()))
-def test_each_picture_is_the_one_that_is_drawn(name: str) -> None:
-    assert (PICTURES / name).read_text(encoding="utf-8") == pictures()[name], (
-        "run python -m tools.documents rooms"
-    )
-
-
 def test_each_box_names_modules_that_there_are(graph: grimp.ImportGraph) -> None:
-    named = [module for box in (*ROOMS.values(), *WAY) for module in box.modules]
+    named = [module for box in (*ROOMS.values(), *PATH) for module in box.modules]
     assert [module for module in named if module not in graph.modules] == []
 
 

@@ -22,8 +22,7 @@ from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.site.robot_probe import probe, site_toml
 from protocol.geometry import Pose
-from tools.documents import DOCS
-from tools.probe_doc import KINDS, Case, Look, cases, look_at, renewed
+from tools.probe_doc import KINDS, Case, Look, cases, look_at
 
 MOST_S = 5.0
 """An answer comes within so long, but for an S3: there many settings of the link are tried."""
@@ -147,11 +146,6 @@ def test_nothing_moves_and_the_answer_comes_in_time(case: Case) -> None:
     assert case.kind != "rtde" or set(look.acts) <= {Act.CONTACT}
     assert look.took_s < (SEARCH_S if case.kind == "s3" else MOST_S)
     assert look.rows or look.refusals
-
-
-def test_the_page_has_the_answers_that_are_given() -> None:
-    text = (DOCS / "reference" / "probe.md").read_text(encoding="utf-8")
-    assert renewed(text) == text, "run python -m tools.documents probe"
 
 
 def test_a_probe_beside_a_run_is_told_of_it_and_does_not_disturb_it() -> None:

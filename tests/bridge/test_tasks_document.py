@@ -21,15 +21,6 @@ def tool() -> dict[str, Any]:
     return runpy.run_path(str(ROOT / "tools" / "tasks_doc.py"))
 
 
-def test_the_tables_are_those_of_the_code(tool: dict[str, Any]) -> None:
-    assert tool["renewed"](PAGE) == PAGE, "run python -m tools.documents tasks"
-
-
-def test_a_table_without_a_place_is_missed(tool: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match="no place for 'path arc'"):
-        tool["renewed"](PAGE.replace("<!-- path arc: begin -->", ""))
-
-
 def test_a_setting_without_a_meaning_is_missed(tool: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"cannot tell what press.for_s means"):
         tool["section_table"]("press", Hold)

@@ -10,17 +10,12 @@ from tools.identified_cells import (
     Row,
     all_rows,
     cell,
-    renewed,
     true_values,
     within_of,
 )
 
 ROWS = json.loads((DOCS / "reference" / "identified-cells.json").read_text(encoding="utf-8"))
 PAGE = (DOCS / "reference" / "identify-cell.md").read_text(encoding="utf-8")
-
-
-def test_the_tables_are_those_of_the_figures() -> None:
-    assert renewed(PAGE, ROWS) == PAGE, "run python -m tools.documents identified-cells"
 
 
 def test_the_figures_are_of_the_cells_that_are_drawn() -> None:

@@ -1,7 +1,6 @@
 """A policy as a controller: an object, or an ONNX file by its path."""
 
 import hashlib
-import json
 import math
 import os
 import pickle
@@ -193,23 +192,6 @@ def test_observation_stays_in_its_range() -> None:
     assert observed.dtype == np.float32
     assert (observed >= LOW).all()
     assert (observed <= HIGH).all()
-
-
-@pytest.mark.parametrize("controller", ["none", "drawn"])
-def test_row_of_the_document_repeats(controller: str) -> None:
-    tool = runpy.run_path(str(ROOT / "tools" / "policy_doc.py"))
-    figures = json.loads(FIGURES.read_text(encoding="utf-8"))
-    case = ("s3", "no fault", controller, tool["SEEDS"][0])
-    row = tool["judge"]((case, figures["weights"][controller]))
-    assert row in figures["rows"]
-
-
-def test_document_is_up_to_date() -> None:
-    tool = runpy.run_path(str(ROOT / "tools" / "policy_doc.py"))
-    figures = json.loads(FIGURES.read_text(encoding="utf-8"))
-    for name in ("how-to/policies.md", "reference/gym.md"):
-        page = (ROOT / "docs" / name).read_text(encoding="utf-8")
-        assert tool["renewed"](page, figures) == page
 
 
 @pytest.mark.parametrize("name", ["how-to/policies.md", "reference/gym.md"])
