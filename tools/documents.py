@@ -41,6 +41,7 @@ DOCUMENTS: Mapping[str, Document] = {
     ),
     "link-diagrams": Document("link_diagrams", "reference/computer-link.md"),
     "observation": Document("observation_doc", "reference/gym.md"),
+    "performance": Document("bench.page", "explanation/performance.md", "explanation/performance.json"),
     "probe": Document("probe_doc", "reference/probe.md"),
     "rooms": Document("room_pictures"),
     "safety": Document("safety_doc", "explanation/safety.md", "explanation/safety.json"),

@@ -1,23 +1,13 @@
 """The benchmarks' own bookkeeping: figures, the file of results, the page. Nothing is timed here."""
 
 import json
-from pathlib import Path
-
-import pytest
 
 from protocol.devices.rtde import packets
+from protocol.devices.s3.adlp import encode_block
+from protocol.devices.s3.arap import Move, MoveKind, read_status
 from tools.bench import exchanges
 from tools.bench.exchanges import ANSWER, PACKET, Exchange
 from tools.bench.figures import Figure, Report, Spread, Target
-from tools.bench.page import renewed
-
-DOCS = Path(__file__).resolve().parents[2] / "docs" / "explanation"
-
-
-def test_the_page_shows_the_published_results():
-    page = (DOCS / "performance.md").read_text(encoding="utf-8")
-    results = json.loads((DOCS / "performance.json").read_text(encoding="utf-8"))
-    assert renewed(page, results) == page, "run make bench PAGE=1"
 
 
 def test_a_figure_is_judged_by_its_value_or_by_its_ratio():
@@ -47,11 +37,6 @@ def test_results_come_back_from_their_file_as_they_went():
         ("vcan: none here",),
     )
     assert Report.from_json(json.loads(json.dumps(report.as_json()))) == report
-
-
-def test_a_table_without_a_place_on_the_page_is_missed():
-    with pytest.raises(ValueError, match="no place for 'machine'"):
-        renewed("# Performance", {"machine": {}, "benchmarks": {}})
 
 
 def test_the_hundredth_part_lies_above_the_99th_percentile():
@@ -103,3 +88,23 @@ def test_packages_of_rtde_are_told_apart_however_they_come():
     seen = exchanges.seen(data, exchanges.rtde)
     assert seen.exchanges == (Exchange(1.0, 0.5), Exchange(1.25, 0.75))
     assert seen.sizes == (23, 13)
+
+
+def test_orders_of_an_s3_count_from_the_end_of_the_status_answer():
+    enq, ack, eot = b"\x05", b"\x06", b"\x04"
+    move = encode_block(
+        Move(MoveKind.POINT, (0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.05).to_telegram().encode()
+    )
+    status = encode_block(read_status().encode())
+    data = stamped(
+        (1.0, PACKET, eot),
+        (1.25, ANSWER, enq),
+        (1.3, PACKET, ack),
+        (1.5, ANSWER, move[:20]),
+        (1.625, ANSWER, move[20:]),
+        (2.0, PACKET, eot),
+        (2.25, ANSWER, enq + status),
+        (3.0, PACKET, eot),
+        (3.5, ANSWER, enq + move),
+    )
+    assert exchanges.seen(data, exchanges.s3).exchanges == (Exchange(1.0, 0.625), Exchange(3.0, 0.5))

@@ -15,25 +15,12 @@ from typing import Any
 
 from tools.bench import machine
 from tools.bench.figures import Report
-from tools.bench.page import renewed
+from tools.bench.page import BENCHMARKS
+from tools.documents import contents
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "runs" / "bench.json"
 PUBLISHED = ROOT / "docs" / "explanation" / "performance.json"
-PAGE = PUBLISHED.with_suffix(".md")
-
-BENCHMARKS = (
-    "turnaround",
-    "control_step",
-    "wake_up",
-    "virtual_time",
-    "urscript",
-    "link_use",
-    "answers",
-    "web_clients",
-    "long_run",
-)
-"""Modules of this package, in the order of the page."""
 
 
 def run(name: str) -> Report:
@@ -81,11 +68,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         written(RESULTS, results)
     print(f"results: {RESULTS.relative_to(ROOT)}")
     if options.page:
-        results = merged(PUBLISHED, facts, fresh)
-        page = renewed(PAGE.read_text(encoding="utf-8"), results)
-        written(PUBLISHED, results)
-        PAGE.write_text(page, encoding="utf-8")
-        print(f"page: {PAGE.relative_to(ROOT)}")
+        written(PUBLISHED, merged(PUBLISHED, facts, fresh))
+        for page, text in contents("performance"):
+            page.write_text(text, encoding="utf-8")
+            print(f"page: {page.relative_to(ROOT)}")
     judged = [item for benchmark in fresh.values() for item in benchmark["figures"] if "met" in item]
     print(f"{sum(item['met'] for item in judged)} of {len(judged)} targets met")
     return 0

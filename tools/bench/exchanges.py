@@ -11,11 +11,14 @@ from typing import NamedTuple
 
 from protocol.devices.egm.messages import decode_answer, decode_robot
 from protocol.devices.rtde.packets import Kind, Reader
+from protocol.devices.s3.adlp import BLOCK_OVERHEAD, Control, LinkProfile
 
 RECORD = struct.Struct("=dII")
 """Time, way and size, as `struct record` of the relay."""
 PACKET, ANSWER = 0, 1
 """Ways."""
+ORDER_BYTES = 1 + BLOCK_OVERHEAD + LinkProfile().move_length
+"""The ENQ that bids for the line, and the block of a move."""
 
 
 class Chunk(NamedTuple):
@@ -89,6 +92,23 @@ def rtde(stamped: Iterable[Chunk]) -> Iterator[Message]:
             elif answered < packets:
                 answered += 1
                 yield Message(at, way, answered, size)
+
+
+def s3(stamped: Iterable[Chunk]) -> Iterator[Message]:
+    """Moves of an S3's computer link: the EOT that ends a status answer is a packet, the complete order its answer.
+
+    An order for status is shorter, and no answer: the bridge gives it when a sample is there.
+    """
+    number, ended, size = 0, 0.0, 0
+    for at, way, data in stamped:
+        if way == PACKET:
+            if data == bytes((Control.EOT,)):
+                number, ended, size = number + 1, at, 0
+            continue
+        size += len(data)
+        if size == ORDER_BYTES:
+            yield Message(ended, PACKET, number, 1)
+            yield Message(at, ANSWER, number, size)
 
 
 class Seen(NamedTuple):

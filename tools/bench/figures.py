@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
+import msgspec
+
 
 @dataclass(frozen=True, slots=True)
 class Target:
@@ -30,7 +32,7 @@ class Figure:
 
     name: str
     value: float
-    unit: str
+    unit: str = ""
     baseline: float | None = None
     """The same quantity of what it is compared with, in the same unit."""
     against: str = ""
@@ -56,8 +58,9 @@ class Figure:
     def _digits(self) -> int:
         """Digits of the ratio: more where three would not tell on which side of its target it is."""
         target, ratio = self.target, self.ratio
-        close = target is not None and target.of == "ratio" and ratio is not None
-        return 4 if close and number(ratio) == number(target.limit) else 3
+        if target is None or target.of != "ratio" or ratio is None:
+            return 3
+        return 4 if number(ratio) == number(target.limit) else 3
 
     def cells(self) -> tuple[str, ...]:
         """Name, value, baseline, ratio, target and whether it was met, as texts."""
@@ -101,20 +104,7 @@ class Report:
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> "Report":
         """Figures from the output of `as_json`."""
-        return cls(
-            tuple(
-                Figure(
-                    item["name"],
-                    item["value"],
-                    item.get("unit", ""),
-                    item.get("baseline"),
-                    item.get("against", ""),
-                    Target(**item["target"]) if "target" in item else None,
-                )
-                for item in values["figures"]
-            ),
-            tuple(values["left_out"]),
-        )
+        return msgspec.convert(values, cls)
 
 
 @dataclass(frozen=True, slots=True)

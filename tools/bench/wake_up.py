@@ -7,12 +7,10 @@ import asyncio
 import subprocess
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.clock.realtime import RealTime, real_time_thread
-from hil_bridge.errors import ConfigError
 from tools.bench import machine
+from tools.bench.bridge import AWAKE, BUSY_POLL_MS, processors_awake
 from tools.bench.figures import Figure, Report, Spread, Target
 
 RATES_HZ = (100, 1000)
@@ -21,10 +19,7 @@ TURN_S = 2.0
 NANO = 1e-9
 MICRO = 1e6
 QUARTER = Target("ratio", 0.25)
-BUSY_POLL_S = 0.1
-"""Longer than any wait here."""
 OURS, POLLING, ASYNCIO, C = "ours", "ours, busy polling", "asyncio's sleep", "C, clock_nanosleep"
-AWAKE = ", processors kept awake"
 
 
 async def ours(period: float, count: int) -> list[float]:
@@ -66,7 +61,7 @@ def taking_turns(rate: int) -> dict[str, Spread]:
     late: dict[str, list[float]] = {name: [] for name in (OURS, POLLING, ASYNCIO, C)}
     for _ in range(TURNS):
         late[OURS] += run_real(ours(period, count))
-        late[POLLING] += run_real(ours(period, count), BUSY_POLL_S)
+        late[POLLING] += run_real(ours(period, count), BUSY_POLL_MS / 1e3)
         late[ASYNCIO] += run_real(plain(period, count))
         late[C] += in_c(period, count)
     return {name: Spread([each * MICRO for each in values]) for name, values in late.items() if values}
@@ -89,14 +84,11 @@ def measure(say: Callable[[str], None]) -> Report:
     """Both rates on the machine as it is, and the higher with its processors kept awake."""
     figures: list[Figure] = []
     left_out = [] if machine.compiled("sleeper") else [machine.NO_COMPILER]
-    for how in ("", AWAKE):
-        with ExitStack() as stack:
-            try:
-                stack.enter_context(real_time_thread(RealTime(keep_awake=bool(how))))
-            except ConfigError as error:
-                left_out.append(str(error))
-                continue
-            for rate in RATES_HZ[-1:] if how else RATES_HZ:
-                say(f"{rate} Hz{how}")
-                figures += figures_of(rate, taking_turns(rate), how)
+    for rate in RATES_HZ:
+        say(f"{rate} Hz")
+        figures += figures_of(rate, taking_turns(rate), "")
+    with processors_awake(left_out) as ready:
+        if ready:
+            say(f"{RATES_HZ[-1]} Hz{AWAKE}")
+            figures += figures_of(RATES_HZ[-1], taking_turns(RATES_HZ[-1]), AWAKE)
     return Report(tuple(figures), tuple(left_out))

@@ -21,9 +21,10 @@ from typing import NamedTuple
 import aiohttp
 
 from hil_bridge.errors import BridgeError
+from hil_bridge.lab.tuning.writing import toml
 from hil_bridge.record import CycleRecord, Recording, read
+from tools.bench.bridge import slow_tool
 from tools.bench.figures import Figure, Report, Spread, Target
-from tools.bench.slow_tool import SLOW_TOOL
 from tools.web_run import WebRun
 
 TRACK_S = 120.0
@@ -32,16 +33,8 @@ TURN_S = 6.0
 SETTLE_S = 2.0
 """Begin of each turn that does not count."""
 TARGET = Target("ratio", 1.1)
-CONFIG = f"""\
-{SLOW_TOOL}\
-[sensor]
-emulated = "%s"
-[limits]
-stale_after_ms = 20000.0
-still_after_ms = 20000.0
-cycle_deadline_ms = 20000.0
-"""
-"""On a busy machine the run goes on, so that there is something to compare."""
+PATIENT = dict.fromkeys(("stale_after_ms", "still_after_ms", "cycle_deadline_ms"), 20000.0)
+"""Limits with which the run goes on also on a busy machine, so that there is something to compare."""
 MICRO = 1e6
 LEAST = 100
 """Values without which nothing is said of a p99."""
@@ -135,7 +128,9 @@ def measure(tell: Callable[[str], object], track_s: float = TRACK_S) -> Report:
 def _tracked(way: Way, track_s: float) -> tuple[Recording, tuple[list[Turn], list[Turn]]]:
     """One run, with the turns of its clients."""
     with tempfile.TemporaryDirectory() as place:
-        run = WebRun(Path(place), ("--record", "run.mcap"), CONFIG % (track_s, way.robot, way.sensor))
+        sensor = {"sensor": {"emulated": way.sensor}, "limits": PATIENT}
+        settings = toml({**slow_tool(way.robot, track_s), **sensor}, ())
+        run = WebRun(Path(place), ("--record", "run.mcap"), settings)
         try:
             turns = _turns(run)
         finally:
