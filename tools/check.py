@@ -74,7 +74,7 @@ SLOW = ("--numprocesses", "3", "--dist", "load", "--maxschedchunk", "1")
 STEPS: dict[str, Callable[[], int]] = {
     "format": tool("ruff", "format", "--check", "."),
     "lint": tool("ruff", "check", "."),
-    "types": at_once(("mypy",), ("mypy", "--config-file", "tests/mypy.ini", "tests")),
+    "types": at_once(("mypy",), ("mypy", "--config-file", "tests/mypy.ini", "tests", "tools")),
     "imports": tool("lint-imports"),
     "protocol": tool(
         *tests("protocol", "tests/wire", "--numprocesses", "auto", "--dist", "loadfile"),

@@ -27,7 +27,6 @@ from emulators.sensing import KnownWrench
 from protocol.can.frame import CanFrame
 from protocol.datagram import Datagram
 from protocol.devices.rtde.wires import Port
-from protocol.endpoint import Endpoint
 from tools import external_control, register_program
 
 FOLDER = Path(__file__).resolve().parent.parent / "tests" / "wire" / "transcripts" / "clients"
@@ -134,7 +133,7 @@ class Stage:
     """An emulated device and the ends of its wires, at a time that its caller moves."""
 
     def __init__(self, device: str, settings: Mapping[str, Any]) -> None:
-        self._ends: dict[str, Endpoint[Any, Any, Any]] = {}
+        self._ends: dict[str, Any] = {}
         self._sockets: dict[str, ProgramSocket] = {}
         """Ends of a program at the device, as the program knows them."""
         self._opened: list[str] = []

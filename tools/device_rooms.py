@@ -4,6 +4,8 @@ A room of one device imports no room of another, and no module outside the devic
 the contract allows. Imports are direct ones: `import-linter` calls this, `pyproject.toml` has the settings.
 """
 
+from typing import Any
+
 from grimp import ImportGraph
 from importlinter import Contract, ContractCheck, fields, output
 
@@ -24,8 +26,8 @@ class DeviceRooms(Contract):
 
     def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
         """Every import that the rule forbids."""
-        folders = list(self.folders)
-        allowed = tuple(self.allowed_importers or ())
+        settings: Any = self  # the fields stand for lists of names
+        folders, allowed = list(settings.folders), tuple(settings.allowed_importers or ())
         rooms = {
             module: name
             for module in graph.modules

@@ -257,9 +257,10 @@ def rows_of(number: int, values: Values) -> list[Row]:
     rows = []
     for value in values:
         if value.key in true:
-            numbers = (value.value, value.low, value.high) if value.seen else (None, None, None)
+            found, low, high = (value.value, value.low, value.high) if value.seen else (None, None, None)
             why = None if value.why is None else value.why.value
-            rows.append(Row(value.key, value.part, value.words, value.unit, true[value.key], *numbers, why))
+            words = value.key, value.part, value.words, value.unit
+            rows.append(Row(*words, true[value.key], found, low, high, why))
     return rows
 
 
@@ -302,20 +303,10 @@ def _draws() -> Iterator[tuple[str, str, str, str]]:
             usual = ", ".join(_format_default(key) for key in setting.options[0])
             yield cells, keys, f"one of: {pairs}", usual
         else:
-            low, high, log, whole = (
-                setting.between.low,
-                setting.between.high,
-                setting.between.log,
-                setting.between.whole,
-            )
-            law = (
-                "uniform, rounded to a whole number"
-                if whole
-                else "uniform in its logarithm"
-                if log
-                else "uniform"
-            )
-            yield cells, f"`{setting.key}`", f"{low:g} … {high:g}, {law}", _format_default(setting.key)
+            drawn = setting.between
+            law = ", rounded to a whole number" if drawn.whole else " in its logarithm" if drawn.log else ""
+            words = f"{drawn.low:g} … {drawn.high:g}, uniform{law}"
+            yield cells, f"`{setting.key}`", words, _format_default(setting.key)
 
 
 def _format_default(key: str) -> str:

@@ -4,14 +4,15 @@ Wire, cycle and marks follow from the kinds. Witnesses are told in docs/explanat
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from hil_bridge.devices.kinds import (
     ROBOTS,
     SENSORS,
     DeviceKind,
     KindSettings,
+    Registry,
     RobotKind,
     SensorKind,
     section_of,
@@ -75,9 +76,9 @@ def known_devices() -> str:
         "drivers and documents of others are the witnesses, and files that others recorded of real devices. "
         "[Fidelity](../../explanation/fidelity.md) tells what each of them showed.",
         "## Robots",
-        _overview(ROBOTS.own, config),
+        _overview(_kinds(ROBOTS), config),
         "## Sensors",
-        _overview(SENSORS.own, config),
+        _overview(_kinds(SENSORS), config),
         "An S3 is asked; its cycle is as long as its line takes. A sensor without a cycle tells it in its stream.",
         "## What held them",
         table(
@@ -95,9 +96,11 @@ def known_devices() -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _overview(names: Mapping[str, str], config: Config) -> str:
-    registry = ROBOTS if names is ROBOTS.own else SENSORS
-    kinds: list[DeviceKind] = [registry.kind(name) for name in names]
+def _kinds(registry: Registry[Any]) -> list[DeviceKind]:
+    return [registry.kind(name) for name in registry.own]
+
+
+def _overview(kinds: Sequence[DeviceKind], config: Config) -> str:
     rows = ((_link(kind.name), kind.summary, _scheme(kind, config), _cycle(kind, config)) for kind in kinds)
     return table(("kind", "device and wire", "emulated device listens on", "cycle"), rows)
 
@@ -128,9 +131,8 @@ def _cycle(kind: DeviceKind, config: Config) -> str:
 
 def _mark_rows(config: Config) -> Iterator[tuple[object, ...]]:
     by_section: dict[str, list[DeviceKind]] = {}
-    for registry in (ROBOTS, SENSORS):
-        for kind in map(registry.kind, registry.own):
-            by_section.setdefault(section_of(kind), []).append(kind)
+    for kind in (*_kinds(ROBOTS), *_kinds(SENSORS)):
+        by_section.setdefault(section_of(kind), []).append(kind)
     for section, kinds in by_section.items():
         marks = count_marks(config, section)
         yield ", ".join(f"`{kind.name}`" for kind in kinds), *(marks[mark] for mark in _TOLD)

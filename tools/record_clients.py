@@ -123,7 +123,8 @@ class Recorder:
             if isinstance(key.data, Wire):
                 self._hear(key.data, at_ms)
             else:
-                self._accept(*key.data, at_ms)
+                port, listening = key.data
+                self._accept(port, listening, at_ms)
 
     def _accept(self, port: str, listening: socket.socket, at_ms: float) -> None:
         self._opened += 1

@@ -12,7 +12,7 @@ import click
 from hil_bridge.cli import cli
 from hil_bridge.cli.plugins import controller_facts
 from hil_bridge.control.controllers import OURS
-from hil_bridge.devices.kinds import ROBOTS, SENSORS
+from hil_bridge.devices.kinds import ROBOTS, SENSORS, Registry
 from hil_bridge.errors import extras
 from hil_bridge.errors.event_kinds import ALARMS, CAUTIONS, EventKind
 from hil_bridge.record.scenes import SCENE_TOPICS
@@ -111,9 +111,10 @@ def configuration() -> str:
 def wires() -> str:
     """URLs of wires, from the words of the module that reads them."""
     text = inspect.getdoc(urls) or ""
+    registries: dict[str, Registry[Any]] = {"robot": ROBOTS, "sensor": SENSORS}
     kinds = [
         (f"`{kind.name}`", thing, kind.summary)
-        for registry, thing in ((ROBOTS, "robot"), (SENSORS, "sensor"))
+        for thing, registry in registries.items()
         for kind in map(registry.kind, registry.own)
     ]
     return (
@@ -182,12 +183,12 @@ def topics() -> str:
         ]
         meaning = (inspect.getdoc(topic.record) or "").partition("\n\n")[0]
         parts += [f"## {topic.name}", _cell(meaning), table(("field", "type", "meaning"), rows)]
-    rows = [(f"`{topic.name}`", f"`{topic.schema_name}`") for topic in SCENE_TOPICS]
+    scenes = [(f"`{topic.name}`", f"`{topic.schema_name}`") for topic in SCENE_TOPICS]
     parts += [
         "## For the panels of Foxglove",
         "These follow from the records above, with schemas of Foxglove's own. Their frames are `base`, `tool` (the "
         "reported pose) and `tool_true` (that of an emulated cell).",
-        table(("topic", "schema"), rows),
+        table(("topic", "schema"), scenes),
     ]
     return "\n\n".join(parts) + "\n"
 

@@ -20,6 +20,7 @@ from hil_bridge.record import EventKind, Outcome
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import RETRACT
 from hil_bridge.runs.ending import TRANSITIONS, RunState, Stimulus, Transition
+from hil_bridge.settings.configuration import lay_over
 from hil_bridge.site.guard.conditions import HEAD, cells
 from protocol.devices.s3.arap import FunctionCode
 from tools.pages import run_jobs, table
@@ -69,6 +70,7 @@ class Case:
     """The fault by robot; empty for a person that presses Ctrl-C."""
     by_force: bool = False
     """The time counts from the moment at which the true force passes the limit, not from the begin of the fault."""
+
     per_stiffness: Mapping[str, float] = field(default_factory=dict)
     """Parameters that are so much divided by the stiffness in kN/m, so that the force is the same."""
 
@@ -136,17 +138,8 @@ class Job(NamedTuple):
     def config(self) -> Config:
         """The configuration of the run, with its fault."""
         values: dict[str, Any] = {}
-        settings = {
-            **ROBOTS[self.robot],
-            "run.duration_s": TRACK_S,
-            "cell.surface.stiffness_n_m": self.stiffness,
-        }
-        for key, value in settings.items():
-            *sections, name = key.split(".")
-            place = values
-            for section in sections:
-                place = place.setdefault(section, {})
-            place[name] = value
+        own = {"run.duration_s": TRACK_S, "cell.surface.stiffness_n_m": self.stiffness}
+        lay_over(values, {**ROBOTS[self.robot], **own})
         case, faults = self.case, []
         if fault := case.faults.get(self.robot):
             forced = {key: value / (self.stiffness * 1e-3) for key, value in case.per_stiffness.items()}

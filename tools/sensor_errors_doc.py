@@ -56,7 +56,11 @@ class Job(NamedTuple):
 def jobs() -> list[Job]:
     """All runs."""
     cells = product(ROBOTS, SENSORS, STIFFNESSES_KN_M, ERRORS)
-    healthy = [Job(*cell, seed) for cell in cells for seed in SEEDS[cell[-1]]]
+    healthy = [
+        Job(robot, sensor, stiffness, errors, seed)
+        for robot, sensor, stiffness, errors in cells
+        for seed in SEEDS[errors]
+    ]
     faulty = product(FAULT_ROBOTS, SENSORS[:1], STIFFNESSES_KN_M[:1], ERRORS, (FAULT_SEED,), FAULTS)
     return [*healthy, *(Job(*job) for job in faulty)]
 

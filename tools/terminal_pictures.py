@@ -99,9 +99,9 @@ def seen(picture: Picture) -> Snapshot:
 
 def draw(picture: Picture) -> str:
     """The picture as SVG, the same for the same code."""
-    size = {"width": picture.width, "height": picture.height}
-    console = Console(record=True, force_terminal=True, color_system="truecolor", file=StringIO(), **size)
-    console.print(panel(seen(picture), picture.width, picture.height))
+    width, height = picture.width, picture.height
+    console = Console(record=True, width=width, height=height, color_system="truecolor", file=StringIO())
+    console.print(panel(seen(picture), width, height))
     return console.export_svg(title="hil-bridge run", theme=PAPER, unique_id=picture.name)
 
 
