@@ -3,14 +3,13 @@
 Facts of one device stand with that device; `emulators.cell_faults` collects them.
 """
 
-from emulators.faults.kinds import FOREVER, Fault, FaultNews, FaultValue, Parameter, describe_faults
+from emulators.faults.kinds import FOREVER, Fault, FaultNews, Parameter, describe_faults
 from emulators.faults.ledger import Handler, Injection, Ledger, find, target_of
 
 __all__ = [
     "FOREVER",
     "Fault",
     "FaultNews",
-    "FaultValue",
     "Handler",
     "Injection",
     "Ledger",

@@ -258,15 +258,6 @@ def test_a_gateway_without_power() -> None:
     assert "silent: nothing of a gateway on the bus" in failed.text
 
 
-def test_synchronous_session() -> None:
-    bench = CAN.bench(mode="sync", cutoff_hz=0.0)
-    assert bench.run(T0 + 3) == [SensorReady(facts_of(SCALES, None, 0.0)), NOTICE]
-    for k in range(5):
-        bench.client.sync()
-        (frame,) = samples(bench.run(T0 + 3.01 + k * 0.01))
-        assert frame.values == COUNTS
-
-
 def test_the_cell_is_never_asked_backwards_or_ahead() -> None:
     asked: list[float] = []
 
@@ -275,11 +266,10 @@ def test_the_cell_is_never_asked_backwards_or_ahead() -> None:
         assert times[-1] <= bench.now
         return CONSTANT(times)
 
-    bench = CAN.bench(CAN.powered(wrench=wrench_at), mode="sync")
+    bench = CAN.bench(CAN.powered(wrench=wrench_at))
     bench.run(T0 + 3)
     bench.client.set_filter(2.0)
     bench.client.zero()
-    bench.client.sync()
     bench.run(T0 + 4)
     assert asked == sorted(asked)
     assert asked[-1] > T0 + 3.8

@@ -9,37 +9,12 @@ from protocol.can.frame import CanFrame
 from protocol.devices.jr3 import Phase, encode_sample
 from protocol.devices.jr3.counts import facts_of
 from protocol.devices.jr3.firmware import HANGS, first_order_delay
-from protocol.endpoint import LocalProtocolError
 from protocol.wrench import SensorFailed, SensorNotice, SensorReady, WrenchFrame
 
 T0 = 1000.25
 NOTICE = SensorNotice("the gateway's filter is off (cut-off 0): every sample is as noisy as the sensor")
 READY = SensorReady(facts_of((115.0, 111.0, 185.0, 5.6, 5.2, 6.1), 0.01, first_order_delay(10.0)))
 FORCE_SCALES, MOMENT_SCALES = "101#0073006F00B900", "101#00380034003D00"
-
-
-def test_synchronous_session_with_known_full_scales(can: Any) -> None:
-    scales = (50.0, 50.0, 100.0, 4.0, 4.0, 4.0)
-    client = can.begin(node=3, mode="sync", cutoff_hz=0, full_scales=scales)
-    can.exchange(client, T0, "103#00", expect="403#")
-    can.exchange(client, T0, "103#00", expect="183#0000")
-    with pytest.raises(LocalProtocolError, match="settling"):
-        client.sync()
-    client.handle_deadline(T0 + 0.1)
-    # A cut-off of 0 is possible on purpose, and said.
-    assert can.events(client) == [SensorReady(facts_of(scales, None, 0.0)), NOTICE]
-    client.sync()
-    client.sync()
-    assert can.orders(client, T0 + 0.2) == ["080#", "080#"]
-    # Any gap is right in synchronous mode, and nothing is counted as lost.
-    client.receive([*encode_sample(3, range(6), 9), *encode_sample(3, range(6), 65000)], T0 + 0.3)
-    assert [event.sequence for event in can.events(client)] == [9, 65000]
-    assert client.statistics.lost == 0
-    client.sync()
-    client.stop()
-    assert can.orders(client, T0 + 1) == ["283#"]
-    with pytest.raises(LocalProtocolError, match="stopping"):
-        client.sync()
 
 
 @pytest.mark.parametrize(
@@ -68,7 +43,6 @@ def test_a_period_that_the_firmware_was_not_tested_with_warns(can: Any) -> None:
     )
     assert can.events(can.begin(period_ms=0.5)) == [SensorNotice(warning)]
     assert can.events(can.begin(period_ms=1.0)) == []
-    assert can.events(can.begin(period_ms=0.5, mode="sync")) == []
 
 
 def test_not_ready_is_asked_again_at_the_acknowledge_timeout(can: Any) -> None:
@@ -166,7 +140,7 @@ def test_malformed_payloads_are_counted_and_the_session_goes_on(can: Any) -> Non
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"node": 0}, {"node": 128}, {"mode": "both"}],
+    [{"node": 0}, {"node": 128}],
 )
 def test_profile_refuses(can: Any, wrong: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):

@@ -12,7 +12,6 @@ from protocol.devices.jr3 import (
     Command,
     Op,
     Triple,
-    counts_from_wrench,
     decode_acknowledge,
     decode_command,
     decode_triple,
@@ -152,8 +151,6 @@ def test_counts_and_units() -> None:
     )
     # Moments as the wire has it: count · (N·m×10) / 163840.
     assert wrench_of((0, 0, 0, 1234, 0, 0), facts.scales)[3] == pytest.approx(1234 * 56 / 163840)
-    sample = (1, -2, 3, -4, 5, 16384)
-    assert counts_from_wrench(wrench_of(sample, facts.scales), scales) == sample
 
 
 def test_describe_tells_values_with_units() -> None:

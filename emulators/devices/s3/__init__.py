@@ -3,21 +3,19 @@
 from emulators.devices.s3.controller import S3Controller
 from emulators.devices.s3.faults import S3_FAULTS
 from emulators.devices.s3.making import make_robot
-from emulators.devices.s3.panel import S3_CONTROLS, PanelState, read_state
+from emulators.devices.s3.panel import S3_CONTROLS, read_state
 from emulators.devices.s3.profile import S3Profile, S3Profiles
 from emulators.devices.s3.programs import MoveStep, Step, WaitStep, read_steps
 from emulators.devices.s3.site import EMPTY_SITE, S3Site, SiteOrders
-from emulators.devices.s3.state import CHANGES, REFUSALS, Activity, State, Stimulus, refusal
+from emulators.devices.s3.state import CHANGES, Activity, State, Stimulus, refusal
 
 __all__ = [
     "CHANGES",
     "EMPTY_SITE",
-    "REFUSALS",
     "S3_CONTROLS",
     "S3_FAULTS",
     "Activity",
     "MoveStep",
-    "PanelState",
     "S3Controller",
     "S3Profile",
     "S3Profiles",

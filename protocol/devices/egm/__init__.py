@@ -6,7 +6,6 @@ from protocol.devices.egm.joint_unit import JointCheck, JointUnit
 from protocol.devices.egm.messages import (
     Answer,
     Guidance,
-    MessageType,
     Motors,
     PathCorrection,
     Place,
@@ -21,7 +20,6 @@ from protocol.devices.egm.messages import (
     names_external_axes,
 )
 from protocol.devices.egm.schema import RobotWare
-from protocol.devices.egm.trouble import find_trouble
 from protocol.devices.egm.units import from_wire, to_wire
 
 __all__ = [
@@ -30,7 +28,6 @@ __all__ = [
     "Guidance",
     "JointCheck",
     "JointUnit",
-    "MessageType",
     "Motors",
     "PathCorrection",
     "Place",
@@ -44,7 +41,6 @@ __all__ = [
     "describe",
     "encode_answer",
     "encode_robot",
-    "find_trouble",
     "from_wire",
     "names_external_axes",
     "to_wire",

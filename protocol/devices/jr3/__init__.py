@@ -23,7 +23,7 @@ from protocol.devices.jr3.can_gateway import (
     parse_frame,
     split,
 )
-from protocol.devices.jr3.counts import FULL_SCALE_COUNTS, counts_from_wrench, facts_of, full_scales_si
+from protocol.devices.jr3.counts import FULL_SCALE_COUNTS, facts_of, full_scales_si
 from protocol.devices.jr3.firmware import COUNTER_MODULUS, GatewayState
 from protocol.devices.jr3.uart_gateway import UART_BAUDRATE, UartGatewayClient, UartGatewayClientProfile
 from protocol.wrench import AXES
@@ -45,7 +45,6 @@ __all__ = [
     "UartGatewayClient",
     "UartGatewayClientProfile",
     "can_messages",
-    "counts_from_wrench",
     "decode_acknowledge",
     "decode_command",
     "decode_triple",

@@ -1,6 +1,5 @@
 """Counts of a JR3 sensor and what they mean, the same behind every gateway and board."""
 
-import math
 from collections.abc import Sequence
 
 from protocol.geometry import Wrench
@@ -31,14 +30,6 @@ def facts_of(
         period=period,
         delay=delay,
         tares="device",
-    )
-
-
-def counts_from_wrench(wrench: Sequence[float], full_scales: Sequence[float]) -> tuple[int, ...]:
-    """The nearest six counts to a wrench in N and N·m, not saturated; full scales in N and N·m."""
-    return tuple(
-        math.floor(value * FULL_SCALE_COUNTS / scale + 0.5)
-        for value, scale in zip(wrench, full_scales, strict=True)
     )
 
 

@@ -92,7 +92,7 @@ class SampleCounter:
     __slots__ = ("_last", "_sequence", "_statistics", "_step", "_straggler_from")
 
     def __init__(self, statistics: SensorStatistics, step: float, behind: int) -> None:
-        """`step` is what the counter grows by from frame to frame, 0 where frames have no cadence. A frame whose
+        """`step` is what the counter grows by from frame to frame. A frame whose
         counter is less than `behind` before the last one is an old frame; by more, it is a far step forward.
         """
         self._statistics = statistics
@@ -117,7 +117,7 @@ class SampleCounter:
                 self._statistics.standing += step == 0
                 return None
             self._sequence = (self._sequence or 0) + step
-            if self._step and (missing := round(step / self._step) - 1) > 0:
+            if (missing := round(step / self._step) - 1) > 0:
                 self._statistics.lost += missing
         self._last = counter
         self._statistics.standing = 0

@@ -19,7 +19,7 @@ Three sides drive it. The owner asks with `zero`, `set_filter` and `stop`. The c
 with `handle_deadline`. What the owner is told waits in `next_event`.
 
 An acknowledge does not say what it answers. So one order is under way at a time, others wait: `_Orders`.
-An order that ends a stream is acknowledged only after the rest of the stream's period: `joins`, `joined_s`.
+A stop, which ends a stream, is acknowledged only after the rest of the stream's period.
 A gateway takes its zero with the next sample. One that it has sampled before may follow the acknowledge. So `Zeroed`
 is told with the first sample after it, and takes that along.
 Pauses keep orders and answers in step. A gateway that is deaf after each acknowledge gets one every time, `pause_s`.
@@ -102,14 +102,10 @@ class Dialect(Generic[Op]):
     zero: Op
     set_filter: Op
     stop: Op
-    joins: frozenset[Op]
-    """Orders that are acknowledged only after the rest of the stream's period."""
-    joined_s: float
-    """That period as it is asked for, s."""
     pause_s: float | None
     """Between an acknowledge and the next order, s, for a gateway that is deaf then; None for one that is not."""
-    period: float | None
-    """Between two samples by the gateway's clock, s; None where each has to be asked for."""
+    period: float
+    """Between two samples by the gateway's clock, s."""
     counter_step: float
     """See SampleCounter."""
     counter_behind: int
@@ -157,8 +153,8 @@ class _Orders(Generic[Op]):
 
     def timeout(self, op: Op) -> float:
         """Longest time until an acknowledge, s."""
-        joined = self._dialect.joined_s if op in self._dialect.joins else 0.0
-        return self._profile.ack_timeout_s + joined
+        rest = self._dialect.period if op == self._dialect.stop else 0.0
+        return self._profile.ack_timeout_s + rest
 
     def next(self, now: float) -> Op | None:
         """The order whose turn it is; it counts as sent."""
@@ -267,7 +263,7 @@ class GatewaySession(Generic[Op]):
         self._telling = telling = SensorTelling(f"{dialect.name}: ")
         self.tell, self.notice, self.next_event = telling.tell, telling.notice, telling.next_event
         counter = SampleCounter(self.statistics, dialect.counter_step, dialect.counter_behind)
-        still_timeout = max(profile.still_timeout_s, 5 * (dialect.period or 0.0))
+        still_timeout = max(profile.still_timeout_s, 5 * dialect.period)
         self._samples = _Samples(counter, telling, still_timeout, now)
         self._orders = _Orders(dialect, profile)
         self._zero_wanted = False

@@ -5,10 +5,9 @@ Values come from the specification's sources, with their marks beside them. 16-b
 
 from protocol.devices.netft.client import NetFtClient
 from protocol.devices.netft.describe import describe
-from protocol.devices.netft.page import HTTP_PORT, PAGE, Configuration, parse_page
+from protocol.devices.netft.page import PAGE, parse_page
 from protocol.devices.netft.profile import NetFtClientProfile
 from protocol.devices.netft.records import (
-    RDT_PORT,
     Command,
     Record,
     decode_record,
@@ -17,11 +16,8 @@ from protocol.devices.netft.records import (
 )
 
 __all__ = [
-    "HTTP_PORT",
     "PAGE",
-    "RDT_PORT",
     "Command",
-    "Configuration",
     "NetFtClient",
     "NetFtClientProfile",
     "Record",

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from protocol.devices.netft.records import INTERNAL_RATE_HZ, output_step
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Wrench
-from protocol.marks import Mark
 
 HTTP_PORT = 80
 """Source: manual."""
@@ -46,9 +45,10 @@ TORQUE_UNITS = {
 }
 """N·m for one of each. Names: netft-cpp."""
 FILTERS_HZ = (0.0, 838.0, 326.0, 152.0, 73.0, 35.0, 18.0, 8.0, 5.0, 1500.0, 2000.0, 2500.0, 3000.0)
-"""Cut-off of each filter by its number, `setuserfilter`; 0 is no filter. Source: ROS driver net_ft_driver."""
-FILTER_MARK = Mark.ASSUMED
-"""Mark of the filters' shape, one pole; it is published nowhere."""
+"""Cut-off of each filter by its number, `setuserfilter`; 0 is no filter. Source: ROS driver net_ft_driver.
+
+Assumed: one pole each; the shape is published nowhere.
+"""
 
 
 @dataclass(frozen=True, slots=True)

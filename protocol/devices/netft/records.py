@@ -16,8 +16,6 @@ from protocol.fields import Field, Layout, bit_words
 from protocol.marks import Mark
 from protocol.wrench import AXES
 
-RDT_PORT = 49152
-"""Source: manual."""
 HEADER = 0x1234
 """Source: manual."""
 INTERNAL_RATE_HZ = 7000

@@ -4,7 +4,6 @@ The session has the order of the gateway's YARP client: state, start, full scale
 the end. The gateway always listens.
 """
 
-import itertools
 from collections.abc import Sequence
 
 from protocol.can.error import decode_error
@@ -21,13 +20,12 @@ from protocol.devices.jr3.can_gateway.messages import (
 from protocol.devices.jr3.can_gateway.profile import GatewayClientProfile
 from protocol.devices.jr3.firmware import HANGS, TESTED_PERIOD_MS, check_cutoff
 from protocol.devices.jr3.gateway_session import Dialect, GatewaySession, OfSession, Phase
-from protocol.endpoint import LocalProtocolError, RemoteProtocolError, Trouble
+from protocol.endpoint import RemoteProtocolError, Trouble
 
 STRAGGLER_S = 0.5
 """Chosen: a counter that steps back by less than this is an old frame; by more, it is a far step forward."""
 
 _READY = Phase.READY
-_SYNC = CanFrame(Op.SYNC)
 
 
 class GatewayClient(OfSession[Op]):
@@ -39,37 +37,33 @@ class GatewayClient(OfSession[Op]):
         self._moment_id = identifier(Op.MOMENTS, profile.node)
         self._acknowledge_id = identifier(Op.ACKNOWLEDGE, profile.node)
         self._boot_up_id = identifier(Op.BOOT_UP, profile.node)
-        self._syncs = 0
         self._others_heard = False
         self._forces: bytes | None = None
         super().__init__(session := GatewaySession(self._dialect(), profile, now))
-        if profile.mode == "async" and profile.period_ms < TESTED_PERIOD_MS:
+        if profile.period_ms < TESTED_PERIOD_MS:
             session.notice(
                 f"period_ms is {profile.period_ms:g}, but the gateway's firmware was tested from "
                 f"{TESTED_PERIOD_MS:g} on: below it may leave itself no time for anything else"
             )
 
     def _dialect(self) -> Dialect[Op]:
-        streamed = self._profile.mode == "async"
+        period = self._profile.period_ms * 1e-3
         samples_per_second = 1e6 / self._profile.sample_period_us
         return Dialect(
             name=f"gateway node {self._profile.node}",
             steps=(
                 (Phase.ASKING, Op.GET_STATE),
-                (Phase.STARTING, Op.START_ASYNC if streamed else Op.START_SYNC),
+                (Phase.STARTING, Op.START_ASYNC),
                 (Phase.FORCE_SCALES, Op.GET_FORCE_FULL_SCALES),
                 (Phase.MOMENT_SCALES, Op.GET_MOMENT_FULL_SCALES),
             ),
             zero=Op.ZERO,
             set_filter=Op.SET_FILTER,
             stop=Op.STOP,
-            joins=frozenset({Op.STOP, Op.START_SYNC}),
-            joined_s=self._profile.period_ms * 1e-3,
             pause_s=None,
-            period=self._profile.period_ms * 1e-3 if streamed else None,
-            counter_step=self._profile.period_ms * 1e-3 * samples_per_second if streamed else 0.0,
-            # Answers to SYNC come in order and after any time: there only the same counter is an old sample.
-            counter_behind=int(STRAGGLER_S * samples_per_second) if streamed else 0,
+            period=period,
+            counter_step=period * samples_per_second,
+            counter_behind=int(STRAGGLER_S * samples_per_second),
             check_cutoff=check_cutoff,
             explain_silence=self._explain_silence,
         )
@@ -80,12 +74,6 @@ class GatewayClient(OfSession[Op]):
         return Trouble(
             f"silent: nothing of a gateway on the bus in {waited}", f"power, bit rate, wiring? {HANGS}"
         )
-
-    def sync(self) -> None:
-        """Ask for one sample. Raises LocalProtocolError unless the session is ready."""
-        if self.phase is not _READY:
-            raise LocalProtocolError(f"cannot ask for a sample while {self.phase.value}")
-        self._syncs += 1
 
     # --- the wire
 
@@ -111,22 +99,16 @@ class GatewayClient(OfSession[Op]):
                 self._others_heard = True
 
     def data_to_send(self, now: float) -> Sequence[CanFrame]:
-        """The command whose turn it is, and a SYNC for every sample asked for."""
+        """The command whose turn it is."""
         op = self._session.order_to_send(now)
-        if op is None and not self._syncs:
-            return ()
-        frames = [] if op is None else [self._frame(op)]
-        if self._session.phase is _READY:  # what was asked for before a stop or a restart is not
-            frames.extend(itertools.repeat(_SYNC, self._syncs))
-        self._syncs = 0
-        return frames
+        return [] if op is None else [self._frame(op)]
 
     def _frame(self, op: Op) -> CanFrame:
         node, cutoff = self._profile.node, round(self._session.cutoff_hz * 100)
         match op:
             case Op.START_ASYNC:
                 return encode_command(Command(op, node, cutoff, round(self._profile.period_ms * 1000)))
-            case Op.START_SYNC | Op.SET_FILTER:
+            case Op.SET_FILTER:
                 return encode_command(Command(op, node, cutoff))
             case _:
                 return encode_command(Command(op, node))

@@ -1,11 +1,10 @@
 """Settings and assumptions of a client about its CAN gateway."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 from protocol.devices.jr3.firmware import check_cutoff
 from protocol.devices.jr3.gateway_profile import AnyGatewayClientProfile
-from protocol.marks import Mark, SettingError, above, at_least, between, setting
+from protocol.marks import Mark, above, at_least, between, setting
 
 
 @dataclass(frozen=True)
@@ -13,13 +12,10 @@ class GatewayClientProfile(AnyGatewayClientProfile):
     """Settings of a client about its gateway."""
 
     node: int = setting(1, Mark.OBSERVED, "node number of the gateway", between(1, 127))
-    mode: Literal["async", "sync"] = setting(
-        "async", Mark.CHOSEN, "async: the gateway sends by its own clock; sync: it answers each SYNC"
-    )
     period_ms: float = setting(
         10.0,
         Mark.CHOSEN,
-        "between frames, asynchronous; tested by the firmware's authors from 1 on; the counter wraps every 8.4 s",
+        "between frames; tested by the firmware's authors from 1 on; the counter wraps every 8.4 s",
         above(0.0, 4000.0),
         unit="ms",
     )
@@ -40,5 +36,3 @@ class GatewayClientProfile(AnyGatewayClientProfile):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_cutoff(self.cutoff_hz)
-        if self.mode not in ("async", "sync"):
-            raise SettingError("mode", f"must be async or sync, got {self.mode}")

@@ -9,7 +9,6 @@ from protocol.devices.jr3.registers.profile import (
 )
 from protocol.devices.jr3.registers.server import ConnectionOver, RegisterServer, ResetRefused, farewell
 from protocol.devices.jr3.registers.startup import (
-    BoardIdentity,
     Load,
     ProgramWord,
     Read,
@@ -26,7 +25,6 @@ from protocol.devices.jr3.registers.startup import (
 )
 from protocol.devices.jr3.registers.telegrams import (
     BURST,
-    MAX_PAYLOAD,
     MAX_WORDS,
     REQUEST,
     RESPONSE,
@@ -34,9 +32,7 @@ from protocol.devices.jr3.registers.telegrams import (
     Garbage,
     Op,
     Request,
-    RequestReader,
     Response,
-    ResponseReader,
     Status,
     encode_request,
     encode_response,
@@ -48,13 +44,11 @@ from protocol.devices.jr3.registers.telegrams import (
 __all__ = [
     "BURST",
     "FILTER_DELAYS",
-    "MAX_PAYLOAD",
     "MAX_WORDS",
     "REQUEST",
     "RESPONSE",
     "BoardClient",
     "BoardClientProfile",
-    "BoardIdentity",
     "BoardPhase",
     "Burst",
     "ConnectionOver",
@@ -66,11 +60,9 @@ __all__ = [
     "RegisterServer",
     "RegisterServerProfile",
     "Request",
-    "RequestReader",
     "Reset",
     "ResetRefused",
     "Response",
-    "ResponseReader",
     "Status",
     "Step",
     "Steps",

@@ -47,8 +47,6 @@ class UartGatewayClient(OfSession[Op]):
             zero=Op.ZERO,
             set_filter=Op.SET_FILTER,
             stop=Op.STOP,
-            joins=frozenset({Op.STOP}),
-            joined_s=self._profile.period_ms * 1e-3,
             pause_s=self._profile.pause_s,
             period=self._profile.period_ms * 1e-3,
             counter_step=self._profile.period_ms * 1e3 / self._profile.sample_period_us,

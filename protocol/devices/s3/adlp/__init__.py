@@ -48,14 +48,12 @@ from protocol.devices.s3.adlp.profile import (
     DEFAULT_PROFILE,
     OBSERVED_CLIENT,
     PROFILES,
-    BlockEnd,
     DleStuffing,
     LengthStyle,
     LinkProfile,
     settings_of_profile,
 )
 from protocol.devices.s3.adlp.receiving import MESSAGE_LIMIT
-from protocol.devices.s3.adlp.sending import QUEUE_LIMIT
 from protocol.devices.s3.adlp.transitions import TRANSITIONS, Action, State, Stimulus, Transition
 
 __all__ = [
@@ -69,14 +67,12 @@ __all__ = [
     "MESSAGE_LIMIT",
     "OBSERVED_CLIENT",
     "PROFILES",
-    "QUEUE_LIMIT",
     "ROUTINE",
     "SINGLE_CONTROLS",
     "TRAILER",
     "TRANSITIONS",
     "Action",
     "Block",
-    "BlockEnd",
     "BlockFormat",
     "BlockScanner",
     "Control",

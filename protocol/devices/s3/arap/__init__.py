@@ -31,14 +31,9 @@ from protocol.devices.s3.arap.host import (
 from protocol.devices.s3.arap.layouts import (
     HEADER,
     POSITION_STEP,
-    POSITION_WORD_LIMIT,
-    QUATERNION_ONE,
     REFUSAL,
-    RUN_SPEED_ONE,
     SPONTANEOUS,
-    STATUS,
     STEPS_PER_METRE,
-    VELOCITY_STEP,
 )
 from protocol.devices.s3.arap.messages import (
     MOVE_LENGTHS,
@@ -52,17 +47,15 @@ from protocol.devices.s3.arap.messages import (
     quaternion_from_words,
     quaternion_words,
     receive_program,
-    round_position,
     start_program,
     write_mode,
 )
-from protocol.devices.s3.arap.order_book import KNOWN, OrderBook, TelegramText
+from protocol.devices.s3.arap.order_book import KNOWN, OrderBook
 from protocol.devices.s3.arap.orders import (
     KNOWN_ORDERS,
     DefinitionError,
     Emulation,
     OrderDefinition,
-    check_definition,
 )
 from protocol.devices.s3.arap.payload import FIELD_TYPES, TYPE_NAMES, Payload, Rest, Value, field_size
 from protocol.devices.s3.arap.telegram import Telegram, read_status, response, stop_program
@@ -75,17 +68,12 @@ __all__ = [
     "KNOWN_ORDERS",
     "MOVE_LENGTHS",
     "POSITION_STEP",
-    "POSITION_WORD_LIMIT",
-    "QUATERNION_ONE",
     "REFUSAL",
-    "RUN_SPEED_ONE",
     "SPONTANEOUS",
-    "STATUS",
     "STEPS_PER_METRE",
     "TYPE_FLAG",
     "TYPE_FLAG_TEXT",
     "TYPE_NAMES",
-    "VELOCITY_STEP",
     "Answered",
     "ArapEvent",
     "ArapHost",
@@ -110,11 +98,9 @@ __all__ = [
     "SpontaneousReceived",
     "Status",
     "Telegram",
-    "TelegramText",
     "TelegramType",
     "UnexpectedReceived",
     "Value",
-    "check_definition",
     "describe",
     "field_size",
     "function_text",
@@ -129,7 +115,6 @@ __all__ = [
     "refusal_remedy",
     "refusal_text",
     "response",
-    "round_position",
     "split_telegram",
     "start_program",
     "stop_program",

@@ -56,11 +56,6 @@ def position_from_words(words: Sequence[int]) -> Vector:
     return x / steps, y / steps, z / steps
 
 
-def round_position(position: Sequence[float]) -> Vector:
-    """Position that the controller understands when it is sent this one, m; errors as `position_words`."""
-    return position_from_words(position_words(position))
-
-
 def quaternion_words(quaternion: Sequence[float]) -> Words4:
     """Quaternion w x y z as device words of 1/16384. Raises LocalProtocolError for a component beyond ±1."""
     w, x, y, z = quaternion
