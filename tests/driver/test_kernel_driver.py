@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 
 from emulators.devices.jr3 import Board
+from tests.driver.comedi import Comedi
+from tests.driver.jr3_window import Window, mapped
 from tests.paper_cell import BOARD, PaperCellProfile, s3_jr3_cell
-from tools.comedi import Comedi
-from tools.jr3_window import Window, mapped
 
 pytestmark = pytest.mark.driver
 

@@ -7,8 +7,8 @@ import pytest
 
 from emulators.devices.jr3 import Board
 from protocol.devices.jr3.board import REGISTERS, Errors, to_signed
+from tests.driver.jr3_window import NOT_RESET, RESET_AT, WINDOW_BYTES, WORDS_AT, Window
 from tests.paper_cell import BOARD, PaperCellProfile, s3_jr3_cell
-from tools.jr3_window import NOT_RESET, RESET_AT, WINDOW_BYTES, WORDS_AT, Window
 
 COMMAND, ERRORS, MODEL = (REGISTERS[name].address for name in ("command_word0", "errors", "model_no"))
 FULL_SCALES, OFFSETS = REGISTERS["full_scale"].address, REGISTERS["offsets"].address
