@@ -170,6 +170,7 @@ class Times:
 
 def measured(job: Job) -> Times:
     """One run."""
+    gc.collect()  # the cell and the run before refer to each other
 
     async def main() -> tuple[Simulation, Watch, float]:
         began = math.nan
@@ -216,17 +217,6 @@ def _times(running: Simulation, watch: Watch, began: float, by_force: bool) -> T
     )
 
 
-def _row(job: Job) -> Times:
-    times = measured(job)
-    gc.collect()  # a cell and its run refer to each other
-    return times
-
-
-def columns_of(case: Case, robot: str, stiffness: float) -> Iterator[Job]:
-    """The runs of a case with a robot on a surface, seed by seed."""
-    return (Job(case, robot, stiffness, seed) for seed in range(1, SEEDS[robot] + 1))
-
-
 def places() -> Iterator[tuple[Case, str, float]]:
     """Every case with every robot that can have it, on every surface."""
     return (
@@ -243,9 +233,9 @@ def measure(robots: Sequence[str], before: Mapping[str, Any]) -> dict[str, Any]:
     By case, robot and stiffness: the result of each seed, seed by seed.
     """
     anew = [place for place in places() if not robots or place[1] in robots]
-    jobs = [job for place in anew for job in columns_of(*place)]
+    jobs = [Job(*place, seed) for place in anew for seed in range(1, SEEDS[place[1]] + 1)]
     figures: dict[str, Any] = {}
-    runs = iter(run_jobs(_row, jobs))
+    runs = iter(run_jobs(measured, jobs))
     for case, robot, stiffness in places():
         by_stiffness = figures.setdefault(case.name, {}).setdefault(robot, {})
         if (case, robot, stiffness) in anew:

@@ -60,13 +60,13 @@ def everything(without: Sequence[str] = ()) -> Balance:
 
 
 def test_what_nothing_has_struck_is_listed() -> None:
-    assert list(everything().troubles({}, {})) == []
+    assert list(everything().troubles({})) == []
     left = everything(["wall", "egm: robot: emergency-stop"])
-    assert list(left.troubles({}, {})) == [
+    assert list(left.troubles({})) == [
         "never exercised, of the conditions: wall",
         "never exercised, of the faults: egm: robot: emergency-stop",
     ]
-    assert list(left.troubles({"wall": "no wall is emulated"}, {})) == [
+    assert list(left.troubles({"wall": "no wall is emulated"})) == [
         "never exercised, of the faults: egm: robot: emergency-stop"
     ]
     lines = list(exercised.describe(left, {"wall": "no wall is emulated"}))
@@ -75,10 +75,10 @@ def test_what_nothing_has_struck_is_listed() -> None:
 
 
 def test_an_exception_that_has_been_exercised_is_an_error() -> None:
-    assert list(everything().troubles({"wall": "no wall is emulated"}, {})) == [
+    assert list(everything().troubles({"wall": "no wall is emulated"})) == [
         "an exception that has been exercised: wall"
     ]
-    assert list(everything().troubles({"wal": "misspelt"}, {})) == ["an exception that there is not: wal"]
+    assert list(everything().troubles({"wal": "misspelt"})) == ["an exception that there is not: wal"]
 
 
 def test_every_exception_has_a_reason_and_is_something_that_there_is() -> None:
@@ -86,17 +86,11 @@ def test_every_exception_has_a_reason_and_is_something_that_there_is() -> None:
     for name, reason in exercised.EXCEPTIONS.items():
         assert name in names
         assert len(reason.split()) > 3
-    for test in exercised.PLANTED:
-        path, _, name = test.partition("::")
-        assert f"def {name.partition('[')[0]}(" in (ROOT / path).read_text(encoding="utf-8")
 
 
-def test_a_run_that_the_model_does_not_accept_is_an_error_unless_it_was_planted() -> None:
+def test_a_run_that_the_model_does_not_accept_is_an_error() -> None:
     found = Balance(everything().all_names, everything().exercised, ("tests/a.py::test_b: cycle 3",))
-    assert list(found.troubles({}, {})) == [
-        "the model of the guard does not accept tests/a.py::test_b: cycle 3"
-    ]
-    assert list(found.troubles({}, {"tests/a.py::test_b": "the guard is broken there"})) == []
+    assert list(found.troubles({})) == ["the model of the guard does not accept tests/a.py::test_b: cycle 3"]
 
 
 def test_a_reaction_is_exercised_by_its_conditions() -> None:
