@@ -8,6 +8,7 @@ import grimp
 import pytest
 
 from tools.device_rooms import DeviceRooms
+from tools.same_run import Run, compared, read
 from tools.size import exceeded, exceeded_functions, lines_by_room
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -84,3 +85,12 @@ def test_changelog_begins_with_the_version_of_the_package():
 def numbers(version):
     """Numbers of a version, to compare it with another one."""
     return tuple(map(int, version.partition(".dev")[0].split(".")))
+
+
+def test_a_run_of_the_same_seed_is_the_same_run(recordings):
+    one, again, other = recordings
+    assert compared(one, again) == ([], True)
+    told, equal = compared(one, other)
+    assert not equal
+    assert any(line.startswith("DIFFERENT forces: force in ") for line in told)
+    assert "metadata: run.seed: 7 before, 8 after" in told
