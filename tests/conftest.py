@@ -5,10 +5,15 @@ Examples are the same in every run, so that a run that fails fails again; `--hyp
 
 import gc
 import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
 
+from tests.command_line import Command, Result
 from tests.recordings import Recordings
 
 settings.register_profile("repeatable", deadline=None, derandomize=True)
@@ -34,3 +39,28 @@ def recordings(tmp_path_factory: pytest.TempPathFactory, request: pytest.Fixture
     base = tmp_path_factory.getbasetemp()
     side_by_side = hasattr(request.config, "workerinput")
     return Recordings((base.parent if side_by_side else base) / "recordings")
+
+
+@pytest.fixture
+def hil(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
+    """Run `hil-bridge` with these arguments in an empty folder: exit code, standard output, standard error."""
+    from hil_bridge.cli import main
+
+    monkeypatch.chdir(tmp_path)
+
+    def command(*arguments: object) -> Result:
+        monkeypatch.setattr(sys, "argv", ["hil-bridge", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        output, errors = capfd.readouterr()
+        return int(ended.value.code or 0), output, errors
+
+    return command
+
+
+@pytest.fixture(scope="session")
+def bench() -> Callable[..., Any]:
+    """Run the loop in virtual time: `tests.bench.run_bench`."""
+    from tests.bench import run_bench
+
+    return run_bench

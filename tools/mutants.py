@@ -36,14 +36,15 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 AREAS = {
     "wires": (("protocol",), ("tests/wire", "tests/emulation")),
-    "emulators": (("emulators",), ("tests/emulation", "tests/suites", "tests/bridge")),
-    "control": (("hil_bridge/control",), ("tests/control", "tests/programs", "tests/guard", "tests/bridge")),
-    "runs": (("hil_bridge/runs",), ("tests/bridge", "tests/guard", "tests/api", "tests/programs")),
+    "emulators": (("emulators",), ("tests/emulation", "tests/suites", "tests/devices")),
+    "control": (("hil_bridge/control",), ("tests/control", "tests/programs", "tests/guard", "tests/runs")),
+    "devices": (("hil_bridge/devices",), ("tests/devices", "tests/guard", "tests/runs")),
+    "runs": (("hil_bridge/runs",), ("tests/runs", "tests/guard", "tests/api", "tests/programs")),
     "campaign": (
         ("hil_bridge/lab",),
         ("tests/campaign", "tests/tuning", "tests/experiments", "tests/conform", "tests/guard"),
     ),
-    "web": (("hil_bridge/show",), ("tests/web", "tests/bridge")),
+    "web": (("hil_bridge/show",), ("tests/web", "tests/show")),
 }
 """Folders of the code, and of the tests that judge it."""
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "__pycache__", ".*_cache", "_build", "dist", ".hypothesis")

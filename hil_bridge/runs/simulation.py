@@ -64,6 +64,8 @@ class Result:
         """Where the tool was left, in words; empty where it never moved."""
         self.retracted: bool = result.rest is None or result.rest.retracted
         """The tool was left off the surface, or never moved."""
+        self.exit_code: int = result.exit_code
+        """Exit code of a command with this result, but for failed criteria."""
         self.followed: tuple[Reason, ...] = result.followed
         """Causes after the first one."""
         self._records = records

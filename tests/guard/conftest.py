@@ -1,15 +1,12 @@
 """Whole runs against an emulated cell that goes wrong, in virtual time, with the truth looked at from beside."""
 
 import math
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-import hil_bridge.cli
 from hil_bridge.clock import Clock, Timer, run_virtual
 from hil_bridge.devices.robots.s3.link import S3Link
 from hil_bridge.errors import BridgeError, TransportClosed
@@ -162,20 +159,3 @@ def in_one_cell() -> Callable[..., list[Guarded]]:
         return run_virtual(main)
 
     return run
-
-
-@pytest.fixture
-def hil(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
-) -> Callable[..., tuple[int, str, str]]:
-    """Run `hil-bridge` with these arguments in an empty folder: exit code, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
-
-    def command(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["hil-bridge", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            hil_bridge.cli.main()
-        output, errors = capfd.readouterr()
-        return int(ended.value.code or 0), output, errors
-
-    return command

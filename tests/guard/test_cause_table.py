@@ -162,7 +162,7 @@ def test_every_cause_is_raised_somewhere() -> None:
 
 
 NOT_REACHED = {
-    "GAIN": "by its words: tests/bridge/test_run_force.py reads the reasons of the record",
+    "GAIN": "by its words: tests/runs/test_run_force.py reads the reasons of the record",
     "LEAVES_WORKSPACE": "the clamp that it follows from is tested; a program checks its path before it moves",
     "LEFT_UNKNOWN": "a sensor that falls silent while the tool comes to rest is stale in a cycle before",
     "NO_READING": "a sensor that tells nothing while it stands is stale, which comes first",

@@ -1,7 +1,7 @@
 """Faults that end a run in contact, by the command as a person starts it, in virtual time.
 
 `tests/live/test_ways_out_live.py` ends runs of another process over real wires; what a signal does is held in
-`test_process_edges.py` and `tests/bridge/test_signals_and_screens.py`.
+`test_process_edges.py` and `tests/runs/test_signals_and_screens.py`.
 """
 
 from collections.abc import Callable

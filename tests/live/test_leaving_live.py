@@ -1,7 +1,7 @@
 """Ways out of a run that come from outside: signals, and terminals and pipes that close or stand still.
 
 Every one of them finds the tool on the surface, in real time, and must leave it retracted with a whole record. What
-each signal leads to is held in virtual time, in `tests/bridge/test_signals_and_screens.py`.
+each signal leads to is held in virtual time, in `tests/runs/test_signals_and_screens.py`.
 """
 
 import fcntl

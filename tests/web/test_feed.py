@@ -16,7 +16,7 @@ from hil_bridge.show.terminal import Health
 from hil_bridge.show.web import feed as feeding
 from hil_bridge.show.web import wire
 from hil_bridge.show.web.feed import BATCH_RECORDS, BATCH_S, WAITING_RECORDS, Feed, WebOptions
-from tests.bridge.written_recordings import cycle as written_cycle
+from tests.record.written_recordings import cycle as written_cycle
 
 
 @dataclass

@@ -1,0 +1,187 @@
+"""Whole runs by the command line, in virtual time: what each prints and leaves, also when it ends early."""
+
+import asyncio
+import io
+import json
+import shutil
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+from hil_bridge import api
+from hil_bridge.errors import DeviceError
+from hil_bridge.record import CycleRecord, EventKind, read, read_with_traffic
+from hil_bridge.runs.cycle import Run
+from hil_bridge.runs.notes import Notes
+from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.sampling import Sampler
+from hil_bridge.runs.session import execute
+from hil_bridge.settings.configuration import read_config
+from hil_bridge.show.web.recorded import teller_of
+from protocol.devices.s3.adlp import HEADER_SIZE
+from tests.command_line import VIRTUAL, Command, refused
+
+RECORDED = ("--no-view", "--record", "r.mcap")
+
+FIRST_DAY = {
+    "report r.mcap --overwrite": "report.html",
+    "why r.mcap": "It had no control cycle",
+    "latency r.mcap": "no times: the run ended before its first control cycle",
+    "replay r.mcap": "no cycle to replay: the run ended before its first control cycle",
+    "compare r.mcap copy.mcap -o c.html": "c.html",
+    "monitor r.mcap": "",
+}
+"""Commands on a recording that ended before its first cycle, and words of their output."""
+
+
+def test_a_refused_run_leaves_an_earlier_recording_alone(hil: Command) -> None:
+    Path("keep.mcap").write_bytes(b"an hour of work")
+    Path("rt.toml").write_text("[realtime]\ncpus = [999]\n")
+    code, _, errors = hil("run", "rt.toml", "--no-view", "--record", "keep.mcap")
+    assert (code, errors.count("\n")) == (2, 1)
+    assert "realtime.cpus" in errors
+    assert Path("keep.mcap").read_bytes() == b"an hour of work"
+
+
+def test_what_is_wanted_is_written_before_anything_is_said(
+    hil: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As with `| head`: the reader of the output may have gone by then."""
+    there: list[bool] = []
+
+    class Left(io.StringIO):
+        def write(self, text: str) -> int:
+            there.append(all(path.exists() for path in (Path("s.json"), Path("rep/report.html"))))
+            raise BrokenPipeError
+
+    config = read_config({"run": {"duration_s": 1.0}})
+    with monkeypatch.context() as patched:
+        patched.setattr(sys, "stdout", Left())
+        assert execute(config, True, Outputs(Path("r.mcap"), Path("s.json"), Path("rep")), False) == 0
+    assert there
+    assert all(there)
+    assert json.loads(Path("s.json").read_text())["outcome"] == "completed"
+    assert Path("rep/report.html").exists()
+
+
+def test_a_run_prints_its_figures_and_leaves_what_report_makes_again(hil: Command) -> None:
+    code, output, errors = hil(
+        *VIRTUAL, "--duration", "2", "--record", "r.mcap", "--summary", "s.json", "--report", "rep"
+    )
+    lines = output.splitlines()
+    assert (code, errors) == (0, "")
+    assert lines[0] == "completed"
+    assert lines[-4:-1] == ["record: r.mcap", "summary: s.json", "report: rep/report.html"]
+    assert lines[-1] == "left: retracted, 0.0 N"
+    assert any(line.startswith("  tracked") and "predictive" in line for line in lines)
+    assert json.loads(Path("s.json").read_text())["outcome"] == "completed"
+    assert hil("report", "r.mcap", "-o", "again") == (0, "again/report.html\n", "")
+    assert Path("again/report.html").read_bytes() == Path("rep/report.html").read_bytes()
+    Path("cut.mcap").write_bytes(Path("r.mcap").read_bytes()[:3000])
+    Path("empty.mcap").touch()
+    assert "before the first event" in refused(hil("report", "cut.mcap"))
+    assert "empty.mcap is empty" in refused(hil("report", "empty.mcap"))
+
+
+def test_a_run_speaks_as_the_observed_client_and_its_cell_understands(hil: Command) -> None:
+    """Its telegrams tell the length of their data alone, and a move has 60 bytes."""
+    assert hil("run", "--virtual", "--link-profile", "observed-client", "--duration", "1", *RECORDED)[0] == 0
+    recording, traffic = read_with_traffic(Path("r.mcap"))
+    said = [piece for link in traffic.robot for piece in link.pieces if " tx 1002" in piece]
+    moves = [piece.partition(" tx ")[2] for piece in said if "0100180" in piece]
+    framed = 60 + 5  # DLE STX before it, DLE ETX and the check behind it
+    assert {(move[4:8], len(move) // 2) for move in moves} == {(f"{60 - HEADER_SIZE:04x}", framed)}
+    assert recording.end["outcome"] == "completed"
+
+
+def test_the_emulators_own_end_is_no_event_of_a_run(hil: Command) -> None:
+    assert hil(*VIRTUAL, "--duration", "0.3", "--record", "r.mcap")[0] == 0
+    assert not [event for event in read(Path("r.mcap")).events if event.kind == EventKind.EMULATOR]
+
+
+def test_a_sensor_that_never_boots_is_one_line_and_keeps_the_record(hil: Command) -> None:
+    Path("c.toml").write_text("[cell.jr3.sensor]\nconnected = false\n")
+    code, output, errors = hil(
+        *VIRTUAL, "c.toml", "--record", "r.mcap", "--report", "rep", "--summary", "s.json"
+    )
+    assert (code, errors.count("\n")) == (3, 1)
+    assert output.splitlines() == ["record: r.mcap", "summary: s.json", "report: rep/report.html"]
+    assert "force sensor on can+memory:sensor" in errors
+    assert "sensor unplugged?" in errors
+    assert json.loads(Path("s.json").read_text())["cause"] == "sensor-failed"
+    assert (Path("rep") / "report.html").exists()
+    shutil.copy("r.mcap", "copy.mcap")
+    for command, words in FIRST_DAY.items():
+        code, output, errors = hil(*command.split())
+        assert (code, errors) == (0, ""), command
+        assert words in output, command
+    teller = teller_of(api.read("r.mcap"), "r.mcap")
+    assert teller.tell(teller.first(), 0.0)
+
+
+def test_a_device_that_fails_before_the_first_cycle_is_the_cause(
+    hil: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*given: object) -> None:
+        raise DeviceError("the robot said no")
+
+    monkeypatch.setattr(Sampler, "take", fail)
+    code, output, errors = hil(*VIRTUAL, "--record", "r.mcap", "--report", "rep", "--summary", "s.json")
+    assert (code, errors) == (3, "hil-bridge: stopped: the robot said no\n")
+    assert output == "stopped\nrecord: r.mcap\nleft: retracted, 0.0 N\n"
+
+
+def test_a_stop_tells_its_cause_and_still_leaves_everything(hil: Command) -> None:
+    Path("c.toml").write_text("[task]\napproach_depth_limit_mm = 1.0\n")
+    code, output, errors = hil(*VIRTUAL, "c.toml", "--summary", "s.json", "--report", "rep")
+    assert code == 3
+    assert errors.startswith("hil-bridge: stopped: no contact found within 1 mm: ")
+    assert output.startswith("stopped\n")
+    assert output.endswith("report: rep/report.html\nleft: retracted, 0.0 N\n")
+    assert json.loads(Path("s.json").read_text())["text"].startswith("no contact found within 1 mm")
+
+
+def test_an_interruption_before_the_movement_ends_at_once(
+    hil: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*arguments: object, **options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("hil_bridge.devices.wiring.opening.connect_bytes", interrupted)
+    code, output, errors = hil(*VIRTUAL, "--report", "rep")
+    assert (code, output, errors.strip()) == (130, "", "")
+
+
+# --- Ctrl-C
+
+
+def test_ctrl_c_in_virtual_time_retracts_too(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    cycle = Notes._cycle
+
+    def interrupt(self: Notes, record: CycleRecord) -> None:
+        cycle(self, record)
+        if record.cycle == 30:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(Notes, "_cycle", interrupt)
+    before = signal.getsignal(signal.SIGINT)
+    code, output, errors = hil(*VIRTUAL, "--record", "r.mcap", "--summary", "s.json")
+    assert (code, errors) == (130, "")
+    assert output.startswith("interrupted\n")
+    recording = read(Path("r.mcap"))
+    assert (recording.cycles[-1].phase, recording.end["outcome"]) == ("retract", "interrupted")
+    assert json.loads(Path("s.json").read_text())["outcome"] == "interrupted"
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_ctrl_c_before_the_movement_says_so(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def connecting(self: Run) -> None:
+        signal.raise_signal(signal.SIGINT)
+        await asyncio.Event().wait()
+
+    monkeypatch.setattr(Run, "__call__", connecting)
+    code, output, errors = hil(*VIRTUAL, "--record", "r.mcap")
+    assert (code, errors) == (130, "")
+    assert output == "interrupted: before the movement began\nrecord: r.mcap\n"

@@ -1,0 +1,82 @@
+"""Runs laid over each other on one page."""
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.record import EventKind, EventRecord, Recording
+from hil_bridge.show.report.compare import BEGIN, compare_page, names_of
+from tests.record.written_recordings import cycle_of
+
+EVIL = "</script><script>alert(1)</script>"
+
+
+def run(force_n: float, touch: int, settings: dict[str, Any]) -> Recording:
+    """A hundred cycles of 0.1 s; the first `touch` of them approach."""
+    cycles = tuple(
+        cycle_of(
+            cycle=k,
+            phase="track" if k >= touch else "approach",
+            started_at=100.0 + 0.1 * k,
+            status_at=math.nan,
+            sensor_at=math.nan,
+            controlled_at=100.0 + 0.1 * k + 0.05,
+            sent_at=math.nan,
+            answered_at=100.0 + 0.1 * k + 0.08,
+            sensor_sequence=k,
+            force=force_n if k >= touch else 0.0,
+            force_reference=10.0,
+            wrench=(3.0, 4.0, -force_n if k >= touch else 0.0, 0.0, 0.0, 0.0),
+            depth=0.001 * k,
+            depth_commanded=0.001 * k,
+        )
+        for k in range(100)
+    )
+    events = (EventRecord(109.0, EventKind.STOP, EVIL),) if force_n > 10.0 else ()
+    return Recording(cycles, events=events, metadata={"controller": "pi", "config": json.dumps(settings)})
+
+
+def test_two_runs_lie_over_each_other_from_the_touch() -> None:
+    first = run(9.0, 20, {"limits": {"force_limit_n": 50.0}, "run": {"seed": 1}})
+    second = run(12.0, 40, {"limits": {"force_limit_n": 50.0}, "run": {"seed": 2}, "more": EVIL})
+    page = compare_page({"a": first, EVIL: second})
+    assert page.count("<script") == 2
+    (text,) = re.findall(r'id="data-runs">(.*?)</script>', page, re.DOTALL)
+    told = json.loads(text)
+    for place, (recording, force, touch) in enumerate(((first, 9.0, 20), (second, 12.0, 40))):
+        source = told["sources"][f"run{place}"]
+        assert source["x"] == pytest.approx([0.1 * (k - touch) + 0.05 for k in range(100)], abs=1e-5)
+        assert source["force"] == [cycle.force for cycle in recording.cycles]
+        assert max(source["force"]) == force
+        assert set(source["lateral"]) == {5.0}
+    assert [series["label"] for series in told["charts"][0]["series"]] == ["a", EVIL]
+    assert [mark["text"] for mark in told["marks"]] == [f"{EVIL}: stop: {EVIL}"]
+    assert told["charts"][0]["limits"] == [
+        {"value": 10.0, "label": "target", "kind": "target", "shown": True},
+        {"value": 50.0, "label": "force limit"},
+    ]
+    rows = re.findall(
+        r"<tr><td>([\w.]+)</td><td>(.*?)</td><td>(.*?)</td></tr>", page.partition("Settings")[2]
+    )
+    assert [row[0] for row in rows] == ["more", "run.seed"], "what is the same is left out"
+    assert rows[1][1:] == ("1", "2")
+    from_begin = json.loads(
+        re.findall(
+            r'id="data-runs">(.*?)</script>', compare_page({"a": first, "b": second}, BEGIN), re.DOTALL
+        )[0]
+    )
+    assert from_begin["sources"]["run1"]["x"][0] == pytest.approx(0.05)
+
+
+def test_names_are_as_short_as_tells_them_apart() -> None:
+    assert names_of([Path("x/a.mcap"), Path("x/b.mcap")]) == ["a", "b"]
+    assert names_of([Path("x/run.mcap"), Path("y/run.mcap")]) == ["x/run", "y/run"]
+    with pytest.raises(ConfigError, match="the same file twice"):
+        names_of([Path("a.mcap"), Path("a.mcap")])
+    with pytest.raises(ConfigError, match="takes 2 to 8 recordings, not 1"):
+        compare_page({"a": run(9.0, 1, {})})

@@ -1,0 +1,105 @@
+"""Limits of size, the import contract of the devices' rooms, and the version of the package."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import grimp
+import pytest
+
+from tools.device_rooms import DeviceRooms
+from tools.same_run import compared, read
+from tools.size import exceeded, exceeded_functions, lines_by_room
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+LIMITS = {
+    "five parameters": ("def act(self, a, *b, c=1, d, **e):\n    pass\n", []),
+    "six parameters": ("def act(a, b, /, c, *d, e=1, **f):\n    pass\n", ["1 act: 6 parameters"]),
+    "a method that is too long": (
+        "class Act:\n    async def act(self):\n" + "        pass\n" * 60,
+        ["2 act: 61 lines"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_functions_above_a_limit_are_named(name):
+    text, excesses = LIMITS[name]
+    assert list(exceeded_functions(text)) == excesses
+
+
+def test_long_module_and_tool_are_named_but_no_command(tmp_path):
+    for name in ("hil_bridge/cli/run.py", "tools/run.py"):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True)
+        path.write_text("def act(a, b, c, d, e, f): ...\n" + "\n" * 500, encoding="utf-8")
+    assert list(exceeded(tmp_path)) == [
+        "hil_bridge/cli/run.py: 501 lines",
+        "tools/run.py: 501 lines",
+        "tools/run.py:1 act: 6 parameters",
+    ]
+    assert lines_by_room(tmp_path) == {"hil_bridge/cli": 501, "tools": 501}
+
+
+def test_nothing_of_ours_exceeds_a_limit_of_the_style():
+    assert list(exceeded(ROOT)) == []
+
+
+def rooms_contract(*imports):
+    """Whether the contract of the devices' rooms keeps these imports, and those that break it."""
+    graph = grimp.ImportGraph()
+    for folder in ("wire.devices", "house.robots"):
+        for room in ("red", "blue"):
+            graph.add_module(f"{folder}.{room}")
+            graph.add_module(f"{folder}.{room}.part")
+    for importer, imported in imports:
+        graph.add_import(importer=importer, imported=imported)
+    options = {"folders": ["wire.devices", "house.robots"], "allowed_importers": ["house.shop"]}
+    checked = DeviceRooms("rooms", {}, options).check(graph, verbose=False)
+    return checked.kept, checked.metadata["broken"]
+
+
+def test_a_device_knows_its_own_rooms_and_no_other():
+    own = ("house.robots.red.part", "wire.devices.red.part")
+    shell = ("house.robots.red.part", "house.robots.shell")
+    shop = ("house.shop.red", "house.robots.red")
+    assert rooms_contract(own, shell, shop) == (True, [])
+    other = ("house.robots.red.part", "wire.devices.blue.part")
+    general = ("house.run", "wire.devices.red")
+    assert rooms_contract(own, other, general) == (False, [other, general])
+
+
+def test_changelog_begins_with_the_version_of_the_package():
+    """Changes of a development version are under Unreleased, and `make release-check` refuses such a version."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    newest, last = re.findall(
+        r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE
+    )[:2]
+    developed = ".dev" in project["version"]
+    assert newest == ("Unreleased" if developed else project["version"])
+    assert not developed or numbers(project["version"]) > numbers(last)
+
+
+def numbers(version):
+    """Numbers of a version, to compare it with another one."""
+    return tuple(map(int, version.partition(".dev")[0].split(".")))
+
+
+@pytest.fixture
+def seeded(tmp_path, hil):
+    """Three short virtual runs: two of one seed, one of another."""
+    paths = [tmp_path / f"{name}.mcap" for name in ("one", "again", "other")]
+    for path, seed in zip(paths, (7, 7, 8), strict=True):
+        hil(*f"run --virtual --no-view --duration 3 --seed {seed} --record {path}".split())
+    return [read(path) for path in paths]
+
+
+def test_a_run_of_the_same_seed_is_the_same_run(seeded):
+    one, again, other = seeded
+    assert compared(one, again) == ([], True)
+    told, equal = compared(one, other)
+    assert not equal
+    assert any(line.startswith("DIFFERENT forces: force in ") for line in told)
+    assert "metadata: run.seed: 7 before, 8 after" in told
