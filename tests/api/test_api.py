@@ -34,7 +34,7 @@ SIGNATURES = {
 }
 """Of every function; what an asynchronous context manager gives stands for it."""
 MEMBERS = {
-    "Result": "arrays cause cycles events figures followed left outcome plot recording report retracted save "
+    "Result": "arrays cause cycles events exit_code figures followed left outcome plot recording report retracted save "
     "steps text traffic truths",
     "OpenDevices": "cell clock panel robot sensor truth",
     "Simulation": "cell clock config finished interrupt panel reached result robot sensor start truth",
