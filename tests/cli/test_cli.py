@@ -379,7 +379,7 @@ def test_runs_are_listed_with_what_can_be_read_of_them(hil: Command) -> None:
     ("words", "begun", "names"),
     [
         (["run", "--robot"], "r", ["rsi", "rtde"]),
-        (["run", "--sensor"], "jr3-", ["jr3-uart", "jr3-board"]),
+        (["run", "--sensor"], "jr3-", ["jr3-board", "jr3-uart"]),
         (["run", "--controller"], "fuzzy", ["fuzzy", "fuzzy-adaptive"]),
         (["emulate", "cell", "--robot"], "e", ["egm"]),
         (["run", "--set"], "limits.force_l", ["limits.force_limit_n="]),
