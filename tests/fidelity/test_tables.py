@@ -321,9 +321,8 @@ def test_notes_of_a_table_are_on_standard_error(tmp_path: Path) -> None:
         'q = { columns = ["q", "", "", "", "", ""], unit = "rad" }\n'
     )
     for command in (["identify", "fidelity", "--as", "rtde", "--json"], ["identify", "cell", "--json"]):
-        name, *more = command
         result = CliRunner().invoke(
-            cli, [name, str(tmp_path / "log.csv"), "--columns", str(tmp_path / "map.toml"), *more]
+            cli, [*command, str(tmp_path / "log.csv"), "--columns", str(tmp_path / "map.toml")]
         )
         assert result.exit_code == 0, result.exception
         assert result.stdout.startswith("{")
