@@ -15,10 +15,10 @@ OWN = "hil-bridge"
 @click.option("--all", "with_own", is_flag=True, help="List our own kinds too.")
 @json_option
 def plugins(with_own: bool, as_json: bool) -> None:
-    """List controllers, steps, robots, sensors and surfaces of other packages, with package, place in it, and state.
+    """List the controllers, steps, robots, sensors, surfaces and commands of plug-ins, with package and state.
 
-    Each is imported, as when a configuration chooses it; a controller and a step are given one sample. The exit code is
-    2 if one of them cannot be used.
+    Each is imported, as when it is used; a controller and a step are given one sample. The exit code is 2 if one of
+    them cannot be used.
     """
     rows = _rows(with_own)
     if as_json:
@@ -64,15 +64,24 @@ def controllers(name: str | None, as_json: bool) -> None:
 
 def _rows(with_own: bool) -> list[dict[str, str]]:
     """Everything that can be chosen, by thing and name."""
+    from functools import partial
+
+    from hil_bridge.cli.entry_points import COMMANDS, load_command
     from hil_bridge.control import controllers
     from hil_bridge.control.steps import kinds
     from hil_bridge.devices.kinds import ROBOTS, SENSORS, SURFACES
     from hil_bridge.errors import ConfigError
+    from hil_bridge.errors.offers import GROUPS
     from hil_bridge.errors.plugins import offers
 
     found: list[tuple[str, Any, str, list[str]]] = [
         ("controller", controllers.controller_kind, controllers.GROUP, list(controllers.OURS)),
         ("step", kinds.step_kind, kinds.GROUP, list(kinds.BUILT_IN)),
+    ]
+    found += [
+        (f"{group.removeprefix(COMMANDS)[1:]} command".lstrip(), partial(load_command, group), group, [])
+        for group in GROUPS
+        if group.startswith(COMMANDS)
     ]
     trials = {"controller": controllers.trial, "step": kinds.trial}
     found += [(one.thing, one.kind, one.group, list(one.own)) for one in (ROBOTS, SENSORS, SURFACES)]
@@ -100,7 +109,9 @@ def _rows(with_own: bool) -> list[dict[str, str]]:
 
 
 def _summary(chosen: Any) -> str:
-    """One line on a kind or a controller, by its author."""
+    """Return the line of an author on a kind, a controller or a command."""
+    if isinstance(chosen, click.Command):
+        return chosen.get_short_help_str(100)
     return str(getattr(chosen, "summary", "") or _first_line(chosen))
 
 

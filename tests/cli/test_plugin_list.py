@@ -207,3 +207,15 @@ def test_a_parameter_that_must_be_given_is_no_fault(tmp_path: Path, monkeypatch:
     listed(tmp_path, "mine", "[hil_bridge.controllers]\nmine = m_given:C\n", monkeypatch)
     told = CliRunner().invoke(cli, ["list", "plugins"], catch_exceptions=False)
     assert (told.exit_code, told.output) == (0, "controller  mine  mine 1.0  A law.\n")
+
+
+def test_commands_of_a_plugin_are_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    points = "[hil_bridge.commands]\nmine = mine:greet\n[hil_bridge.commands.list]\nlost = mine:absent\n"
+    (tmp_path / "mine.py").write_text(
+        "import click\n\n@click.command(short_help='Greet a robot.')\ndef greet(): pass\n"
+    )
+    listed(tmp_path, "mine", points, monkeypatch)
+    result = CliRunner().invoke(cli, ["list", "plugins"])
+    assert result.exit_code == 2
+    assert "command       mine  mine 1.0  Greet a robot." in result.output
+    assert "list command  lost  mine 1.0  WRONG: command 'lost' of mine 1.0 cannot be loaded" in result.output
