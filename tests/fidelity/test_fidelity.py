@@ -457,7 +457,7 @@ def test_the_reference_lists_every_family_and_unit() -> None:
 
 
 def test_a_kind_and_a_table_without_a_mapping_are_told(tmp_path: Path) -> None:
-    assert "there is no kind 'lathe'; choose one of s3" in ask(tmp_path, "lathe", GOOD, "")
+    assert "there is no kind 'lathe'; choose one of egm" in ask(tmp_path, "lathe", GOOD, "")
     assert "its emulator cannot be played" in ask(tmp_path, "s3", GOOD, "")
     result = CliRunner().invoke(cli, ["identify", "fidelity", str(tmp_path / "log.csv"), "--as", "rsi"])
     assert "a table needs --columns" in str(result.exception)

@@ -189,7 +189,7 @@ def test_a_wrong_name_fails_the_test_with_one_line(pytester: pytest.Pytester) ->
     )
     result = pytester.runpytest_inprocess(*PLUGIN, "-q")
     result.assert_outcomes(failed=1)
-    result.stdout.fnmatch_lines(["stopped: there is no robot or sensor 'emg'; choose one of s3, egm, *"])
+    result.stdout.fnmatch_lines(["stopped: there is no robot or sensor 'emg'; choose one of egm, rsi, *"])
     result.stdout.no_fnmatch_line("*Error*")
 
 
