@@ -6,7 +6,8 @@
 
 The prose around them stays. A module of `DOCUMENTS` has `TABLES`: what stands between two marks of the page, by their
 name, as a function of the figures where the document has some. `PICTURES` has functions that draw files of
-docs/pictures, by their name. `measure(names, figures)` makes the runs, all of them where no name is given.
+docs/pictures, by their name, and `FILES` those that write other files of docs. `measure(names, figures)` makes the
+runs, all of them where no name is given.
 """
 
 import argparse
@@ -45,7 +46,7 @@ DOCUMENTS: Mapping[str, Document] = {
     "probe": Document("probe_doc", "reference/probe.md"),
     "rooms": Document("room_pictures"),
     "safety": Document("safety_doc", "explanation/safety.md", "explanation/safety.json"),
-    "safety-tests": Document("safety_sentences", "explanation/safety-tests.md", "explanation/safety.md"),
+    "safety-tests": Document("safety_sentences"),
     "sensor-errors": Document(
         "sensor_errors_doc", "explanation/fidelity.md", "explanation/sensor-errors.json"
     ),
@@ -97,6 +98,8 @@ def contents(name: str) -> Iterator[tuple[Path, str]]:
         yield page, placed(page.read_text(encoding="utf-8"), tables)
     for file, draw in getattr(module, "PICTURES", {}).items():
         yield DOCS / "pictures" / file, draw()
+    for file, write in getattr(module, "FILES", {}).items():
+        yield DOCS / file, write()
 
 
 def main() -> int:

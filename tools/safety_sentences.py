@@ -1,28 +1,28 @@
-"""Keep docs/explanation/safety-tests.md in step with docs/explanation/safety.md: its sentences, and what holds each.
+"""Keep docs/explanation/safety-tests.json in step with docs/explanation/safety.md: its sentences, and the tests of each.
 
-A sentence that is new is entered as not tested, one that is gone is dropped, and the others keep what people wrote
-beside them.
+A new sentence is entered as not tested, a removed one is dropped, and the others keep their tests.
 """
 
+import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from tools.pages import table
-
 ROOT = Path(__file__).resolve().parent.parent
-DOCUMENT = ROOT / "docs" / "explanation" / "safety-tests.md"
+PAGE = ROOT / "docs" / "explanation" / "safety.md"
+DOCUMENT = ROOT / "docs" / "explanation" / "safety-tests.json"
 NOT_TESTED = "not tested"
 NO_PROMISE = "no promise"
-"""Of a sentence that explains, asks for something, or tells how figures were made."""
-_HELD = re.compile(r"`([a-z_0-9/]+\.py)::(test_[a-z_0-9]+)`")
+"""Mark of a sentence that explains, asks for something, or describes how figures were made."""
 _END = re.compile(r"(?<=[.!?])\s+(?=[A-Z*`\[(])")
 _CELLS = re.compile(r"(?<!\\)\|")
-_ROW = re.compile(r"^\| (.*) \| (.*) \|$")
+
+Held = Mapping[str, Mapping[str, str | Sequence[str]]]
+"""By heading and sentence: its tests, `NOT_TESTED` or `NO_PROMISE`."""
 
 
 def sentences(text: str) -> Iterator[tuple[str, str]]:
-    """Heading and sentence, in the order of a page. A row of a table that a person wrote is a sentence too. Generated
+    """Yield heading and sentence, in the order of a page. A row of a hand-written table is a sentence too. Generated
     tables, pictures and examples are left out.
     """
     text = re.sub(r"```.*?```|<!-- (\w+): begin -->.*?<!-- \1: end -->|<!--.*?-->", "", text, flags=re.S)
@@ -45,38 +45,35 @@ def sentences(text: str) -> Iterator[tuple[str, str]]:
             yield heading, sentence.strip()
 
 
-def kept(text: str) -> dict[str, str]:
-    """The words beside each sentence in the document."""
-    rows = (_ROW.match(line) for line in text.splitlines())
-    return {row[1].replace("\\|", "|"): row[2] for row in rows if row is not None}
+def kept() -> Held:
+    """Return what the file holds."""
+    held: Held = json.loads(DOCUMENT.read_text(encoding="utf-8"))
+    return held
 
 
-def sentences_table(page: str) -> str:
-    """A table for each heading of the page: its sentences, each with the words that the document has for it."""
-    beside, parts = kept(DOCUMENT.read_text(encoding="utf-8")), []
-    rows = dict[str, list[tuple[str, str]]]()
-    for heading, sentence in sentences(page):
-        rows.setdefault(heading, []).append((sentence, beside.get(sentence, NOT_TESTED)))
-    for heading, pairs in rows.items():
-        parts += [f"## {heading}", table(("sentence", "held by"), pairs)]
-    return "\n\n".join(parts)
+def sentences_text() -> str:
+    """Return the text of the file: each sentence of the page, with the tests that the file has for it."""
+    tests = {sentence: held for rows in kept().values() for sentence, held in rows.items()}
+    rows = dict[str, dict[str, str | Sequence[str]]]()
+    for heading, sentence in sentences(PAGE.read_text(encoding="utf-8")):
+        rows.setdefault(heading, {})[sentence] = tests.get(sentence, NOT_TESTED)
+    return json.dumps(rows, ensure_ascii=False, indent=1) + "\n"
 
 
-def missing_tests(text: str) -> list[str]:
-    """Tests that the document names and that are not there."""
+def missing_tests(held: Held) -> list[str]:
+    """Return the tests that are named but do not exist."""
     names: dict[str, set[str]] = {}
-    for path, test in _HELD.findall(text):
-        names.setdefault(path, set()).add(test)
+    for rows in held.values():
+        for tests in rows.values():
+            for path, _, test in (name.partition("::") for name in tests if not isinstance(tests, str)):
+                names.setdefault(path, set()).add(test)
     absent = []
-    for path, tests in names.items():
+    for path, tests_of_file in names.items():
         file = ROOT / path
-        there = (
-            set(re.findall(r"^ *(?:async )?def (\w+)", file.read_text(encoding="utf-8"), re.M))
-            if file.is_file()
-            else set()
-        )
-        absent += [f"{path}::{test}" for test in sorted(tests - there)]
+        text = file.read_text(encoding="utf-8") if file.is_file() else ""
+        defined = set(re.findall(r"^ *(?:async )?def (\w+)", text, re.M))
+        absent += [f"{path}::{test}" for test in sorted(tests_of_file - defined)]
     return absent
 
 
-TABLES = {"sentences": sentences_table}
+FILES = {"explanation/safety-tests.json": sentences_text}
