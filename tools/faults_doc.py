@@ -1,9 +1,10 @@
-"""Tables of docs/reference/faults.md: every emulated fault from the code, what a run did from runs.
+"""Tables of docs/reference/faults.md: every emulated fault from the code, with the outcome of a run that has it.
 
 The runs are made in virtual time; they take some minutes. `--measure egm ft300` makes those of these devices alone.
 """
 
 import gc
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -112,45 +113,67 @@ def measure(devices: Sequence[str], before: Mapping[str, Any]) -> Mapping[str, A
 
 # --- tables
 
+_MESSAGES = re.compile(
+    r"\b(bytes|frames|datagrams|packages|texts|messages|records|samples)\b(?= (?:are|is|come|sent|the))"
+)
+"""The unit of each link, which a table of all links calls a message."""
+
 
 def parameters(fault: Fault) -> str:
-    """Parameters with defaults and ranges, and the duration."""
-    parts = []
-    for name, parameter in fault.all_parameters.items():
-        default = "to the end" if parameter.default == FOREVER else f"{parameter.default}"
-        parts.append(f"`{name}` = {default} ({parameter.range_text})")
-    return "<br>".join(parts)
+    """Return the parameters with their defaults."""
+    named = ((name, parameter) for name, parameter in fault.parameters.items())
+    return ", ".join(f"`{name}` {parameter.default} {parameter.unit}".rstrip() for name, parameter in named)
 
 
-def device_table(name: str, figures: Mapping[str, Any]) -> str:
-    """Every fault of a device; with the end of a run where such runs are made."""
-    found = faults_of_device(name)
-    told = name not in (*ROBOT_NAMES, *SENSOR_NAMES) or name in (*MEASURED_ROBOTS, *MEASURED_SENSORS)
-    rows = []
-    for on, faults in found.items():
-        for fault, words in faults.items():
-            end = figures.get(Job(name, on, fault).key)
-            run = ([str(end["exit"]), end["cause"] or "goes on"] if end else ["", ""]) if told else []
-            rows.append([f"`{on}`", f"`{fault}`", words.meaning, parameters(words), *run])
-    head = ["on", "fault", "what happens", "parameters", *(["exit code", "a run ends with"] if told else [])]
-    return table(head, rows)
+def lasts(fault: Fault) -> str:
+    """Return the default duration; empty for a fault that strikes once."""
+    if fault.lasts_s is None:
+        return ""
+    return "to the end" if fault.lasts_s == FOREVER else f"{fault.lasts_s:g} s"
 
 
-def have_table(names: Sequence[str]) -> str:
-    """Which of these devices have which faults."""
-    found = {name: faults_of_device(name) for name in names}
-    pairs = dict.fromkeys((on, fault) for faults in found.values() for on in faults for fault in faults[on])
-    order = list(dict.fromkeys(on for on, _ in pairs))
-    rows = (
-        (f"`{on}`", f"`{fault}`", *("yes" if fault in found[name].get(on, {}) else "–" for name in names))
-        for on, fault in sorted(pairs, key=lambda pair: order.index(pair[0]))
+def outcomes(names: Sequence[str], on: str, fault: str, figures: Mapping[str, Any]) -> str:
+    """Return these devices by what a run did, then those of which no run was made."""
+    groups: dict[str, list[str]] = {"stops": [], "goes on": [], "": []}
+    for name in names:
+        end = figures.get(Job(name, on, fault).key)
+        groups[("stops" if end["exit"] else "goes on") if end else ""].append(name)
+    return "; ".join(
+        f"{', '.join(group)}{verdict and ': ' + verdict}" for verdict, group in groups.items() if group
     )
-    return table(["on", "fault", *names], rows)
+
+
+def target_table(on: str, names: Sequence[str], figures: Mapping[str, Any]) -> str:
+    """Return the faults of a target; one row for the devices whose fault is the same."""
+    rows = dict[tuple[str, str, str, str], list[str]]()
+    for name in names:
+        for fault, kind in faults_of_device(name).get(on, {}).items():
+            meaning = _MESSAGES.sub("messages", kind.meaning)
+            rows.setdefault((fault, meaning, parameters(kind), lasts(kind)), []).append(name)
+    ordered = sorted(rows, key=lambda row: [fault for fault, *_ in rows].index(row[0]))
+    one = names == (CELL,)
+    return table(
+        ["fault", "what happens", "parameters", "lasts", "a run" if one else "devices, and what a run did"],
+        (
+            (
+                f"`{row[0]}`",
+                *row[1:],
+                outcomes(rows[row], on, row[0], figures).removeprefix(f"{CELL}: " if one else ""),
+            )
+            for row in ordered
+        ),
+    )
+
+
+def tables_of(names: Sequence[str], figures: Mapping[str, Any]) -> str:
+    """Return a table for each target of these devices."""
+    targets = dict.fromkeys(on for name in names for on in faults_of_device(name))
+    return "\n\n".join(f"### `{on}`\n\n{target_table(on, names, figures)}" for on in targets)
 
 
 TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
-    "robots": lambda figures: have_table(ROBOT_NAMES),
-    "sensors": lambda figures: have_table(SENSOR_NAMES),
-    **{name: partial(device_table, name) for name in (*ROBOT_NAMES, "jr3", *MEASURED_SENSORS, CELL)},
+    "robots": partial(tables_of, ROBOT_NAMES),
+    "sensors": partial(tables_of, SENSOR_NAMES),
+    "cell": partial(tables_of, (CELL,)),
 }
 JSON_DEPTH = 1

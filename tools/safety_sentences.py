@@ -1,4 +1,4 @@
-"""Keep docs/explanation/safety-tests.json in step with docs/explanation/safety.md: its sentences, and the tests of each.
+"""Keep docs/explanation/safety-tests.json in step with the page on safety: its sentences, and the tests of each.
 
 A new sentence is entered as not tested, a removed one is dropped, and the others keep their tests.
 """

@@ -1,6 +1,7 @@
 """The page on faults says what the emulators can do; its runs are those of the faults that there are."""
 
 import json
+import re
 import runpy
 from pathlib import Path
 from typing import Any
@@ -38,9 +39,20 @@ def test_every_run_is_of_a_cell_that_can_have_its_fault(tool: dict[str, Any]) ->
         assert (fault.on, fault.fault) == (job.on, job.fault)
 
 
-def test_parameters_are_told_with_default_and_range(tool: dict[str, Any]) -> None:
+def test_parameters_have_default_and_unit(tool: dict[str, Any]) -> None:
     fault = Fault("something", {"by": Parameter(2, "how much", 1, 5, "mm")}, 3.0)
-    assert tool["parameters"](fault) == "`by` = 2 (1 … 5 mm)<br>`for_s` = 3.0 (0 … 3600 s)"
+    assert tool["parameters"](fault) == "`by` 2 mm"
+    assert tool["lasts"](fault) == "3 s"
+
+
+def test_every_fault_of_every_device_is_on_the_page(tool: dict[str, Any]) -> None:
+    for device in (*tool["ROBOT_NAMES"], *tool["SENSOR_NAMES"], tool["CELL"]):
+        for on, faults in tool["faults_of_device"](device).items():
+            table = PAGE.partition(f"### `{on}`\n")[2].partition("###")[0]
+            for fault in faults:
+                rows = [line for line in table.splitlines() if line.startswith(f"| `{fault}` |")]
+                assert rows, (device, on, fault)
+                assert device == tool["CELL"] or any(device in re.split(r"[ ,:;]+", row) for row in rows)
 
 
 def test_no_parameter_is_named_as_the_duration_once_was(tool: dict[str, Any]) -> None:
