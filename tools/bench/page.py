@@ -17,26 +17,45 @@ BENCHMARKS = (
     "long_run",
 )
 """Modules of this package, in the order of the page."""
-QUIET = 1.5
-"""Load up to which it is that of the benchmark before."""
-BUSY = " The machine was busy with other work: whatever is above a median, and its target, says little."
-HEAD = ("figure", "measured", "baseline", "ratio", "target", "met")
+HEAD = ("figure", "measured", "baseline", "target", "met")
+HIDDEN = (
+    "kept awake",
+    "asyncio echo",
+    "asyncio alone",
+    "host kept",
+    "without a recorder",
+    "packets a second",
+    "recording of",
+    "slope of",
+    "frames recorded",
+    "JSON in its messages",
+    "median turn",
+    "inside the bridge, largest",
+    "inside the bridge, late",
+    "each of 2 cells",
+    "each of 4 cells",
+    "each of 8 cells",
+    "each of 32 cells",
+    "by the wall",
+)
+"""Parts of figures that the page leaves to the file of results."""
 
 
 def machine_table(results: Mapping[str, Any]) -> str:
-    """What the results were measured on."""
+    """Return what the results were measured on."""
     return table(("", ""), results["machine"].items())
 
 
 def benchmark_part(name: str, results: Mapping[str, Any]) -> str:
-    """Figures of a benchmark, what was left out, and how busy the machine was."""
-    benchmark = results["benchmarks"][name]
-    report, load = Report.from_json(benchmark), benchmark["load"]
-    parts = [table(HEAD, (figure.cells() for figure in report.figures))]
-    parts += (f"Left out: {text}" for text in report.left_out)
-    parts.append(
-        f"Processes that wanted a processor when it began, average of a minute: {load:.1f}.{BUSY * (load > QUIET)}"
+    """Return the main figures of a benchmark, and what was left out."""
+    report = Report.from_json(results["benchmarks"][name])
+    rows = (
+        figure
+        for figure in report.figures
+        if not any(part in f"{figure.name} {figure.against}" for part in HIDDEN)
     )
+    parts = [table(HEAD, ((*cells[:3], *cells[4:]) for cells in (figure.cells() for figure in rows)))]
+    parts += (f"Left out: {text}" for text in report.left_out)
     return "\n\n".join(parts)
 
 
