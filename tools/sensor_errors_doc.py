@@ -113,23 +113,19 @@ def measure(names: Sequence[str], before: object) -> list[Mapping[str, Any]]:
 
 
 def errors_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """A row for each robot, sensor and stiffness, a column for each kind of errors; then their sums."""
+    """Return the largest RMS of each robot with each kind of errors, and how many runs were stopped."""
     healthy = where(rows, fault="")
-    lines = []
-    for cell in product(ROBOTS, SENSORS, STIFFNESSES_KN_M):
-        own = where(healthy, **dict(zip(Job._fields, cell, strict=False)))
-        robot, sensor, stiffness = cell
-        cells = (_healthy(where(own, errors=errors)) for errors in ERRORS)
-        lines.append((f"`{robot}`", f"`{sensor}`", f"{stiffness} kN/m", *cells))
+    lines = [
+        (f"`{robot}`", *(_largest(where(healthy, robot=robot, errors=errors)) for errors in ERRORS))
+        for robot in ROBOTS
+    ]
     totals = (_total(where(healthy, errors=errors)) for errors in ERRORS)
-    return table(("robot", "sensor", "surface", *ERRORS), [*lines, ("all", "", "", *totals)])
+    return table(("robot", *ERRORS), [*lines, ("all", *totals)])
 
 
-def _healthy(rows: Sequence[Mapping[str, Any]]) -> str:
-    stops = [row["cause"] for row in rows if row["cause"]]
+def _largest(rows: Sequence[Mapping[str, Any]]) -> str:
     rms = [row["rms_n"] for row in rows if row["rms_n"] is not None]
-    mean = f"{statistics.fmean(rms):.2f} N" if rms else "none"
-    return mean if not stops else f"{mean}; {len(stops)} × {', '.join(sorted(set(stops)))}"
+    return f"{max(rms):.2f} N" if rms else "none"
 
 
 def _total(rows: Sequence[Mapping[str, Any]]) -> str:
