@@ -33,6 +33,8 @@ OWN_MS = 4
 """A period up to this is the robot's own cycle, which a Net F/T keeps pace with by itself."""
 
 TOUCH_KN_M, TOUCH_MM_S, TOUCH_SEEDS = (5, 20, 50), (2, 5, 10), (1, 2, 3)
+TOUCH_SHOWN = ((5, 10), (50, 2), (50, 10))
+"""Stiffness and speed of the columns of the page."""
 TOUCH_MS: Mapping[str, int] = {"s3": 0, "egm": 20, "rtde": 20, "rsi": 20}
 """Period of each robot's runs."""
 WAYS: Mapping[str, str] = {"s3": "both", "egm": "both", "rtde": "from", "rsi": "from"}
@@ -140,31 +142,30 @@ def measure_bound() -> dict[str, Any]:
 
 
 def bound_table(figures: Mapping[str, Any]) -> str:
-    """A row for each robot and period: of the six sensors the one that came nearest to its bound."""
+    """Return a row for each robot: of all periods and sensors the run that came nearest to its bound."""
     rows = []
     for robot, periods in figures["bound"].items():
-        for period, by_case in periods.items():
-            row = [robot, "its line's" if period == "0" else period]
-            for case in CASES:
-                force, bound, sensor = _nearest(by_case[case])
-                row += [f"{force:.0f} of {bound:.0f} ({sensor})"]
-            rows.append(row)
-    return table(("robot", "period, ms", "at 5 kN/m, N", "at 50 kN/m, N", "pushed at 50 kN/m, N"), rows)
-
-
-def _nearest(cells: Mapping[str, Sequence[float]]) -> tuple[float, float, str]:
-    """Force, bound and sensor of the run that came nearest to its bound."""
-    sensor = max(cells, key=lambda name: cells[name][0] / cells[name][1])
-    force, bound = cells[sensor]
-    return force, bound, sensor
+        row = [robot]
+        for case in CASES:
+            runs = [
+                (*pair, sensor, period)
+                for period, by_case in periods.items()
+                for sensor, pair in by_case[case].items()
+            ]
+            force, bound, sensor, period = max(runs, key=lambda run: run[0] / run[1])
+            row.append(f"{force:.0f} of {bound:.0f} ({sensor}{f', {period} ms' if int(period) else ''})")
+        rows.append(row)
+    return table(("robot", "at 5 kN/m, N", "at 50 kN/m, N", "pushed at 50 kN/m, N"), rows)
 
 
 def touch_table(figures: Mapping[str, Any]) -> str:
-    """A row for each robot and what is late, a column for each stiffness and speed."""
-    head = ("robot", "late", *(f"{k} kN/m, {v} mm/s" for k in TOUCH_KN_M for v in TOUCH_MM_S))
+    """Return a row for each robot and what is late, a column for some stiffnesses and speeds."""
+    pairs = [(k, v) for k in TOUCH_KN_M for v in TOUCH_MM_S]
+    shown = [pairs.index(pair) for pair in TOUCH_SHOWN]
+    head = ("robot", "late", *(f"{k} kN/m, {v} mm/s" for k, v in TOUCH_SHOWN))
     rows = [
         [robot, f"{late.partition(',')[0]}{f', {LATE[late]:g} ms' if LATE[late] else ''}"]
-        + [f"{force:.0f}{' stopped' if outcome == 'stopped' else ''}" for force, outcome in row]
+        + [f"{row[at][0]:.0f}{' stopped' if row[at][1] == 'stopped' else ''}" for at in shown]
         for robot, by_late in figures["touch"].items()
         for late, row in by_late.items()
     ]

@@ -7,7 +7,6 @@ import asyncio
 import gc
 import math
 import random
-import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -53,12 +52,7 @@ ROBOTS: Mapping[str, Mapping[str, Any]] = {
     "rsi": {"robot.emulated": "rsi", "sensor.emulated": "ft300", **NEAR, **WHITE},
 }
 """Settings of each robot's runs that are not at their defaults."""
-NAMES: Mapping[str, str] = {
-    "s3": "S3 with a JR3 at its gateway",
-    "egm": "EGM with an FT 300",
-    "rtde": "RTDE with an FT 300",
-    "rsi": "RSI with an FT 300",
-}
+STREAMED = ("egm", "rtde", "rsi")
 
 
 @dataclass(frozen=True)
@@ -294,69 +288,53 @@ def _transition(transition: Transition) -> str:
 
 
 def times_table(figures: Mapping[str, Any]) -> str:
-    """Median and largest of each case and stiffness, a table for each robot."""
+    """Return a row for each case: slowest order back and largest true force, of the S3 and of streamed robots."""
     head = (
         "what happens",
-        "kN/m",
-        "ordered back",
-        "to that order, s",
-        "to below the limit, s",
-        "largest true force, N",
-        "told as retracted",
+        "S3: order back after, s",
+        "streamed: order back after, s",
+        "S3: largest true force, N",
+        "streamed: largest true force, N",
+        "reported as retracted",
     )
-    return "\n\n".join(
-        f"### {NAMES[robot]}\n\n{table(head, _times_rows(figures, robot))}" for robot in ROBOTS
-    )
+    return table(head, (_times_row(case, figures[case.name]) for case in CASES))
 
 
-def _times_rows(figures: Mapping[str, Any], robot: str) -> Iterator[tuple[str, ...]]:
-    for case in CASES:
-        for stiffness, runs in figures[case.name].get(robot, {}).items():
-            ordered, number = _there(runs["order_s"]), len(runs["order_s"])
-            yield (
-                case.name,
-                f"{float(stiffness) * 1e-3:g}",
-                f"{len(ordered)} of {number}",
-                _span(ordered),
-                _span(_there(runs["below_s"])),
-                _forces(runs["largest_n"]),
-                f"{sum(runs['retracted'])} of {number}",
-            )
+def _times_row(case: Case, by_robot: Mapping[str, Any]) -> Iterator[str]:
+    groups = [_runs_of(by_robot, names) for names in (("s3",), STREAMED)]
+    yield case.name
+    yield from (_largest(runs["order_s"], 2) for runs in groups)
+    yield from (_largest(runs["largest_n"], 0) for runs in groups)
+    retracted = [one for runs in groups for one in runs["retracted"]]
+    yield f"{sum(retracted)} of {len(retracted)}"
+
+
+def _runs_of(by_robot: Mapping[str, Any], robots: Sequence[str]) -> Mapping[str, list[Any]]:
+    """Return the columns of these robots on both surfaces, joined."""
+    joined: dict[str, list[Any]] = {"order_s": [], "largest_n": [], "stopped": [], "retracted": []}
+    for robot in robots:
+        for runs in by_robot.get(robot, {}).values():
+            for name, column in joined.items():
+                column.extend(runs[name])
+    return joined
+
+
+def _largest(values: Sequence[float | None], digits: int) -> str:
+    given = [value for value in values if value is not None]
+    return f"{max(given):.{digits}f}" if given else ""
 
 
 def uncovered_table(figures: Mapping[str, Any]) -> str:
-    """Results of runs whose sensor went wrong unseen."""
+    """Return a row for each unnoticed fault of a sensor: stopped runs and largest true force, by robot."""
     rows = []
     for case in UNCOVERED:
-        for robot, by_stiffness in figures[case.name].items():
-            for stiffness, runs in by_stiffness.items():
-                orders = [at for at, stopped in zip(runs["order_s"], runs["stopped"], strict=True) if stopped]
-                rows.append(
-                    (
-                        case.name,
-                        robot,
-                        f"{float(stiffness) * 1e-3:g}",
-                        f"{len(orders)} of {len(runs['order_s'])}",
-                        _span(_there(orders)) if orders else "",
-                        _forces(runs["largest_n"]),
-                    )
-                )
-    head = ("what happens", "robot", "kN/m", "stopped", "to the order back, s", "largest true force, N")
-    return table(head, rows)
-
-
-def _there(values: Sequence[float | None]) -> list[float]:
-    return [value for value in values if value is not None]
-
-
-def _span(values: Sequence[float]) -> str:
-    if not values:
-        return "never above"
-    return f"{statistics.median(values):.3f}, at most {max(values):.3f}"
-
-
-def _forces(values: Sequence[float]) -> str:
-    return f"{statistics.median(values):.0f}, at most {max(values):.0f}"
+        cells = []
+        for robot in ROBOTS:
+            runs = _runs_of(figures[case.name], (robot,))
+            stopped = f"{sum(runs['stopped'])} of {len(runs['stopped'])}"
+            cells.append(f"{stopped}, {_largest(runs['largest_n'], 0)} N")
+        rows.append((case.name, *cells))
+    return table(("what happens", *ROBOTS), rows)
 
 
 TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
