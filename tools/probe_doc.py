@@ -4,7 +4,7 @@ The probes are made each time, in virtual time; they take some seconds.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -152,21 +152,31 @@ def answer(look: Look, healthy: Look) -> str:
 
 
 def answers(kind: str) -> str:
-    """The table of a kind."""
+    """Return the table of a kind: each answer with its faults and the longest time that it took."""
     looks = [look_at(case) for case in cases(kind)]
-    healthy = looks[0]
+    rows = dict[str, list[Look]]()
+    for look in looks:
+        rows.setdefault(answer(look, looks[0]), []).append(look)
     return table(
-        ("on", "fault", "the probe says of a run", "after"),
+        ("the probe says of a run", "faults", "after"),
         (
             (
-                f"`{look.case.on}`" if look.case.on else "",
-                f"`{look.case.fault}`" if look.case.fault else "none",
-                answer(look, healthy),
-                f"{look.took_s:.1f} s",
+                text,
+                "; ".join(_faults_by_target(look.case for look in same)),
+                f"{max(look.took_s for look in same):.1f} s",
             )
-            for look in looks
+            for text, same in rows.items()
         ),
     )
+
+
+def _faults_by_target(struck: Iterable[Case]) -> Iterator[str]:
+    """Yield each target with its faults, as `wire`: `off`, `mute`; the healthy robot as none."""
+    by_target = dict[str, list[str]]()
+    for case in struck:
+        by_target.setdefault(case.on, []).append(case.fault)
+    for on, faults in by_target.items():
+        yield f"{on}: {', '.join(f'`{fault}`' for fault in faults)}" if on else "none"
 
 
 TABLES = {kind: partial(answers, kind) for kind in KINDS}
