@@ -167,16 +167,18 @@ def draw_receiving() -> str:
 
 def action_table() -> str:
     """Action and next state, by state and stimulus."""
-    lines = []
+    rows = dict[tuple[str, str, str], list[str]]()
     for (state, stimulus), transition in TRANSITIONS.items():
         conditions = CONDITIONS.get(transition.action, {})
-        targets = (
+        targets = "; ".join(
             f"{target.value} ({conditions[target]})" if target in conditions else target.value
             for target in transition.next
         )
-        lines.append(
-            (state.value, stimulus.value, transition.action.value.replace("_", " "), "; ".join(targets))
-        )
+        done = state.value, transition.action.value.replace("_", " "), targets
+        rows.setdefault(done, []).append(stimulus.value)
+    lines = (
+        (state, ", ".join(stimuli), action, targets) for (state, action, targets), stimuli in rows.items()
+    )
     return table(("in state", "happens", "is done", "and then"), lines)
 
 

@@ -15,18 +15,14 @@ def counts() -> str:
 
 
 def function_table() -> str:
-    """All functions by name."""
-    rows = (
-        (
-            f"`{function.signature}`",
-            function.support,
-            "yes" if function.waits else "",
-            _version(function.since_cb3),
-            _version(function.since),
-        )
-        for _, function in sorted(FUNCTIONS.items())
-    )
-    return table(("function", "support", "may wait", "CB3 since", "e-Series since"), rows)
+    """Return the functions, grouped by support, waiting and first versions."""
+    groups = dict[tuple[str, str, str, str], list[str]]()
+    for _, function in sorted(FUNCTIONS.items()):
+        waits = "yes" if function.waits else ""
+        group = str(function.support), waits, _version(function.since_cb3), _version(function.since)
+        groups.setdefault(group, []).append(f"`{function.signature}`")
+    rows = ((*group, ", ".join(signatures)) for group, signatures in sorted(groups.items()))
+    return table(("support", "may wait", "CB3 since", "e-Series since", "functions"), rows)
 
 
 def _version(since: Number) -> str:

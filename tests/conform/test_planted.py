@@ -72,10 +72,6 @@ def test_a_planted_mistake_is_found_or_known_not_to_be(planted: Planted) -> None
     assert planted.reason in one.verdict.reason
 
 
-def test_the_page_has_each_planted_mistake_and_their_count() -> None:
-    page = PAGE.read_text(encoding="utf-8")
-    for each in PLANTED:
-        result = f"`{each.scenario}`: … {each.reason} …" if each.reason else "**not found**"
-        assert f"| {each.client.kind} | {each.words} | {result} |\n" in page
+def test_page_has_count_of_planted_mistakes() -> None:
     count = sum(bool(each.reason) for each in PLANTED)
-    assert f"{count} of {len(PLANTED)} planted mistakes are found" in page
+    assert f"{count} of {len(PLANTED)} planted mistakes are found" in PAGE.read_text(encoding="utf-8")

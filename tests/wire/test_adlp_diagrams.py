@@ -49,8 +49,10 @@ def test_where_an_action_has_several_ends_each_has_its_condition():
     assert forks == {(action, target) for action, targets in TOOL["CONDITIONS"].items() for target in targets}
 
 
-def test_every_pair_of_the_table_has_a_line():
+def test_every_pair_of_the_table_has_a_place():
     table = TOOL["action_table"]()
-    assert len(table.splitlines()) == len(TRANSITIONS) + 2
+    rows = [[cell.strip() for cell in line.strip(" |").split("|")] for line in table.splitlines()[2:]]
+    pairs = [(state, stimulus) for state, stimuli, *_ in rows for stimulus in stimuli.split(", ")]
+    assert sorted(pairs) == sorted((state.value, stimulus.value) for state, stimulus in TRANSITIONS)
     for action in Action:
         assert f"| {action.value.replace('_', ' ')} |" in table
