@@ -331,7 +331,7 @@ def test_the_command_reads_text_captures_and_names_what_is_wrong(tmp_path: Path)
     [
         (["nothing.mcap"], "cannot read nothing.mcap: No such file or directory"),
         (["nothing"], "it names no kind"),
-        (["tcp://a:1", "tcp://a:2"], "did you mean s3+tcp://a:1?"),
+        (["tcp://a:1", "tcp://a:2"], "did you mean rtde+tcp://a:1 or s3+tcp://a:1?"),
         (["egm+udp-bind://0.0.0.0:1"], "a link is heard of an s3, not of a egm"),
         (["s3+tcp://a:1", "s3+tcp://a:2", "s3+tcp://a:3"], "two URLs at most"),
         (["jr3+can+socketcan://can0", "s3+tcp://a:1"], "one CAN bus at a time"),
