@@ -14,8 +14,7 @@ from emulators.devices.ati_can.profile import AtiCanProfile
 from emulators.devices.rtde.profile import RtdeProfile
 from hil_bridge.lab.campaign.drawing import Between, Draw, Setting, draw_values, numbers_of
 from hil_bridge.lab.identification.identifying import identify_run
-from hil_bridge.lab.identification.telling import format_value
-from hil_bridge.lab.identification.values import Part, Value, Values
+from hil_bridge.lab.identification.values import Values
 from hil_bridge.record import Recording
 from hil_bridge.settings.configuration import lay_over, read_config
 from protocol.devices.netft.page import FILTERS_HZ, filter_weight
@@ -365,23 +364,6 @@ def _general(row: Row) -> str:
     return f"{row.part}: {general}"
 
 
-def _outside(figures: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str, str, str]]:
-    for one, row in all_rows(figures):
-        if row.found is None or row.low is None or row.high is None or row.within:
-            continue
-        value = Value(row.key, Part(row.part), row.words, row.unit, row.found, row.low, row.high)
-        found, low, high = format_value(value)
-        true, *_ = format_value(
-            Value(row.key, Part(row.part), row.words, row.unit, row.true, row.low, row.high)
-        )
-        yield (
-            f"{one['cell']}: `{one['robot']}`, `{one['sensor']}`",
-            row.words,
-            true,
-            f"{found} ({low} … {high})",
-        )
-
-
 def _coverage(figures: Sequence[Mapping[str, Any]]) -> str:
     rows = [row for _, row in all_rows(figures)]
     within, seen = within_of(rows)
@@ -393,18 +375,10 @@ def _coverage(figures: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def _cells(figures: Sequence[Mapping[str, Any]]) -> Iterator[tuple[object, ...]]:
-    for one in figures:
-        within, seen = within_of([Row(**row) for row in one["rows"]])
-        yield one["cell"], f"`{one['robot']}`", f"`{one['sensor']}`", seen, within
-
-
 _QUANTITIES = ("value", "seen", "within", "half width, median", "not seen, and why")
 TABLES: Mapping[str, Callable[[Sequence[Mapping[str, Any]]], str]] = {
     "drawn": lambda figures: table(("cells", "setting", "drawn from", "default"), _draws()),
     "losses": lambda figures: _losses(),
     "coverage": _coverage,
     "quantities": lambda figures: table(_QUANTITIES, _quantities([row for _, row in all_rows(figures)])),
-    "cells": lambda figures: table(("cell", "robot", "sensor", "values seen", "within"), _cells(figures)),
-    "outside": lambda figures: table(("cell", "value", "true", "found"), _outside(figures)),
 }

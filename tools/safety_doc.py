@@ -20,7 +20,7 @@ from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import RETRACT
 from hil_bridge.runs.ending import TRANSITIONS, RunState, Stimulus, Transition
 from hil_bridge.settings.configuration import lay_over
-from hil_bridge.site.guard.conditions import HEAD, cells
+from hil_bridge.site.guard.conditions import cells
 from protocol.devices.s3.arap import FunctionCode
 from tools.pages import run_jobs, table
 
@@ -112,6 +112,7 @@ UNCOVERED = (
 )
 """Faults that pass the checks and stay within the limits."""
 ALL_CASES = (*CASES, *UNCOVERED)
+CONDITION_HEAD = ("name", "condition", "settings", "part at fault")
 
 
 class Job(NamedTuple):
@@ -255,16 +256,19 @@ def _rounded(value: float | None) -> float | None:
 
 
 def conditions_table() -> str:
-    """Every condition, a table for each time at which it is looked."""
+    """Return every condition: for each time of a run a table by reaction."""
     parts = []
     for when in When:
-        rows = [cells(row) for row in TABLE if row.when is when]
-        head = [name for name in HEAD if name != "looked at"]
-        named = (
-            (f"`{name}`", text, ", ".join(f"`{key}`" for key in settings), reaction, code, part)
-            for name, text, settings, _, reaction, code, part in rows
-        )
-        parts += [f"### {when.value.capitalize()}", table(head, named)]
+        parts.append(f"### {when.value.capitalize()}")
+        groups = dict[str, list[Sequence[str]]]()
+        for name, text, settings, _, reaction, code, part in (
+            cells(row) for row in TABLE if row.when is when
+        ):
+            leads_to = f"{reaction}, exit code {code}" if code != "" else str(reaction)
+            keys = ", ".join(f"`{key}`" for key in settings)
+            groups.setdefault(leads_to, []).append((f"`{name}`", str(text), keys, str(part)))
+        for leads_to, rows in groups.items():
+            parts += [f"*{leads_to[:1].upper()}{leads_to[1:]}:*", table(CONDITION_HEAD, rows)]
     return "\n\n".join(parts)
 
 
