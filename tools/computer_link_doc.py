@@ -53,12 +53,12 @@ def types() -> str:
 
 
 def functions() -> str:
-    """Function codes and how much is known of each."""
+    """Return the function codes by whether their payload is known."""
     known = {definition.function for definition in KNOWN_ORDERS} | {FunctionCode.SPONTANEOUS}
-    return table(
-        ("code", "function", "payload"),
-        ((int(code), code.text, "known, below" if code in known else "not known") for code in FunctionCode),
-    )
+    names: dict[str, list[str]] = {"known, below": [], "not known": []}
+    for code in FunctionCode:
+        names["known, below" if code in known else "not known"].append(f"{int(code)} {code.text}")
+    return table(("payload", "functions"), ((payload, ", ".join(codes)) for payload, codes in names.items()))
 
 
 def refusals() -> str:

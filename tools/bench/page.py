@@ -37,6 +37,7 @@ HIDDEN = (
     "each of 8 cells",
     "each of 32 cells",
     "by the wall",
+    "at 100 Hz",
 )
 """Parts of figures that the page leaves to the file of results."""
 
