@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulators.devices.egm import EGM_FAULTS, EgmArmProfile, EgmController, EgmProfile, State
+from emulators.devices.egm import EgmArmProfile, EgmController, EgmProfile, State
 from emulators.devices.egm.guided import ArmJoints
 from emulators.seams import StartPose
 from protocol.devices.egm import (
@@ -413,8 +413,7 @@ def test_the_truth_knows_the_joints() -> None:
     assert joints == pytest.approx(line.robot.motion.joints)
 
 
-def test_the_page_names_every_setting_and_every_fault() -> None:
+def test_page_names_every_setting() -> None:
     page = (Path(__file__).parents[2] / "docs" / "reference" / "egm.md").read_text(encoding="utf-8")
     names = [one.name for profile in (EgmProfile(), EgmArmProfile()) for one in settings_of(profile)]
-    names += [fault for faults in EGM_FAULTS.values() for fault in faults]
     assert [name for name in names if f"`{name}`" not in page] == []
