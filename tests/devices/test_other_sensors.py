@@ -160,7 +160,7 @@ def test_a_signal_that_goes_wrong_ends_a_run_with_any_sensor(
 def test_a_fault_that_a_sensor_cannot_have_is_refused_at_once(kind: str, tried: Try) -> None:
     assert "it can have" in tried(kind, fault("sensor-wire", "sleepy"))["error"]
     refused = tried("jr3", fault("sensor", "power-cycle"))["error"]
-    assert "power-cycle needs sensor.emulated = netft or ft300 or ft300-urcap or ati-can, not jr3" in refused
+    assert "power-cycle needs sensor.emulated = ati-can or ft300 or ft300-urcap or netft, not jr3" in refused
 
 
 STREAMS = "[run]\nperiod_ms = 20\n[controller]\nsample_ms = 20\n"
@@ -253,7 +253,7 @@ def test_a_calibration_that_is_not_there_ends_the_run_with_words(tried: Try) -> 
 
 
 def test_bus_faults_are_refused_for_a_sensor_without_a_bus(tried: Try) -> None:
-    assert "needs sensor.emulated = jr3 or ati-can, not netft" in tried("netft", fault("bus", "off"))["error"]
+    assert "needs sensor.emulated = ati-can or jr3, not netft" in tried("netft", fault("bus", "off"))["error"]
 
 
 def test_gages_that_are_off_without_a_load_need_the_bias_that_is_identified(
