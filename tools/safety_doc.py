@@ -301,7 +301,7 @@ def times_table(figures: Mapping[str, Any]) -> str:
         "streamed: largest true force, N",
         "reported as retracted",
     )
-    return table(head, (_times_row(case, figures[case.name]) for case in CASES))
+    return table(head, (tuple(_times_row(case, figures[case.name])) for case in CASES))
 
 
 def _times_row(case: Case, by_robot: Mapping[str, Any]) -> Iterator[str]:

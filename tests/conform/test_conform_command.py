@@ -24,7 +24,10 @@ def conform(*arguments: str) -> "tuple[int, str]":
     ("arguments", "words"),
     [
         (("rtde",), "name the client's command behind --"),
-        (("nope", "--", "true"), "there is no robot or sensor 'nope'; choose one of egm, rsi, rtde, s3, ati-can"),
+        (
+            ("nope", "--", "true"),
+            "there is no robot or sensor 'nope'; choose one of egm, rsi, rtde, s3, ati-can",
+        ),
         (("rtde", "--only", "fire", "--", "true"), "no scenario 'fire' for rtde; there are nominal, late"),
         (("rtde", "--set", "fire=1", "--", "true"), "write NAME=VALUE"),
         (("rtde", "--junit", "/nowhere/x.xml", "--", "true"), "there is no such folder"),
