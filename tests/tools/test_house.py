@@ -71,6 +71,9 @@ def test_a_device_knows_its_own_rooms_and_no_other():
     assert rooms_contract(own, other, general) == (False, [other, general])
 
 
+CHANGES = ("Added", "Changed", "Deprecated", "Removed", "Fixed", "Security")
+
+
 def test_changelog_begins_with_the_version_of_the_package():
     """Changes of a development version are under Unreleased, and `make release-check` refuses such a version."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -80,6 +83,17 @@ def test_changelog_begins_with_the_version_of_the_package():
     developed = ".dev" in project["version"]
     assert newest == ("Unreleased" if developed else project["version"])
     assert not developed or numbers(project["version"]) > numbers(last)
+
+
+def test_changelog_lists_short_changes_under_known_headings():
+    """The headings are those of Keep a Changelog; a line of a change has at most 200 characters."""
+    heading = ""
+    for line in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines():
+        if line.startswith("#"):
+            heading = line
+        elif line.startswith(("- ", "  ")):
+            assert heading.removeprefix("### ") in CHANGES, line
+            assert len(line) <= 200, line
 
 
 def numbers(version):
