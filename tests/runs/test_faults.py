@@ -80,7 +80,7 @@ def test_other_receivers_have_their_faults_too(receiver: str, target: str, fault
     if (receiver, target) == ("jr3-board", "sensor-wire"):
         with pytest.raises(
             ValueError,
-            match=r"sensor-wire: lost needs sensor.emulated = jr3 or jr3-uart or .*, not jr3-board",
+            match=r"sensor-wire: lost needs sensor.emulated = ati-can or .*, not jr3-board",
         ):
             run_with(row, **NEAR, sensor={"emulated": receiver})
     else:

@@ -195,7 +195,10 @@ def test_a_probe_beside_a_run_is_told_of_it_and_does_not_disturb_it() -> None:
         ("egm://10.0.0.5/", "egm+udp-bind://0.0.0.0:6510"),
         ("rsi://10.0.0.5", "rsi+udp-bind://0.0.0.0:49152"),
         ("s3://server", "s3+tcp://server:4000"),
-        ("10.0.0.5", "s3+tcp://10.0.0.5:4000 or egm+udp-bind://0.0.0.0:6510"),
+        (
+            "10.0.0.5",
+            "egm+udp-bind://0.0.0.0:6510 or rsi+udp-bind://0.0.0.0:49152 or rtde+tcp://10.0.0.5 or s3+tcp",
+        ),
         ("localhost", "rtde+tcp://localhost"),
     ],
 )

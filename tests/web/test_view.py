@@ -21,7 +21,7 @@ from tests.bags import pressed
 from tests.near_surface import EMERGENCY_STOP, WHOLE
 from tests.recordings import Recordings
 
-OLD = Path(__file__).parents[1] / "bridge" / "recordings" / "version_0_1_0.mcap"
+OLD = Path(__file__).parents[1] / "record" / "recordings" / "version_0_1_0.mcap"
 
 
 @pytest.fixture
