@@ -259,6 +259,7 @@ def longer(size: int) -> bytes:
         (lambda: of_entries(entry("recordings/0123456789abcdef.mcap\n")), "holds 'recordings"),
         (lambda: of_entries(entry("other/")), "holds 'other/'"),
         (lambda: of_entries(entry("notes.txt")), "holds 'notes.txt'"),
+        (lambda: of_entries() + b"more", "is no zip file"),
         (lambda: of_entries(entry("results.sqlite"), entry("results.sqlite")), "holds a file twice"),
         (encrypted, r"its manifest\.json is damaged"),
         (
@@ -268,7 +269,7 @@ def longer(size: int) -> bytes:
         (lambda: longer(UNPACKED_LIMIT_BYTES + 1), "holds more than 2000 files or 1073741824 bytes"),
         (
             lambda: of_entries()[:-12] + struct.pack("<2H2LH", 65535, 65535, 1 << 30, 0, 0)[2:],
-            "is no zip file",
+            "more files than",
         ),
         (lambda: of_entries(), r"its manifest\.json is none that can be read: "),
     ],

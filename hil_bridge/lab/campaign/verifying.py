@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import BinaryIO
 
 import msgspec
 from msgspec import Struct
@@ -45,6 +46,12 @@ _NAME = re.compile(
 )
 _FOLDERS = (f"{RECORDINGS}/", f"{INPUTS}/")
 """Other programs give a folder an entry of its own, which holds nothing."""
+_END = struct.Struct("<4s4H2LH")
+"""End of a zip file. Source: APPNOTE.TXT of PKWARE, 4.3.16."""
+_LOCATOR_BYTES = 20
+"""Before it, in the form for very many or very long files. Source: the same, 4.3.15."""
+_ENTRY_LIMIT_BYTES = 512
+"""Largest size of a file's entry in the directory. Chosen: five times what a name of ours needs."""
 _DAMAGES = (zipfile.BadZipFile, zlib.error, EOFError, ValueError, RuntimeError, struct.error)
 
 
@@ -246,10 +253,7 @@ def unpack(path: Path, folder: Path) -> dict[str, str]:
     """
     with open_ordinary(path) as file:
         try:
-            if (size := file.seek(0, os.SEEK_END)) > UNPACKED_LIMIT_BYTES:
-                raise ConfigError(
-                    f"{format_path(path)} has {size} bytes, of which at most {UNPACKED_LIMIT_BYTES} are read"
-                )
+            _check_end(file, path)
             with zipfile.ZipFile(file) as packed:
                 entries = [one for one in packed.infolist() if one.filename not in _FOLDERS]
                 for problem in _problems(entries):
@@ -261,6 +265,23 @@ def unpack(path: Path, folder: Path) -> dict[str, str]:
             raise ConfigError(
                 f"{format_path(path)} is no zip file, or its end is damaged: {error}"
             ) from error
+
+
+def _check_end(file: BinaryIO, path: Path) -> None:
+    """Check size and number of files before zipfile reads the directory, all of it, into memory."""
+    size = file.seek(0, os.SEEK_END)
+    if size > UNPACKED_LIMIT_BYTES:
+        raise ConfigError(
+            f"{format_path(path)} has {size} bytes, of which at most {UNPACKED_LIMIT_BYTES} are read"
+        )
+    file.seek(max(size - _END.size - _LOCATOR_BYTES, 0))
+    tail = file.read()
+    mark, _, _, _, count, directory, _, _ = _END.unpack(tail[-_END.size :])
+    if mark != b"PK\5\6":
+        raise zipfile.BadZipFile("its last bytes are not those of a zip file")
+    is_zip64 = tail[: -_END.size].startswith(b"PK\6\7")
+    if is_zip64 or count > FILES_MOST or directory > count * _ENTRY_LIMIT_BYTES:
+        raise ConfigError(f"{format_path(path)} has more files than the {FILES_MOST} of a bundle")
 
 
 def _problems(entries: Sequence[zipfile.ZipInfo]) -> Iterator[str]:
