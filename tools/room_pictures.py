@@ -42,7 +42,7 @@ SIZE = (960, 560)
 BANDS = {"hil_bridge": (10, 330), "emulators": (352, 98), "protocol": (462, 88)}
 """Top and height of each package."""
 HOUSE, DEVICES, EMULATORS, WIRES = "hil_bridge", "hil_bridge.devices", "emulators", "protocol"
-SEAMS = "robots.seam robots.asked robots.streamed sensors.stream"
+SEAMS = "robots.seam robots.request_channel robots.streamed sensors.stream"
 OURS = "robots.s3 robots.egm robots.rsi robots.rtde sensors.jr3 sensors.netft sensors.ati_can sensors.ft300"
 GENERAL = "seams, arm, sensing, surface, faults"
 TRANSPORTS = "transports: serial, CAN, TCP, UDP, memory"

@@ -11,7 +11,7 @@ from hil_bridge.console.paths import FILE
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from hil_bridge.devices.matching import LateSensor, LateSettings
+    from hil_bridge.devices.emulator_fit import LateSensor, LateSettings
     from hil_bridge.record import Recording
     from hil_bridge.record.analysis.answers import Answers
     from hil_bridge.record.analysis.latency import Latency, Part

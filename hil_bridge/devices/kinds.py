@@ -22,10 +22,10 @@ from emulators.cell import OWN_FAULTS, CellProfile
 from emulators.faults import Fault, find
 from emulators.panel import Controls
 from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
+from hil_bridge.devices.emulator_fit import LateRobot, LateSensor, MatchRobot, MatchSensor
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kind_checks import fault_of
-from hil_bridge.devices.matching import LateRobot, LateSensor, MatchRobot, MatchSensor
-from hil_bridge.devices.playing import Play
+from hil_bridge.devices.trajectory import Play
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.errors.plugins import find_plugin, own_names, plugin_names
@@ -124,7 +124,7 @@ class RobotKind(Generic[_Client, _Emulated]):
     is given one datagram, a piece of a line, or a CAN frame as candump writes it, in ASCII: `201#C800`.
     """
     probe: Callable[[str, KindSettings[_Client, _Emulated], Wiring], Awaitable[Any]] | None = None
-    """Findings of `hil-bridge probe robot`, a `robots.probing.Probed`: from the wire's URL, the settings and the wires.
+    """Findings of `hil-bridge probe robot`, a `robots.probe.Probed`: from the wire's URL, the settings and the wires.
     It orders nothing. Errors as of `connect`, and DeviceError where nothing answers. None: there is no probe.
     """
     ask_beside: Callable[[str], Awaitable[Any]] | None = None

@@ -15,7 +15,7 @@ from hil_bridge.clock import VIRTUAL_EPOCH, Clock, Timer, device_clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.devices.kinds import ROBOTS, RobotEmulation, SensorEmulation
 from hil_bridge.devices.panel import OperatedPanel, PanelServer, panel_address
-from hil_bridge.devices.robots.of_others import link_of_others
+from hil_bridge.devices.robots.plugin_link import link_of_others
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Serving, Wiring, Wrap, unwrapped

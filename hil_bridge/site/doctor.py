@@ -17,7 +17,7 @@ import click
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.devices.kinds import CanBus
-from hil_bridge.devices.robots.probing import Probed
+from hil_bridge.devices.robots.probe import Probed
 from hil_bridge.errors import ConfigError, DeviceError, SettingRefused
 from hil_bridge.errors.text_files import TOML_LIMIT_BYTES, format_path, open_ordinary, read_up_to
 from hil_bridge.runs.checks import problems

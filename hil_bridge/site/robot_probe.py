@@ -5,7 +5,7 @@ from typing import Any
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.kinds import KindSettings, RobotKind
-from hil_bridge.devices.robots.probing import Probed
+from hil_bridge.devices.robots.probe import Probed
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import harmless, toml_pair

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from hil_bridge.cli import cli
-from hil_bridge.devices.robots.probing import Probed
+from hil_bridge.devices.robots.probe import Probed
 from hil_bridge.errors.causes import Cause
 from hil_bridge.record import read
 from hil_bridge.record.analysis.latency import latency_of

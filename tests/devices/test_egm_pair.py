@@ -14,10 +14,10 @@ from emulators.seams import StartPose
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.kinds import KindSettings
-from hil_bridge.devices.robots.answering import Answering
 from hil_bridge.devices.robots.egm.room import ROBOT
 from hil_bridge.devices.robots.egm.settings import EgmSettings
 from hil_bridge.devices.robots.seam import MotionLimits
+from hil_bridge.devices.robots.setpoint_responder import Answering
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.transports import connect_datagrams
 from protocol.devices.egm import EgmClient, RobotMessage, RobotWare, encode_robot

@@ -11,7 +11,7 @@ from emulators.devices.rtde import RtdeProfile, RtdeRobot
 from emulators.devices.rtde.program_socket import UNREAD_MAX
 from emulators.seams import StartPose
 from hil_bridge.clock import Clock
-from hil_bridge.devices.robots.rtde import serving as ports
+from hil_bridge.devices.robots.rtde import port_server as ports
 from hil_bridge.devices.wiring import Serving
 from protocol.devices.rtde.states import Runtime
 from protocol.devices.rtde.wires import Port

@@ -17,7 +17,7 @@ from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_commands.rtde.force_source import ForceOptions, ForceSource, feed, make_surface
 from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.kinds import ROBOTS
-from hil_bridge.devices.robots.rtde import serving as ports
+from hil_bridge.devices.robots.rtde import port_server as ports
 from hil_bridge.devices.robots.rtde.addresses import parse_address
 from hil_bridge.devices.robots.seam import MotionLimits
 from hil_bridge.devices.wiring import Serving, Wiring

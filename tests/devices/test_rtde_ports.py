@@ -9,7 +9,7 @@ import pytest
 from emulators.devices.rtde import RtdeProfile, RtdeRobot
 from emulators.seams import StartPose
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.robots.rtde import serving as ports
+from hil_bridge.devices.robots.rtde import port_server as ports
 from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import TransportEnded, TransportError, TransportUnavailable
 from hil_bridge.transports import connect_bytes

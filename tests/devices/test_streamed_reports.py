@@ -11,8 +11,8 @@ from msgspec.structs import replace
 
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import Silence
-from hil_bridge.devices.robots.answering import Answering
 from hil_bridge.devices.robots.seam import MotionLimits, Pacing, RobotFacts, Sent
+from hil_bridge.devices.robots.setpoint_responder import Answering
 from hil_bridge.devices.robots.streamed import SILENT_S, StreamedLink
 from hil_bridge.errors import DeviceError, Reason, TransportClosed
 from hil_bridge.runs.leaving import WayOut

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil_bridge.devices.robots.answering import Answering
 from hil_bridge.devices.robots.seam import Motion, MotionLimits
+from hil_bridge.devices.robots.setpoint_responder import Answering
 from hil_bridge.errors import DeviceError, OrderRefused
 from protocol.geometry import Pose, towards
 from tests.devices.streamed_toy import (

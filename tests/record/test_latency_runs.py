@@ -16,7 +16,7 @@ from msgspec import structs
 from emulators.quantiles import draw
 from hil_bridge.cli import cli
 from hil_bridge.cli.latency import site_settings
-from hil_bridge.devices.matching import LateSettings
+from hil_bridge.devices.emulator_fit import LateSettings
 from hil_bridge.devices.robots.s3 import latency as s3
 from hil_bridge.devices.robots.s3.room import ROBOT as S3
 from hil_bridge.devices.sensors.jr3 import latency as jr3

@@ -13,7 +13,7 @@ from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.kinds import robot_of
-from hil_bridge.devices.robots.probing import Probed
+from hil_bridge.devices.robots.probe import Probed
 from hil_bridge.devices.robots.seam import MotionLimits
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import ConfigError

@@ -7,7 +7,7 @@ from emulators.arm.followed import FollowedProfile
 from emulators.panel import Controls, motion_text
 from emulators.seams import RobotFactory
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
-from hil_bridge.devices.robots.probing import Probed, probe_link
+from hil_bridge.devices.robots.probe import Probed, probe_link
 from hil_bridge.devices.robots.seam import Pacing, RobotFacts
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring

@@ -53,7 +53,7 @@ def jr3_pci(
     The board's program must run: load the kernel's driver jr3_pci once, or give it with --program.
     """
     from hil_bridge.devices.sensors.jr3.registers.pci import SYSFS, open_pci, read_program
-    from hil_bridge.devices.sensors.jr3.registers.serving import serve_pci
+    from hil_bridge.devices.sensors.jr3.registers.pci_server import serve_pci
 
     words = () if program is None else read_program(program)
     serve_pci(open_pci(address, channel, offset, words, sysfs or SYSFS), listen, offset)

@@ -10,10 +10,10 @@ import msgspec
 from hil_bridge.clock import Clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.devices.facts import ANSWERS, MISSING, PACKETS, Hop, Owner, RobotHops, Traffic
-from hil_bridge.devices.robots.answering import Answering
 from hil_bridge.devices.robots.gate import Bounds, Gate
+from hil_bridge.devices.robots.motion_faults import moved_since
 from hil_bridge.devices.robots.seam import MotionLimits, RobotFacts, RobotReport
-from hil_bridge.devices.robots.standing import moved_since
+from hil_bridge.devices.robots.setpoint_responder import Answering
 from hil_bridge.devices.robots.streamed_motion import Stream, StreamedMotion
 from hil_bridge.errors import BridgeError, Cause, DeviceError, OrderRefused, TransportClosed
 from hil_bridge.errors.event_kinds import EventKind

@@ -4,10 +4,10 @@ from collections.abc import Awaitable, Callable
 from typing import Generic, NamedTuple
 
 from hil_bridge.clock import Clock
-from hil_bridge.devices.robots.answering import Answering
 from hil_bridge.devices.robots.gate import Gate
 from hil_bridge.devices.robots.last_order import LastOrder
 from hil_bridge.devices.robots.seam import Sent
+from hil_bridge.devices.robots.setpoint_responder import Answering
 from hil_bridge.errors import GateStop, OrderRefused
 from hil_bridge.transports.pump import Data
 from protocol.geometry import Pose

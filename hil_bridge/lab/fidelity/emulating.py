@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from emulators.seams import StartPose
-from hil_bridge.devices.playing import Course
+from hil_bridge.devices.trajectory import Course
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.fidelity.tables import Table
 from hil_bridge.settings.configuration import Config

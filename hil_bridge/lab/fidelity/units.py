@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Mapping
 
-from hil_bridge.devices.playing import FAMILIES as OF_ROBOTS
+from hil_bridge.devices.trajectory import FAMILIES as OF_ROBOTS
 
 ROTATION = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 FAMILIES: Mapping[str, tuple[str, ...]] = {

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from hil_bridge.devices.emulator_fit import RobotFigures, Sections, SensorFigures
 from hil_bridge.devices.facts import Pacing
-from hil_bridge.devices.matching import RobotFigures, Sections, SensorFigures
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.identification.identifying import Identified
 from hil_bridge.lab.identification.line import FRAMES_LOST, PACKETS_LOST

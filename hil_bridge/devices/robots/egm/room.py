@@ -9,12 +9,12 @@ from emulators.devices.egm.web_services import WebServices
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.devices.robots.egm.emulator_fit import match
 from hil_bridge.devices.robots.egm.facts import robot_facts
-from hil_bridge.devices.robots.egm.matching import match
-from hil_bridge.devices.robots.egm.playing import play
 from hil_bridge.devices.robots.egm.settings import EgmSettings
+from hil_bridge.devices.robots.egm.trajectory import play
 from hil_bridge.devices.robots.egm.web_address import OPTION, WebAddress, split_web
-from hil_bridge.devices.robots.probing import Probed, muted, probe_link
+from hil_bridge.devices.robots.probe import Probed, muted, probe_link
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError, DeviceError
@@ -100,7 +100,7 @@ async def serve(
     if address is None:
         return await serving.serve_datagrams(wire, robot.endpoint, speak_first=True)
     _check_web(url, address)
-    from hil_bridge.devices.robots.egm.serving import WebServer  # aiohttp takes its time to import
+    from hil_bridge.devices.robots.egm.web_server import WebServer  # aiohttp takes its time to import
 
     server = WebServer(WebServices(robot, settings.emulated), serving)
     real = await server.listen(address)

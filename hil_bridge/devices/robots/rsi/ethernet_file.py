@@ -8,7 +8,7 @@ from ipaddress import ip_address
 from typing import Any
 
 from hil_bridge.devices.kinds import KindSettings
-from hil_bridge.devices.robots.probing import Probed
+from hil_bridge.devices.robots.probe import Probed
 from hil_bridge.transports.urls import LISTEN_DATAGRAMS, parse_url
 from protocol.devices.rsi import EthernetFile, RsiLink, axis_tags, pose_tags, read_ethernet_file
 from protocol.endpoint import Trouble

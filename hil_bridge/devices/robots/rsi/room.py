@@ -7,11 +7,11 @@ from emulators.devices.rsi import RSI_CONTROLS, RSI_FAULTS, RsiController, RsiPr
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
-from hil_bridge.devices.playing import Course, Played, play_stream
-from hil_bridge.devices.robots.probing import Probed, probe_link
+from hil_bridge.devices.robots.probe import Probed, probe_link
+from hil_bridge.devices.robots.rsi.emulator_fit import match
 from hil_bridge.devices.robots.rsi.ethernet_file import compare_file
-from hil_bridge.devices.robots.rsi.matching import match
 from hil_bridge.devices.robots.streamed import StreamedLink
+from hil_bridge.devices.trajectory import Course, Played, play_stream
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.transports import Datagrams
 from hil_bridge.transports.urls import LISTEN_DATAGRAMS, parse_url
@@ -90,7 +90,7 @@ def usual(settings: KindSettings[RsiLink, RsiProfile], virtual: bool) -> str:
 
 
 def play(robot: Any, course: Course, settings: KindSettings[RsiLink, RsiProfile], now: float) -> Played:
-    """A course of places as corrections. As `hil_bridge.devices.playing.Play` says."""
+    """A course of places as corrections. As `hil_bridge.devices.trajectory.Play` says."""
     return play_stream(robot.endpoint, RsiClient(settings.client), course, now)
 
 

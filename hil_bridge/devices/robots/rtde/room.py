@@ -7,14 +7,14 @@ from emulators.devices.rtde import RTDE_CONTROLS, RTDE_FAULTS, TEXT_MAX, RtdePro
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
-from hil_bridge.devices.robots.probing import Probed, probe_link
-from hil_bridge.devices.robots.rtde import serving as ports
+from hil_bridge.devices.robots.probe import Probed, probe_link
+from hil_bridge.devices.robots.rtde import port_server as ports
 from hil_bridge.devices.robots.rtde.addresses import RTDE_PORT, parse_address
 from hil_bridge.devices.robots.rtde.bundle import Bundle
+from hil_bridge.devices.robots.rtde.emulator_fit import match
 from hil_bridge.devices.robots.rtde.facts import robot_facts
-from hil_bridge.devices.robots.rtde.matching import match
-from hil_bridge.devices.robots.rtde.playing import play
 from hil_bridge.devices.robots.rtde.program_folder import read_programs
+from hil_bridge.devices.robots.rtde.trajectory import play
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError

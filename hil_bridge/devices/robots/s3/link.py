@@ -9,11 +9,12 @@ from typing import TypeVar, overload
 
 from hil_bridge.clock import Clock
 from hil_bridge.devices.device_log import DeviceLog
-from hil_bridge.devices.robots.asked import Asking
 from hil_bridge.devices.robots.gate import Bounds, Gate
+from hil_bridge.devices.robots.motion_faults import moved_since
+from hil_bridge.devices.robots.request_channel import Asking
 from hil_bridge.devices.robots.s3.facts import robot_facts
 from hil_bridge.devices.robots.s3.motion import S3Motion
-from hil_bridge.devices.robots.s3.standing import hindrance, stop
+from hil_bridge.devices.robots.s3.status_faults import hindrance, stop
 from hil_bridge.devices.robots.seam import (
     QUESTION_LEFT,
     MotionLimits,
@@ -21,7 +22,6 @@ from hil_bridge.devices.robots.seam import (
     Sent,
     orientation_fault,
 )
-from hil_bridge.devices.robots.standing import moved_since
 from hil_bridge.errors import BridgeError, Cause, DeviceError, OrderRefused
 from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.transports import Direction, Tap, Transport

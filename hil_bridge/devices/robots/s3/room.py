@@ -7,18 +7,18 @@ from typing import Any
 
 from emulators.devices.s3 import S3_CONTROLS, S3_FAULTS, S3Profiles, S3Site, make_robot
 from emulators.seams import RobotFactory
+from hil_bridge.devices.emulator_fit import LateSettings
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
-from hil_bridge.devices.matching import LateSettings
-from hil_bridge.devices.robots.probing import Probed, first_answer
+from hil_bridge.devices.robots.probe import Probed, first_answer
+from hil_bridge.devices.robots.s3.emulator_fit import match
 from hil_bridge.devices.robots.s3.facts import robot_facts
 from hil_bridge.devices.robots.s3.latency import NOTES, late_settings
 from hil_bridge.devices.robots.s3.link import S3Link
-from hil_bridge.devices.robots.s3.matching import match
 from hil_bridge.devices.robots.s3.orders_file import read_orders
 from hil_bridge.devices.robots.s3.program_folder import read_programs
 from hil_bridge.devices.robots.s3.settings import S3Settings
-from hil_bridge.devices.robots.s3.standing import stop
+from hil_bridge.devices.robots.s3.status_faults import stop
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.transports import LineSettings, Parity

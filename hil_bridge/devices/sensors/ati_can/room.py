@@ -6,7 +6,7 @@ from emulators.devices.ati_can import ATI_CAN_FAULTS, AtiCanBoard, AtiCanProfile
 from emulators.seams import SensorFactory
 from emulators.wires.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.devices.kinds import CanBus, KindSettings, SensorEmulation, SensorKind
-from hil_bridge.devices.sensors.ati_can.matching import match
+from hil_bridge.devices.sensors.ati_can.emulator_fit import match
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
 from hil_bridge.transports import Transport

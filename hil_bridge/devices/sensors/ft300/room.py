@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 from emulators.devices.ft300 import FT300_FAULTS, URCAP_FAULTS, Ft300, Ft300Profile, UrcapServer
 from emulators.seams import SensorFactory
 from hil_bridge.devices.kinds import KindSettings, SensorEmulation, SensorKind
-from hil_bridge.devices.sensors.ft300.matching import match
+from hil_bridge.devices.sensors.ft300.emulator_fit import match
 from hil_bridge.devices.sensors.ft300.urcap_port import serve_texts
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError

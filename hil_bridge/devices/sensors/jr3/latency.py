@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from hil_bridge.devices.matching import LateSettings
+from hil_bridge.devices.emulator_fit import LateSettings
 
 _GATEWAYS = {"jr3": "cell.jr3.gateway", "jr3-uart": "cell.jr3.uart"}
 """Sections of the emulated gateways, by what stands before the sensor. A board's samples come when they are read."""

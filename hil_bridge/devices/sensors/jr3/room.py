@@ -10,8 +10,8 @@ from emulators.devices.jr3.faults import BOARD_FAULTS, CAN_GATEWAY_FAULTS, UART_
 from emulators.seams import SensorFactory
 from emulators.wires.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.devices.kinds import CanBus, KindSettings, SensorEmulation, SensorKind
+from hil_bridge.devices.sensors.jr3.emulator_fit import match_gateway, match_uart
 from hil_bridge.devices.sensors.jr3.latency import late_settings
-from hil_bridge.devices.sensors.jr3.matching import match_gateway, match_uart
 from hil_bridge.devices.sensors.jr3.registers import (
     ListenerProfile,
     Watcher,

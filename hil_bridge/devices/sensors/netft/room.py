@@ -9,7 +9,7 @@ from typing import Any
 from emulators.devices.netft import NETFT_FAULTS, NetBox, NetFtProfile, PageEndpoint, answer
 from emulators.seams import SensorFactory
 from hil_bridge.devices.kinds import KindSettings, SensorEmulation, SensorKind
-from hil_bridge.devices.sensors.netft.matching import match
+from hil_bridge.devices.sensors.netft.emulator_fit import match
 from hil_bridge.devices.sensors.netft.page_server import PageServer
 from hil_bridge.devices.sensors.netft.page_wire import WithPage
 from hil_bridge.devices.wiring import Serving, Wiring

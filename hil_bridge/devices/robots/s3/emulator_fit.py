@@ -3,12 +3,12 @@
 import math
 from typing import Any
 
-from hil_bridge.devices.matching import RobotFigures, Sections, split_servo
+from hil_bridge.devices.emulator_fit import RobotFigures, Sections, split_servo
 from hil_bridge.devices.robots.s3.latency import late_settings
 
 
 def match(settings: Any, figures: RobotFigures) -> Sections:
-    """As `hil_bridge.devices.matching` says: turnarounds as quantiles, and the servo's transport delay."""
+    """As `hil_bridge.devices.emulator_fit` says: turnarounds as quantiles, and the servo's transport delay."""
     found: dict[str, dict[str, object]] = {}
     if figures.turnarounds_ms:
         found |= late_settings(figures.turnarounds_ms, settings.client.link)

@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from hil_bridge.devices.matching import Sections, SensorFigures, given, known
+from hil_bridge.devices.emulator_fit import Sections, SensorFigures, given, known
 
 
 def match(settings: Any, figures: SensorFigures) -> Sections:
-    """As `hil_bridge.devices.matching` says."""
+    """As `hil_bridge.devices.emulator_fit` says."""
     return {
         "cell.ft300": given(
             noise_n=known(figures.noise[:3]),

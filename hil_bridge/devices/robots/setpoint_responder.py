@@ -24,9 +24,9 @@ from typing import Generic
 
 from hil_bridge.devices.facts import ANSWERS, LATE, MISSING, PACKETS
 from hil_bridge.devices.robots.gate import Bounds, Gate, depth_of
+from hil_bridge.devices.robots.motion_faults import Faults
 from hil_bridge.devices.robots.ramp import Pace, Ramp
 from hil_bridge.devices.robots.seam import ANSWER, PACKET, MotionLimits
-from hil_bridge.devices.robots.standing import Faults
 from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.transports.pump import Data
 from protocol.endpoint import NO_TROUBLE, Trouble

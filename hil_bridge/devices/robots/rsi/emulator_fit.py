@@ -3,11 +3,11 @@
 import math
 from typing import Any
 
-from hil_bridge.devices.matching import RobotFigures, Sections, split_servo
+from hil_bridge.devices.emulator_fit import RobotFigures, Sections, split_servo
 
 
 def match(settings: Any, figures: RobotFigures) -> Sections:
-    """As `hil_bridge.devices.matching` says: a transport delay, with the loops as they are."""
+    """As `hil_bridge.devices.emulator_fit` says: a transport delay, with the loops as they are."""
     if math.isnan(figures.servo_s):
         return {}
     servo = settings.emulated

@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from hil_bridge.devices.playing import FAMILIES, SETTLE_S, Course, Played, play_stream
 from hil_bridge.devices.robots.egm.settings import EgmSettings
+from hil_bridge.devices.trajectory import FAMILIES, SETTLE_S, Course, Played, play_stream
 from hil_bridge.errors import ConfigError
 from protocol.devices.egm import EgmClient
 from protocol.devices.egm.messages import Guidance, RobotMessage, SensorMessage, decode_robot, encode_answer
@@ -15,7 +15,7 @@ _BEGIN_S = 60.0
 
 
 def play(robot: Any, course: Course, settings: Any, now: float) -> Played:
-    """As `hil_bridge.devices.playing.Play` says."""
+    """As `hil_bridge.devices.trajectory.Play` says."""
     mode, needed = settings.emulated.mode, "joint" if course.family == "order_q" else "pose"
     if mode != needed:
         raise ConfigError(f"cell.egm.mode is {mode}; set it to {needed} to play {course.family}")

@@ -3,12 +3,12 @@
 import math
 from typing import Any
 
-from hil_bridge.devices.matching import Sections, SensorFigures, behind_filter, given, known
+from hil_bridge.devices.emulator_fit import Sections, SensorFigures, behind_filter, given, known
 from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 
 
 def match(settings: Any, figures: SensorFigures) -> Sections:
-    """As `hil_bridge.devices.matching` says: the nearest filter, and the noise before it."""
+    """As `hil_bridge.devices.emulator_fit` says: the nearest filter, and the noise before it."""
     number = 0
     if not math.isnan(figures.cutoff_hz):
         number = min(

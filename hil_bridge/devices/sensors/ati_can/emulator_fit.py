@@ -3,11 +3,11 @@
 import math
 from typing import Any
 
-from hil_bridge.devices.matching import Sections, SensorFigures, given, known
+from hil_bridge.devices.emulator_fit import Sections, SensorFigures, given, known
 
 
 def match(settings: Any, figures: SensorFigures) -> Sections:
-    """As `hil_bridge.devices.matching` says: the noise of a gage that makes that of the axes, on the mean."""
+    """As `hil_bridge.devices.emulator_fit` says: the noise of a gage that makes that of the axes, on the mean."""
     profile = settings.emulated
     gages = None
     if all(map(math.isfinite, figures.noise)):

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from hil_bridge.devices.matching import RobotFigures, Sections
+from hil_bridge.devices.emulator_fit import RobotFigures, Sections
 from hil_bridge.devices.robots.rtde.facts import robot_facts
 
 _MOST_CYCLES = 100
@@ -11,7 +11,7 @@ _MOST_CYCLES = 100
 
 
 def match(settings: Any, figures: RobotFigures) -> Sections:
-    """As `hil_bridge.devices.matching` says: whole cycles from a target to the arm, and the noise of the joints."""
+    """As `hil_bridge.devices.emulator_fit` says: whole cycles from a target to the arm, and the noise of the joints."""
     profile = settings.emulated
     found: dict[str, object] = {}
     servo = robot_facts(settings.client, profile).servo

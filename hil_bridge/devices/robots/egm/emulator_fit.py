@@ -3,11 +3,11 @@
 import math
 from typing import Any
 
-from hil_bridge.devices.matching import RobotFigures, Sections
+from hil_bridge.devices.emulator_fit import RobotFigures, Sections
 
 
 def match(settings: Any, figures: RobotFigures) -> Sections:
-    """As `hil_bridge.devices.matching` says: whole cycles of delay, and loops that make up the rest."""
+    """As `hil_bridge.devices.emulator_fit` says: whole cycles of delay, and loops that make up the rest."""
     if math.isnan(figures.servo_s):
         return {}
     profile = settings.emulated

@@ -6,7 +6,7 @@ Joints go to `servoj`, speeds to `speedj`, places to `servoj` by the inverse kin
 from collections.abc import Sequence
 from typing import Any
 
-from hil_bridge.devices.playing import FAMILIES, Course, Played
+from hil_bridge.devices.trajectory import FAMILIES, Course, Played
 from hil_bridge.errors import ConfigError
 from protocol.devices.rtde import packets
 from protocol.devices.rtde.fields import Recipe
@@ -36,7 +36,7 @@ _MOVE_SPEED, _MOVE_ACCELERATION = 1.0, 1.4
 
 
 def play(robot: Any, course: Course, settings: Any, now: float) -> Played:
-    """As `hil_bridge.devices.playing.Play` says."""
+    """As `hil_bridge.devices.trajectory.Play` says."""
     return _Player(robot, course, settings, now).played()
 
 

@@ -3,11 +3,11 @@
 import math
 from typing import Any
 
-from hil_bridge.devices.matching import Sections, SensorFigures, behind_filter
+from hil_bridge.devices.emulator_fit import Sections, SensorFigures, behind_filter
 
 
 def match_gateway(settings: Any, figures: SensorFigures) -> Sections:
-    """As `hil_bridge.devices.matching` says, behind the filter of the CAN gateway."""
+    """As `hil_bridge.devices.emulator_fit` says, behind the filter of the CAN gateway."""
     return _match(settings.client.gateway, figures)
 
 
