@@ -28,7 +28,7 @@ GROUPS: Mapping[str, Names] = {
             "CanBus",
         ),
         "hil_bridge.devices.wiring": ("Wiring", "Serving"),
-        "hil_bridge.devices.trajectory": ("Course", "Played", "play_stream"),
+        "hil_bridge.devices.trajectory": ("Trajectory", "TrajectoryResult", "stream_trajectory"),
         "hil_bridge.transports.urls": ("WireUrl", "parse_url", "with_baudrate", "with_option"),
         "protocol.marks": (
             "setting",
@@ -74,7 +74,7 @@ GROUPS: Mapping[str, Names] = {
             "pose_fault",
         ),
         "hil_bridge.devices.robots.streamed": ("StreamedLink",),
-        "hil_bridge.devices.robots.request_channel": ("Asking",),
+        "hil_bridge.devices.robots.request_channel": ("RequestChannel",),
         "hil_bridge.devices.robots.seam": ("RobotLink", "Motion", "MotionLimits"),
         "hil_bridge.devices.facts": (
             "RobotFacts",

@@ -30,7 +30,7 @@ class _Kinds(EntryPointGroup):
 
 def _kind_command(name: str, others: Sequence[str]) -> click.Command | None:
     """The command of a kind of device. Raises ConfigError if there is none, naming the kinds and the other commands."""
-    from hil_bridge.devices.kinds import ROBOTS, SENSORS, words_of
+    from hil_bridge.devices.kinds import ROBOTS, SENSORS, describer_of
     from hil_bridge.errors import ConfigError
 
     found = [registry.kind(name) for registry in (ROBOTS, SENSORS) if name in registry.names]
@@ -38,7 +38,7 @@ def _kind_command(name: str, others: Sequence[str]) -> click.Command | None:
         known = dict.fromkeys((*others, *ROBOTS.names, *SENSORS.names))
         raise ConfigError(f"there is no kind {name!r} to decode; choose one of {', '.join(known)}")
     kind = next((kind for kind in found if kind.describe is not None), found[0])
-    describe = words_of(kind)
+    describe = describer_of(kind)
     if describe is None:
         raise ConfigError(f"{name}: there are no words for the bytes of {kind.summary!r}; nothing is decoded")
     frames = getattr(kind, "bus", None) is not None

@@ -26,7 +26,7 @@ class DeviceLog(Protocol):
         """Something happened on a device's link: a bid, an acknowledgement, a repetition."""
 
 
-class Silence:
+class NullLog:
     """A log that keeps nothing."""
 
     verbose = False
@@ -44,7 +44,7 @@ class Silence:
         """Forget it."""
 
 
-class LogTo(Silence):
+class CallbackLog(NullLog):
     """A log that hands frames and notices to functions, where they are wanted, and forgets the rest."""
 
     def __init__(

@@ -25,7 +25,7 @@ from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
 from hil_bridge.devices.emulator_fit import LateRobot, LateSensor, MatchRobot, MatchSensor
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kind_checks import fault_of
-from hil_bridge.devices.trajectory import Play
+from hil_bridge.devices.trajectory import PlayTrajectory
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.errors.plugins import find_plugin, own_names, plugin_names
@@ -88,7 +88,7 @@ class RobotEmulation(Generic[_Client, _Emulated]):
     """
     late_ms: float = 20.0
     """How late what it says comes in the scenario `late`, ms."""
-    play: Play | None = None
+    play: PlayTrajectory | None = None
     """Plays a course of orders to the emulated robot over its protocol, for `identify fidelity`; None: it cannot."""
     match: MatchRobot | None = None
     """Settings under which the emulated robot shows measured figures, for `identify cell`; None: none."""
@@ -124,16 +124,18 @@ class RobotKind(Generic[_Client, _Emulated]):
     is given one datagram, a piece of a line, or a CAN frame as candump writes it, in ASCII: `201#C800`.
     """
     probe: Callable[[str, KindSettings[_Client, _Emulated], Wiring], Awaitable[Any]] | None = None
-    """Findings of `hil-bridge probe robot`, a `robots.probe.Probed`: from the wire's URL, the settings and the wires.
-    It orders nothing. Errors as of `connect`, and DeviceError where nothing answers. None: there is no probe.
+    """Probe the robot for `hil-bridge probe robot`: from the wire's URL, the settings and the wires. Returns a
+    `robots.probe.ProbeResult`, and orders nothing. Errors as of `connect`, and DeviceError if nothing answers. None:
+    no probe.
     """
-    ask_beside: Callable[[str], Awaitable[Any]] | None = None
-    """Facts that the robot tells over another channel of its URL, a `Probed` without rows where it names none. It
+    read_side_channel: Callable[[str], Awaitable[Any]] | None = None
+    """Facts that the robot tells over another channel of its URL, a `ProbeResult` without rows where it names none. It
     reads only. Raises DeviceError where nothing answers. None: there is no such channel.
     """
     compare_file: Callable[[bytes, str, KindSettings[_Client, _Emulated]], Any] | None = None
-    """Findings of `hil-bridge doctor` in a file of the controller, a `Probed`: what it says, and its differences from a
-    wire's URL and the settings. Raises ValueError for another file. None: no file of the controller is read.
+    """Compare a file of the controller with the wire's URL and the settings, for `hil-bridge doctor`. Returns a
+    `ProbeResult`: the file's content and each difference. Raises ValueError for any other file. None: no such file is
+    read.
     """
     usual_wire: str = ""
     """A wire's URL of a real robot, `{host}` in the place of its address: for a URL that has no wire."""
@@ -372,10 +374,10 @@ def _takes(kind: DeviceKind, wire: str) -> bool:
 
 Faults: TypeAlias = Mapping[str, Mapping[str, Fault]]
 """Faults by target and name."""
-Words: TypeAlias = Callable[[bytes], list[dict[str, object]]]
+Describe: TypeAlias = Callable[[bytes], list[dict[str, object]]]
 
 
-def words_of(kind: DeviceKind) -> Words | None:
+def describer_of(kind: DeviceKind) -> Describe | None:
     """The words for a kind's bytes. Another package's may raise anything: that is a problem of the bytes, in words."""
     describe = kind.describe
     if describe is None:
@@ -424,11 +426,11 @@ class EmulatedKinds(NamedTuple):
         return {**robot, **sensor, **own}
 
     @property
-    def felt_by_sensor(self) -> Collection[str]:
+    def sensor_targets(self) -> Collection[str]:
         """Targets whose faults have no effect but through the emulated sensor."""
         return {"bus", "surface", "obstacle", *_own_faults(self.sensor)}
 
-    def others_with(self, on: str, fault: str, given: Mapping[str, object]) -> str:
+    def alternatives_for(self, on: str, fault: str, given: Mapping[str, object]) -> str:
         """The kinds of our own to choose instead, for a fault that this cell cannot have; empty for none."""
         robots = [(kind.name, self._replace(robot=kind)) for kind in map(ROBOTS.kind, ROBOTS.own)]
         sensors = [(kind.name, self._replace(sensor=kind)) for kind in map(SENSORS.kind, SENSORS.own)]

@@ -42,7 +42,7 @@ _PERIODS = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class Trajectory:
     """Orders of one family over time."""
 
     family: str
@@ -78,7 +78,7 @@ class Course:
         return tuple([a + share * (b - a) for a, b in zip(before, after, strict=True)])
 
 
-class Played(NamedTuple):
+class TrajectoryResult(NamedTuple):
     """Reports of a robot while a course was played."""
 
     times: list[float]
@@ -87,7 +87,7 @@ class Played(NamedTuple):
     """Places count from where the course begins, wherever the emulated arm stands."""
 
 
-Play = Callable[[Any, Course, Any, float], Played]
+PlayTrajectory = Callable[[Any, Trajectory, Any, float], TrajectoryResult]
 """Plays a course: from the emulated robot, the course, the `KindSettings` and the time at which the robot was powered
 up, s. Raises ConfigError for a family that the protocol cannot order, and where the robot stops.
 """
@@ -109,7 +109,7 @@ class _Log:
         self.orders.append(order)
         self.places.append(place)
 
-    def played(self) -> Played:
+    def played(self) -> TrajectoryResult:
         """All of it."""
         families: dict[str, Sequence[tuple[float, ...]]] = {
             "order_position": self.orders,
@@ -121,13 +121,15 @@ class _Log:
             for family, rows in families.items()
             for k, name in enumerate(FAMILIES[family])
         }
-        return Played(self.times, columns)
+        return TrajectoryResult(self.times, columns)
 
 
-def play_stream(endpoint: Any, client: StreamClient[Any], course: Course, now: float) -> Played:
-    """Play places to a robot that speaks first and is answered each time, with the client of a run.
+def stream_trajectory(
+    endpoint: Any, client: StreamClient[Any], course: Trajectory, now: float
+) -> TrajectoryResult:
+    """PlayTrajectory places to a robot that speaks first and is answered each time, with the client of a run.
 
-    The course begins where the robot stands. Errors as of `Play`.
+    The course begins where the robot stands. Errors as of `PlayTrajectory`.
     """
     if course.family != "order_position":
         raise ConfigError(f"this robot is played order_position or target_position, not {course.family}")

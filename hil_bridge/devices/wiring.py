@@ -68,7 +68,7 @@ class Serving:
     """Called with a line for each connection that ended badly."""
     pumps: list[Pump[Any, Any]] = field(default_factory=list)
     """Pumps of all devices: to be woken when a fault begins or ends."""
-    _told: set[str] = field(default_factory=set)
+    _announced: set[str] = field(default_factory=set)
     """Kinds of notices of datagram wires that were told."""
 
     async def serve_bytes(self, url: str, endpoint: Any) -> str:
@@ -98,19 +98,19 @@ class Serving:
         reads those that have come before it ends a cycle.
         """
         if speak_first:
-            wire = await opening.connect_datagrams(url, self.clock, partial(self._tell_once, url))
-            self.attach(_Beating(endpoint, wire.take_in) if counts_late else endpoint, wire)
+            wire = await opening.connect_datagrams(url, self.clock, partial(self._say_once, url))
+            self.attach(_CountsLate(endpoint, wire.take_in) if counts_late else endpoint, wire)
             return url.replace("udp://", "udp-bind://", 1)
         listening = await opening.listen_datagrams(url, self.clock)
         self.attach(endpoint, listening.transport)
         return listening.address
 
-    def _tell_once(self, url: str, kind: str, text: str) -> None:
+    def _say_once(self, url: str, kind: str, text: str) -> None:
         """A device that speaks first goes on speaking where no program listens: one line is enough. Each client that
         leaves has a line.
         """
-        if kind == EventKind.LEFT or kind not in self._told:
-            self._told.add(kind)
+        if kind == EventKind.LEFT or kind not in self._announced:
+            self._announced.add(kind)
             waits = f"{url}: waits for its client; no program listens there yet"
             self.say(waits if kind == EventKind.ABSENT else text)
 
@@ -133,7 +133,7 @@ class Serving:
             self.on_failure(cause)
 
 
-class _Beating:
+class _CountsLate:
     """A device that speaks first, and counts answers that have not come before its next beat.
 
     A beat may wait for this computer for long. An answer that lies in the system's buffer meanwhile has come before it.

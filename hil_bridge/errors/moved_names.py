@@ -11,6 +11,7 @@ from pathlib import Path
 SINCE = "0.7"
 """The version in which the names of this table changed."""
 _CONTROL = "hil_bridge.control"
+_DEVICES = "hil_bridge.devices"
 MOVED: Mapping[str, str] = {
     f"{_CONTROL}.program.state.Felt": f"{_CONTROL}.course.contact_sample.ContactSample",
     f"{_CONTROL}.program.state.ProgramState": f"{_CONTROL}.course.state.StepState (what a step answers) and Course",
@@ -26,6 +27,12 @@ MOVED: Mapping[str, str] = {
     f"{_CONTROL}.steps.paths.Place": f"{_CONTROL}.geometry.ways.Place",
     f"{_CONTROL}.steps.paths.Way": f"{_CONTROL}.geometry.ways.Way",
     f"{_CONTROL}.steps.paths.way_of": f"{_CONTROL}.geometry.ways.way_of",
+    f"{_DEVICES}.playing.Course": f"{_DEVICES}.trajectory.Trajectory",
+    f"{_DEVICES}.playing.Played": f"{_DEVICES}.trajectory.TrajectoryResult",
+    f"{_DEVICES}.playing.play_stream": f"{_DEVICES}.trajectory.stream_trajectory",
+    f"{_DEVICES}.robots.asked.Asking": f"{_DEVICES}.robots.request_channel.RequestChannel",
+    f"{_DEVICES}.robots.probing.Probed": f"{_DEVICES}.robots.probe.ProbeResult",
+    f"{_DEVICES}.robots.probing.probe_link": f"{_DEVICES}.robots.probe.probe_link",
 }
 """Old name and new one."""
 METHODS: Mapping[str, tuple[str, str]] = {

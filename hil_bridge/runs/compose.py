@@ -14,8 +14,8 @@ from emulators.unmodelled import TaggingDevice
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, Timer, device_clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.devices.kinds import ROBOTS, RobotEmulation, SensorEmulation
-from hil_bridge.devices.panel import OperatedPanel, PanelServer, panel_address
-from hil_bridge.devices.robots.plugin_link import link_of_others
+from hil_bridge.devices.panel import LocalPanel, PanelServer, panel_address
+from hil_bridge.devices.robots.plugin_link import wrap_plugin_link
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Serving, Wiring, Wrap, unwrapped
@@ -41,7 +41,7 @@ class ServedCell:
     sensor: Sensor | None
     panel: str | None
     """URL of the emulated controller's panel, for people."""
-    operated: OperatedPanel | None = None
+    operated: LocalPanel | None = None
     """The same panel for this process; None for a kind without one, and where no robot is served."""
 
 
@@ -171,7 +171,7 @@ async def connect_robot(robot: Robot, wiring: Wiring) -> RobotLink:
         return link
     if not callable(getattr(link, "motion", None)):
         raise WrongAnswer(robot.kind, "connect", link, "a robot link")
-    return link_of_others(link, robot.url, wiring.clock)
+    return wrap_plugin_link(link, robot.url, wiring.clock)
 
 
 async def connect_sensor(sensor: Sensor, wiring: Wiring) -> ForceSensor:
@@ -187,7 +187,7 @@ async def connect_sensor(sensor: Sensor, wiring: Wiring) -> ForceSensor:
 
 
 @asynccontextmanager
-async def _serve_panel(panel: OperatedPanel, url: str, clock: Clock) -> AsyncIterator[str]:
+async def _serve_panel(panel: LocalPanel, url: str, clock: Clock) -> AsyncIterator[str]:
     """Let the panel listen on a URL; where it is asked.
 
     Raises ConfigError for the URL, TransportUnavailable for the port.
@@ -200,7 +200,7 @@ async def _serve_panel(panel: OperatedPanel, url: str, clock: Clock) -> AsyncIte
         await server.aclose()
 
 
-def _operate(cell: Cell[Any, Any], kind: str, controls: Controls, serving: Serving) -> OperatedPanel:
+def _operate(cell: Cell[Any, Any], kind: str, controls: Controls, serving: Serving) -> LocalPanel:
     """The panel of the cell's robot. Each act wakes the cell's devices."""
     panel = Panel(cell.robot, controls, cell.ledger)
 
@@ -214,7 +214,7 @@ def _operate(cell: Cell[Any, Any], kind: str, controls: Controls, serving: Servi
         finally:
             serving.wake()
 
-    return OperatedPanel(kind, perform)
+    return LocalPanel(kind, perform)
 
 
 @asynccontextmanager
@@ -239,7 +239,7 @@ async def emulated_cell(
         robot: Robot | None = None
         sensor: Sensor | None = None
         panel_at: str | None = None
-        operated: OperatedPanel | None = None
+        operated: LocalPanel | None = None
         if setup.listen.robot is not None:
             robot = await _serve(setup.cell_robot, cell.robot, serving)
             controls = _emulation(robot.kind).controls

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from emulators.cell import Cell, TrueState
 from hil_bridge.clock import Clock
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Wiring
@@ -362,13 +362,13 @@ async def opening_devices(config: Config) -> AsyncIterator[OpenDevices]:
         setup = Setup(config)
         if setup.sensor.is_emulated and not (setup.robot.is_emulated or clock.is_virtual):
             compose.check_panel(setup, clock.is_virtual)
-            wiring = Wiring("robot", clock, Silence())
+            wiring = Wiring("robot", clock, NullLog())
             async with aclosing(await compose.connect_robot(setup.robot, wiring)) as robot:
                 robot.start()
                 yield OpenDevices(robot, None, clock, None)
             return
         check_wires(setup, Start(clock.is_virtual))
-        async with compose.open_devices(setup, clock, Silence()) as devices:
+        async with compose.open_devices(setup, clock, NullLog()) as devices:
             yield OpenDevices(devices.robot, devices.sensor, clock, devices.cell)
     finally:
         clock.close()

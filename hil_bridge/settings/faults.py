@@ -102,7 +102,7 @@ class FaultConfig(BaseModel):
         try:
             find(cell.faults, self.on, self.fault).values(self.fault, self.given, self.on)
         except ValueError as error:
-            if other := cell.others_with(self.on, self.fault, self.given):
+            if other := cell.alternatives_for(self.on, self.fault, self.given):
                 known = self.fault in cell.faults.get(self.on, {})
                 given = ", ".join(f"{key} = {value}" for key, value in self.given.items()) if known else ""
                 rest = "" if known or self.on not in cell.faults else f"; {error}"
@@ -110,7 +110,7 @@ class FaultConfig(BaseModel):
             raise
         if robot_url:
             raise ValueError(f"{name} needs the emulated cell, but robot.url names a real robot")
-        if sensor_url and self.on in cell.felt_by_sensor:
+        if sensor_url and self.on in cell.sensor_targets:
             raise ValueError(f"{name} needs the emulated sensor, but sensor.url names a real one")
 
 

@@ -17,7 +17,7 @@ import click
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.devices.kinds import CanBus
-from hil_bridge.devices.robots.probe import Probed
+from hil_bridge.devices.robots.probe import ProbeResult
 from hil_bridge.errors import ConfigError, DeviceError, SettingRefused
 from hil_bridge.errors.text_files import TOML_LIMIT_BYTES, format_path, open_ordinary, read_up_to
 from hil_bridge.runs.checks import problems
@@ -137,7 +137,7 @@ def differences(config: Config, file: Path) -> list[Fact]:
     try:
         if len(data) > TOML_LIMIT_BYTES:
             raise ValueError(f"longer than {TOML_LIMIT_BYTES} bytes")
-        found: Probed = robot.kind.compare_file(data, robot.url, robot.settings)
+        found: ProbeResult = robot.kind.compare_file(data, robot.url, robot.settings)
     except ValueError as error:
         raise ConfigError(f"{format_path(file)} is no file of this controller: {error}") from error
     facts = [ok(file.name, f"{name}: {text}") for name, text in found.rows]
@@ -146,12 +146,12 @@ def differences(config: Config, file: Path) -> list[Fact]:
 
 def beside(key: str, robot: Robot) -> Iterator[Fact]:
     """Facts that a robot tells over another channel of its URL, such as web services. It is only read."""
-    ask = robot.kind.ask_beside
+    ask = robot.kind.read_side_channel
     if ask is None:
         return
 
-    async def main() -> Probed:
-        told: Probed = await ask(robot.url)
+    async def main() -> ProbeResult:
+        told: ProbeResult = await ask(robot.url)
         return told
 
     try:

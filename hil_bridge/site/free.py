@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.control import Wrist, force_along
-from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.device_log import CallbackLog
 from hil_bridge.devices.robots.seam import MotionLimits, RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import SafetyStop
@@ -60,9 +60,9 @@ def free(
         clock = Clock.running()
         try:
             # A stream that a dead run left counts from that run's zero; a stream that is stopped loses this zero.
-            async with open_devices(Setup(config), clock, LogTo()) as devices:
+            async with open_devices(Setup(config), clock, CallbackLog()) as devices:
                 await bring_up(devices.robot, devices.sensor)
-            async with open_devices(Setup(config), clock, LogTo()) as devices:
+            async with open_devices(Setup(config), clock, CallbackLog()) as devices:
                 return await Freeing(config, clock, devices.robot, devices.sensor, say)(distance_mm, back_to)
         finally:
             clock.close()

@@ -3,9 +3,9 @@
 from typing import Any
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.kinds import KindSettings, RobotKind
-from hil_bridge.devices.robots.probe import Probed
+from hil_bridge.devices.robots.probe import ProbeResult
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import harmless, toml_pair
@@ -50,13 +50,13 @@ TO_FILL_IN = """
 """Facts that only a person knows, with the defaults."""
 
 
-def probe_robot(kind: RobotKind[Any, Any], wire: str, settings: KindSettings[Any, Any]) -> Probed:
+def probe_robot(kind: RobotKind[Any, Any], wire: str, settings: KindSettings[Any, Any]) -> ProbeResult:
     """Probe in real time; a run would begin where nothing is refused.
 
     Raises ConfigError for a kind without a probe, TransportUnavailable for the wire, DeviceError where nothing answers.
     """
 
-    async def main() -> Probed:
+    async def main() -> ProbeResult:
         clock = Clock.running()
         try:
             return await probe(kind, wire, settings, clock)
@@ -68,17 +68,17 @@ def probe_robot(kind: RobotKind[Any, Any], wire: str, settings: KindSettings[Any
 
 async def probe(
     kind: RobotKind[Any, Any], wire: str, settings: KindSettings[Any, Any], clock: Clock
-) -> Probed:
+) -> ProbeResult:
     """Findings of the robot behind a wire. Errors as of `probe_robot`."""
     if kind.probe is None:
         raise ConfigError(
             f"a robot of the kind {kind.name} has no probe; its package gives one as `probe` of its RobotKind"
         )
-    found: Probed = await kind.probe(wire, settings, Wiring("robot", clock, Silence()))
+    found: ProbeResult = await kind.probe(wire, settings, Wiring("robot", clock, NullLog()))
     return found
 
 
-def probe_values(found: Probed) -> dict[str, object]:
+def probe_values(found: ProbeResult) -> dict[str, object]:
     """The same as values."""
     return {
         "would_begin": not found.refusals,
@@ -87,13 +87,13 @@ def probe_values(found: Probed) -> dict[str, object]:
     }
 
 
-def probe_rows(found: Probed) -> list[tuple[str, str]]:
+def probe_rows(found: ProbeResult) -> list[tuple[str, str]]:
     """All findings, and at the end what a run would meet."""
     refusals = [("a run", f"would be refused: {trouble}") for trouble in found.refusals]
     return [*found.rows, *(refusals or [("a run", "would begin, as far as the robot tells")])]
 
 
-def site_toml(url: str, found: Probed) -> str:
+def site_toml(url: str, found: ProbeResult) -> str:
     """A configuration file with the robot's URL; what the probe found, and what a person must know, are comments."""
     rows = [f"# {name}: {harmless(' '.join(text.split()))}" for name, text in found.rows]
     return "\n".join([*FOUND, *rows, toml_pair("url", url)]) + "\n" + TO_FILL_IN

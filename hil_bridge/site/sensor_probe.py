@@ -18,7 +18,7 @@ from typing import NamedTuple, TypeVar
 import click
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.device_log import CallbackLog
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import DeviceError
@@ -218,7 +218,7 @@ async def _opened(
         if not sensor.has_failed:  # its failure is raised, and so said once
             note(kind, text)
 
-    sensor = await connect_sensor(sensor_at(config, url), Wiring("sensor", clock, LogTo(take, pass_on)))
+    sensor = await connect_sensor(sensor_at(config, url), Wiring("sensor", clock, CallbackLog(take, pass_on)))
     sensor.start()
     try:
         yield sensor, _Look(sensor, frames, clock)

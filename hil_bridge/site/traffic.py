@@ -10,14 +10,14 @@ from hil_bridge.console.printing import Printer, Row, field_text
 from hil_bridge.devices.kinds import (
     ROBOTS,
     SENSORS,
+    Describe,
     DeviceKind,
     Registry,
     RobotKind,
     SensorKind,
-    Words,
+    describer_of,
     robot_of,
     sensor_of,
-    words_of,
 )
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.file_kinds import CANDUMP, HEAD_BYTES
@@ -179,7 +179,7 @@ def _candump_pieces(path: Path) -> Iterator[Piece]:
 def in_words(traffic: Iterable[Piece], kind: DeviceKind | None, device: str) -> Iterator[Row]:
     """Lines for the traffic of a device of this kind, in its order; `device` is its name where its kind is unknown."""
     name = device if kind is None else kind.name
-    words = None if kind is None else words_of(kind)
+    words = None if kind is None else describer_of(kind)
     begin = bytearray()
     waiting: list[Piece] = []
     arrows = {"tx": f"PC→{name}", "rx": f"{name}→PC"}
@@ -215,7 +215,7 @@ def in_words(traffic: Iterable[Piece], kind: DeviceKind | None, device: str) -> 
     yield from empty()
 
 
-def _alone(piece: Piece, words: Words | None, arrows: Mapping[str, str]) -> Row:
+def _alone(piece: Piece, words: Describe | None, arrows: Mapping[str, str]) -> Row:
     """The line of an event, of a frame, of an empty datagram, or of bytes without words."""
     if piece.event:
         return Row(piece.at, LINK_EVENT, piece.event, b"", False)
@@ -243,7 +243,9 @@ def _frame_data(text: str) -> bytes:
         return b""
 
 
-def _together(waiting: Sequence[Piece], begin: bytes, words: Words) -> Iterator[tuple[Piece, Sequence[Item]]]:
+def _together(
+    waiting: Sequence[Piece], begin: bytes, words: Describe
+) -> Iterator[tuple[Piece, Sequence[Item]]]:
     """Items of pieces that have no meaning one by one: read as one run of bytes behind the wire's begin, if that gives
     them more meaning. An item belongs to the piece in which it ends.
     """

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import pytest
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.devices.device_log import LogTo, Silence
+from hil_bridge.devices.device_log import CallbackLog, NullLog
 from hil_bridge.devices.kinds import DeviceKind
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
@@ -42,7 +42,7 @@ def check_live_robot(case: RobotCase, urls: Sequence[str]) -> None:
 
     async def main() -> None:
         clock = Clock.running()
-        wiring = Wiring("robot", clock, Silence())
+        wiring = Wiring("robot", clock, NullLog())
         link: RobotLink = await case.kind.connect(url, case.given, wiring)
         try:
             link.start()
@@ -79,9 +79,9 @@ def check_live_sensor(case: SensorCase, urls: Sequence[str]) -> None:
     async def main() -> None:
         clock = Clock.running()
         frames: list[WrenchFrame] = []
-        wiring = Wiring("sensor", clock, Silence())
+        wiring = Wiring("sensor", clock, NullLog())
         wire, client = await case.kind.connect(url, case.given, wiring)
-        sensor = ForceSensor(wire, client, clock, LogTo(frame=frames.append))
+        sensor = ForceSensor(wire, client, clock, CallbackLog(frame=frames.append))
         try:
             sensor.start()
             async with asyncio.timeout(PATIENCE_S):

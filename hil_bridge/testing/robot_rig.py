@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.robots.seam import MotionLimits, RobotLink
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import BridgeError
@@ -45,7 +45,7 @@ class RobotRig(Rig):
 
     async def connect(self) -> RobotLink:
         """A client for the robot, not started yet."""
-        wiring = Wiring("robot", self.clock, Silence(), self.wrap)
+        wiring = Wiring("robot", self.clock, NullLog(), self.wrap)
         link: RobotLink = await self.case.kind.connect(self._url, self.case.given, wiring)
         return link
 

@@ -10,7 +10,7 @@ import numpy as np
 from emulators.seams import Floats
 from emulators.sensing import KnownWrench
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.device_log import CallbackLog
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.testing.cases import SensorCase
@@ -58,7 +58,7 @@ class SensorRig(Rig):
 
     async def connect(self) -> ForceSensor:
         """A client for the sensor as a run has it, not started yet."""
-        log = LogTo(frame=self.frames.append)
+        log = CallbackLog(frame=self.frames.append)
         wiring = Wiring("sensor", self.clock, log, self.wrap)
         wire, client = await self.case.kind.connect(self.url, self.case.given, wiring)
         return ForceSensor(wire, client, self.clock, log)

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from hil_bridge.cli import cli
-from hil_bridge.devices.robots.probe import Probed
+from hil_bridge.devices.robots.probe import ProbeResult
 from hil_bridge.errors.causes import Cause
 from hil_bridge.record import read
 from hil_bridge.record.analysis.latency import latency_of
@@ -104,11 +104,11 @@ def test_doctor_has_a_row_for_each_line(monkeypatch: pytest.MonkeyPatch, tmp_pat
 
 def test_probe_tells_what_a_run_would_be_refused_for() -> None:
     found = probe_values(
-        Probed((("robot", "UR5e"), ("state", "off")), (Trouble("the arm is off", "switch it on"),))
+        ProbeResult((("robot", "UR5e"), ("state", "off")), (Trouble("the arm is off", "switch it on"),))
     )
     assert found == {
         "would_begin": False,
         "rows": [{"name": "robot", "text": "UR5e"}, {"name": "state", "text": "off"}],
         "refusals": [{"fact": "the arm is off", "remedy": "switch it on"}],
     }
-    assert probe_values(Probed((("robot", "UR5e"),)))["would_begin"] is True
+    assert probe_values(ProbeResult((("robot", "UR5e"),)))["would_begin"] is True

@@ -8,7 +8,7 @@ from itertools import count
 from typing import Any, NamedTuple
 
 from hil_bridge.clock import Clock
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.robots.seam import MotionLimits
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.lab.conform.client import Where
@@ -298,7 +298,7 @@ class S3Client(Naive):
 
     async def _run(self, url: str) -> None:
         config = load_config(None, {"robot.emulated": "s3"})
-        robot = await connect_robot(robot_at(config, url), Wiring("robot", self.clock, Silence()))
+        robot = await connect_robot(robot_at(config, url), Wiring("robot", self.clock, NullLog()))
         try:
             robot.start()
             (x, y, z), quaternion = (await robot.ready()).pose

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from hil_bridge.clock import Clock
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import BridgeError
 from hil_bridge.lab.conform.client import Where
@@ -35,7 +35,7 @@ class Reader:
     async def _run(self, url: str) -> None:
         clock = Clock.running()
         config = load_config(None, {"sensor.emulated": self.kind})
-        sensor = await connect_sensor(sensor_at(config, url), Wiring("sensor", clock, Silence()))
+        sensor = await connect_sensor(sensor_at(config, url), Wiring("sensor", clock, NullLog()))
         try:
             sensor.start()
             await sensor.ready()

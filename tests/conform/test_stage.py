@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.robots.seam import MotionLimits
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import BridgeError
@@ -42,7 +42,7 @@ class Linked:
 
     async def _go(self, url: str) -> None:
         clock = Clock.running()
-        robot = await connect_robot(robot_at(self.config, url), Wiring("robot", clock, Silence()))
+        robot = await connect_robot(robot_at(self.config, url), Wiring("robot", clock, NullLog()))
         try:
             robot.start()
             (x, y, z), quaternion = (await robot.ready()).pose

@@ -45,7 +45,7 @@ EIGHT = [
 
 
 @dataclass
-class Probed:
+class ProbeResult:
     """Findings and words of a probe."""
 
     finding: Finding | None = None
@@ -62,9 +62,9 @@ def probed(
     listen: str | None = None,
     position_mm: tuple[float, float, float] = (900.0, -100.0, 600.0),
     prepare: Callable[[PaperCell, float], object] = lambda cell, now: None,
-) -> Probed:
+) -> ProbeResult:
     """Probe an emulated controller with these settings."""
-    result = Probed()
+    result = ProbeResult()
 
     async def main() -> None:
         clock = Clock.running()

@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 
 from hil_bridge.clock import Clock, Timer, run_virtual
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.robots.seam import MotionLimits, Pacing, RobotFacts, RobotLink
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.transports import Datagrams, DatagramWire, connect_datagrams, listen_datagrams
@@ -150,7 +150,7 @@ def run_cell(script: Callable[[Cell], Awaitable[None]], options: str = "", start
         robot = ToyRobot(await connect_datagrams(listening.address + options, clock), clock)
         notices: list[str] = []
 
-        class Log(Silence):
+        class Log(NullLog):
             def notice(self, kind: str, text: str) -> None:
                 notices.append(text)
 

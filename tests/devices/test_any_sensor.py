@@ -10,7 +10,7 @@ import pytest
 
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.control import Peaks
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.sensors.axis_watch import DEAD_AFTER_S
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import DeviceError
@@ -70,7 +70,7 @@ class PlainClient:
 
 
 @dataclass
-class Frames(Silence):
+class Frames(NullLog):
     """Keeps all frames and notices."""
 
     frames: list[WrenchFrame] = field(default_factory=list)

@@ -8,7 +8,7 @@ import pytest
 from emulators.devices.s3 import EMPTY_SITE, S3Controller, S3Profiles, S3Site
 from emulators.seams import StartPose
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.robots.s3.link import S3Link
 from hil_bridge.devices.robots.s3.orders_file import parse_orders
 from hil_bridge.devices.robots.seam import MotionLimits
@@ -34,7 +34,7 @@ def robot_failure(answer: Callable[[bytes], bytes], hang_up_at: float | None = N
                 peer.send(reply)
 
         peer.start(heard, lambda cause: None)
-        robot = S3Link(await connect_bytes("memory:s3", clock), LinkProfile(), clock, Silence())
+        robot = S3Link(await connect_bytes("memory:s3", clock), LinkProfile(), clock, NullLog())
         robot.start()
         began = clock.now()
         if hang_up_at is not None:
@@ -73,7 +73,7 @@ def test_what_happens_on_the_link_is_told_by_name() -> None:
     said = iter((b"\x06", b"\x15", b"\x06"))
     notices, events = [], []
 
-    class Told(Silence):
+    class Told(NullLog):
         verbose = True
 
         def notice(self, kind: str, text: str) -> None:
@@ -397,7 +397,7 @@ def test_an_answer_too_short_is_the_devices_error() -> None:
 def answered(answer: Telegram, ask: Callable[[S3Link], Awaitable[object]]) -> object:
     """Result of the client for a robot that gives this answer to every order."""
 
-    class Answering(Link):
+    class SetpointResponder(Link):
         def next_event(self) -> None:
             while (event := super().next_event()) is not None:
                 if isinstance(event, MessageReceived):
@@ -407,9 +407,9 @@ def answered(answer: Telegram, ask: Callable[[S3Link], Awaitable[object]]) -> ob
         clock = Clock.running()
         port = (await listen_bytes("memory:s3", clock)).transport
         Pump(
-            Answering(Role.ROBOT, LinkProfile()), port, clock, lambda event: None, lambda cause: None
+            SetpointResponder(Role.ROBOT, LinkProfile()), port, clock, lambda event: None, lambda cause: None
         ).start()
-        robot = S3Link(await connect_bytes("memory:s3", clock), LinkProfile(), clock, Silence())
+        robot = S3Link(await connect_bytes("memory:s3", clock), LinkProfile(), clock, NullLog())
         robot.start()
         try:
             return await ask(robot)

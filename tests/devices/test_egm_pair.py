@@ -12,12 +12,12 @@ from emulators.devices.egm import EGM_FAULTS, EgmController, EgmProfile, State
 from emulators.faults import Ledger
 from emulators.seams import StartPose
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.kinds import KindSettings
 from hil_bridge.devices.robots.egm.room import ROBOT
 from hil_bridge.devices.robots.egm.settings import EgmSettings
 from hil_bridge.devices.robots.seam import MotionLimits
-from hil_bridge.devices.robots.setpoint_responder import Answering
+from hil_bridge.devices.robots.setpoint_responder import SetpointResponder
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.transports import connect_datagrams
 from protocol.devices.egm import EgmClient, RobotMessage, RobotWare, encode_robot
@@ -37,7 +37,7 @@ class Pair:
 
     def __init__(self, client: EgmClient | None = None, **settings: Any) -> None:
         self.robot = EgmController(EgmProfile(**settings), StartPose(*START, tool_length=0.2), T0, 7)
-        self.bridge = Answering(client or EgmClient(CYCLE), CYCLE)
+        self.bridge = SetpointResponder(client or EgmClient(CYCLE), CYCLE)
         self.ledger = Ledger(EGM_FAULTS)
         for target, handlers in self.robot.handlers.items():
             self.ledger.attach(target, handlers)
@@ -216,7 +216,7 @@ def test_a_stranger_on_the_port_neither_moves_the_robot_nor_stops_it() -> None:
     notices: list[str] = []
     heard: list[Any] = []
 
-    class Log(Silence):
+    class Log(NullLog):
         def notice(self, kind: str, text: str) -> None:
             notices.append(text)
 

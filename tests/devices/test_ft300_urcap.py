@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from hil_bridge.clock import Clock, run_real, run_virtual
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.kinds import SENSORS, default_settings
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import ConfigError, DeviceError
@@ -89,7 +89,7 @@ def test_second_client_fails_with_advice() -> None:
         async with emulated_cell(Setup(config_of(), Listen(None, MEMORY)), clock, print) as served:
             assert served.sensor is not None
             first = Listener(await connect_bytes(served.sensor.url, clock))
-            sensor = await connect_sensor(served.sensor, Wiring("sensor", clock, Silence()))
+            sensor = await connect_sensor(served.sensor, Wiring("sensor", clock, NullLog()))
             sensor.start()
             with pytest.raises(DeviceError, match="has sent nothing for 2 s") as failed:
                 await sensor.ready()

@@ -15,7 +15,7 @@ from emulators.devices.s3 import S3_CONTROLS, read_state
 from emulators.panel import Panel
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_real, run_virtual
-from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.device_log import CallbackLog
 from hil_bridge.devices.panel import (
     CLIENT_LIMIT,
     REQUEST_LIMIT,
@@ -402,7 +402,7 @@ def test_a_panel_has_no_place_in_virtual_time_or_at_a_real_robot() -> None:
         config = read_config({"run": {"panel_url": LOOPBACK}, "robot": {"url": robot}})
 
         async def main(config: Config = config) -> None:
-            async with open_devices(Setup(config), Clock.running(), LogTo()):
+            async with open_devices(Setup(config), Clock.running(), CallbackLog()):
                 pass
 
         with pytest.raises(ConfigError, match="--panel"):

@@ -12,7 +12,7 @@ from emulators.devices.jr3 import Jr3Sensor, SensorProfile
 from emulators.devices.jr3.board import Board, BoardProfile
 from emulators.sensing import KnownWrench
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.device_log import CallbackLog
 from hil_bridge.devices.sensors.jr3.registers import (
     ListenerProfile,
     Watcher,
@@ -157,7 +157,7 @@ def test_a_sensor_behind_registers_in_virtual_time() -> None:
         assert served.address == "memory:b"
         wire, profile = await connect_board("memory:b?filter=2", BoardClientProfile(), clock)
         begin = clock.now()
-        sensor = ForceSensor(wire, BoardClient(profile, begin), clock, LogTo(frames.append))
+        sensor = ForceSensor(wire, BoardClient(profile, begin), clock, CallbackLog(frames.append))
         sensor.start()
         scales = (await sensor.ready()).full_scales
         assert clock.now() - begin == pytest.approx(10.224, abs=1e-3)

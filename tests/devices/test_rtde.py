@@ -15,7 +15,7 @@ from emulators.seams import StartPose
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_commands.rtde.force_source import ForceOptions, ForceSource, feed, make_surface
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.kinds import ROBOTS
 from hil_bridge.devices.robots.rtde import port_server as ports
 from hil_bridge.devices.robots.rtde.addresses import parse_address
@@ -198,7 +198,7 @@ async def with_robot(act: Callable[[RtdeRobot, Clock, Callable[[], Wiring]], Any
         failures: list[BaseException] = []
         serving = Serving(clock, stack, failures.append, lambda text: None)
         await ports.serve("memory:ur", robot, serving)
-        result = await act(robot, clock, lambda: Wiring("robot", clock, Silence()))
+        result = await act(robot, clock, lambda: Wiring("robot", clock, NullLog()))
         assert not failures
     return result
 

@@ -10,9 +10,9 @@ import pytest
 from msgspec.structs import replace
 
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.robots.seam import MotionLimits, Pacing, RobotFacts, Sent
-from hil_bridge.devices.robots.setpoint_responder import Answering
+from hil_bridge.devices.robots.setpoint_responder import SetpointResponder
 from hil_bridge.devices.robots.streamed import SILENT_S, StreamedLink
 from hil_bridge.errors import DeviceError, Reason, TransportClosed
 from hil_bridge.runs.leaving import WayOut
@@ -116,7 +116,7 @@ def test_a_lossy_network_costs_time_and_nothing_else() -> None:
 
 
 def test_packets_that_were_held_up_and_come_together_make_one_step() -> None:
-    answering = Answering(ToyClient(), CYCLE)
+    answering = SetpointResponder(ToyClient(), CYCLE)
     answering.begin(START, LIMITS, 1000.0)
     answering.aim(moved(10.0), 1000.0)
     answering.receive(
@@ -127,7 +127,7 @@ def test_packets_that_were_held_up_and_come_together_make_one_step() -> None:
 
 
 def test_a_packet_that_comes_again_is_answered_as_before() -> None:
-    answering = Answering(ToyClient(), CYCLE)
+    answering = SetpointResponder(ToyClient(), CYCLE)
     answering.begin(START, LIMITS, 1000.0)
     answering.aim(moved(10.0), 1000.0)
     answers = []
@@ -139,7 +139,7 @@ def test_a_packet_that_comes_again_is_answered_as_before() -> None:
 
 
 def test_an_answer_that_comes_later_than_a_cycle_is_counted() -> None:
-    answering = Answering(ToyClient(), CYCLE)
+    answering = SetpointResponder(ToyClient(), CYCLE)
 
     class Late(bytes):
         received_at = 1000.0
@@ -201,7 +201,7 @@ def test_a_robot_without_a_cycle_cannot_stream() -> None:
         clock = Clock.running()
         wire = (await listen_datagrams("udp+memory:robot", clock)).transport
         with pytest.raises(ValueError, match="toy: a robot that streams has a cycle"):
-            StreamedLink(wire, ToyClient(), RobotFacts("toy", Pacing.STREAMED), clock, Silence())
+            StreamedLink(wire, ToyClient(), RobotFacts("toy", Pacing.STREAMED), clock, NullLog())
         await wire.aclose()
 
     run_virtual(main)

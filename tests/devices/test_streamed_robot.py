@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil_bridge.devices.robots.seam import Motion, MotionLimits
-from hil_bridge.devices.robots.setpoint_responder import Answering
+from hil_bridge.devices.robots.setpoint_responder import SetpointResponder
 from hil_bridge.errors import DeviceError, OrderRefused
 from protocol.geometry import Pose, towards
 from tests.devices.streamed_toy import (
@@ -122,7 +122,7 @@ def test_no_packets_and_targets_move_the_set_point_too_fast(
 ) -> None:
     """Packets that come in bursts, twice, late or not at all, and targets at any time."""
     client = ToyClient()
-    answering = Answering(client, CYCLE)
+    answering = SetpointResponder(client, CYCLE)
     now, number = 1000.0, 10
     answering.begin(START, LIMITS, now)
     seen, at = [START], [now]

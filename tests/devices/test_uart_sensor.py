@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from hil_bridge.cli.decode import decode
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.device_log import CallbackLog
 from hil_bridge.devices.sensors.jr3.room import uart_line
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Wiring
@@ -63,7 +63,7 @@ def test_a_listening_url_gets_the_gateways_line(url: str, wire: str) -> None:
 def refuse(url: str, error: type[Exception]) -> str:
     async def main() -> None:
         clock = Clock.running()
-        await connect_sensor(sensor_at(Config(), url), Wiring("sensor", clock, LogTo()))
+        await connect_sensor(sensor_at(Config(), url), Wiring("sensor", clock, CallbackLog()))
 
     with pytest.raises(error) as caught:
         run_virtual(main)

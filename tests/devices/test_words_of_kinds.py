@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from hil_bridge.cli import cli
-from hil_bridge.devices.kinds import ROBOTS, SENSORS, words_of
+from hil_bridge.devices.kinds import ROBOTS, SENSORS, describer_of
 from hil_bridge.errors import ConfigError
 from hil_bridge.settings.configuration import load_config, read_config, with_all_kinds
 from hil_bridge.settings.template import commented_defaults, schema
@@ -84,7 +84,7 @@ def test_words_of_another_package_that_raise_become_a_problem() -> None:
     def broken(raw: bytes) -> list[dict[str, object]]:
         raise RuntimeError("a first line\nand a second")
 
-    words = words_of(replace(ROBOTS.kind("egm"), describe=broken))
+    words = describer_of(replace(ROBOTS.kind("egm"), describe=broken))
     assert words is not None
     assert words(b"12")[0]["problems"] == ["RuntimeError: a first line"]
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.device_log import CallbackLog
 from hil_bridge.devices.facts import Devices, RobotFacts
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
 from hil_bridge.record import Recording
@@ -37,7 +37,7 @@ def freed(
     async def main() -> Freed:
         clock = Clock.running()
 
-        async with open_devices(Setup(config), clock, LogTo()) as devices:
+        async with open_devices(Setup(config), clock, CallbackLog()) as devices:
             cell = devices.cell
             assert cell is not None
             prepare(cell)
@@ -104,7 +104,7 @@ def taken_back(
 
     async def main() -> tuple[Freed, Vector]:
         clock = Clock.running()
-        async with open_devices(Setup(config), clock, LogTo()) as devices:
+        async with open_devices(Setup(config), clock, CallbackLog()) as devices:
             assert devices.cell is not None
             if dead:
                 devices.cell.inject("signal", "dead", clock.now(), axis=dead)
@@ -148,7 +148,7 @@ def test_free_back_to_start_stops_for_stuck_sensor(configured: Configured) -> No
 
     async def main() -> None:
         clock = Clock.running()
-        async with open_devices(Setup(configured(5e3, ABOVE)), clock, LogTo()) as devices:
+        async with open_devices(Setup(configured(5e3, ABOVE)), clock, CallbackLog()) as devices:
             cell = devices.cell
             assert cell is not None
 

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.control.course import supervisor
 from hil_bridge.control.types import Command, Measurement
-from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.device_log import CallbackLog
 from hil_bridge.devices.robots import ramp
 from hil_bridge.devices.robots.gate import SLACK_M, Bounds, Gate, contradiction
 from hil_bridge.runs import pace
@@ -419,7 +419,7 @@ def test_the_gate_is_silent_while_a_tool_is_freed(judged: list[str], robot: str)
 
     async def main() -> None:
         clock = Clock.running()
-        async with open_devices(Setup(config), clock, LogTo()) as devices:
+        async with open_devices(Setup(config), clock, CallbackLog()) as devices:
             await Freeing(config, clock, devices.robot, devices.sensor, lambda text: None)(3.0)
 
     run_virtual(main)

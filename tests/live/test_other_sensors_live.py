@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.runs.compose import connect_sensor, emulated_cell
@@ -42,7 +42,7 @@ def test_a_sensor_streams_over_its_wire_and_takes_a_zero(
         try:
             async with emulated_cell(Setup(config, Listen(None, port)), clock, lambda cause: None) as served:
                 assert served.sensor is not None
-                sensor = await connect_sensor(served.sensor, Wiring("sensor", clock, Silence()))
+                sensor = await connect_sensor(served.sensor, Wiring("sensor", clock, NullLog()))
                 sensor.start()
                 await sensor.ready()
                 told.append(sensor)
@@ -104,7 +104,7 @@ def test_a_page_without_a_server_is_told_in_one_line() -> None:
         config = read_config({"sensor": {"netft": {"page_patience_s": 0.6}}})
         try:
             url = "netft+udp://127.0.0.1:9?http_port=9"
-            sensor = await connect_sensor(sensor_at(config, url), Wiring("sensor", clock, Silence()))
+            sensor = await connect_sensor(sensor_at(config, url), Wiring("sensor", clock, NullLog()))
             sensor.start()
             try:
                 await sensor.ready()

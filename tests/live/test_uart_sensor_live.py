@@ -6,7 +6,7 @@ import itertools
 import pytest
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.device_log import CallbackLog
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.runs.compose import connect_sensor, emulated_cell
 from hil_bridge.runs.setup import Listen, Setup
@@ -37,7 +37,9 @@ def test_a_sensor_on_a_pseudo_terminal() -> None:
                 url = ports.sensor.named_url
                 assert url.startswith("jr3-uart+serial:///dev/pts/")
                 assert url.endswith("?baudrate=115200&parity=N&stopbits=1")
-                sensor = await connect_sensor(ports.sensor, Wiring("sensor", clock, LogTo(frames.append)))
+                sensor = await connect_sensor(
+                    ports.sensor, Wiring("sensor", clock, CallbackLog(frames.append))
+                )
                 sensor.start()
                 async with asyncio.timeout(30.0):
                     assert (await sensor.ready()).full_scales == (115.0, 111.0, 185.0, 5.6, 5.2, 6.1)

@@ -14,7 +14,7 @@ import pytest
 from msgspec import structs
 
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.facts import Hop, Owner, RobotHops
 from hil_bridge.devices.robots.s3.hops import robot_hops
 from hil_bridge.devices.robots.s3.link import S3Link
@@ -270,7 +270,7 @@ def test_an_order_is_stamped_from_first_bid_to_last_character() -> None:
                     break
 
         peer.start(heard, lambda cause: None)
-        robot = S3Link(await connect_bytes("memory:robot", clock), LinkProfile(), clock, Silence())
+        robot = S3Link(await connect_bytes("memory:robot", clock), LinkProfile(), clock, NullLog())
         robot.start()
         try:
             assert math.isnan(robot.begun_at)

@@ -1,9 +1,9 @@
 """A log of a device that keeps what the device says."""
 
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 
 
-class Notices(Silence):
+class Notices(NullLog):
     """Keeps what a device says beside its frames and answers."""
 
     def __init__(self) -> None:

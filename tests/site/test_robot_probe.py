@@ -11,9 +11,9 @@ from click.testing import CliRunner
 from emulators.orders import Act
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.kinds import robot_of
-from hil_bridge.devices.robots.probe import Probed
+from hil_bridge.devices.robots.probe import ProbeResult
 from hil_bridge.devices.robots.seam import MotionLimits
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import ConfigError
@@ -157,7 +157,7 @@ def test_a_probe_beside_a_run_is_told_of_it_and_does_not_disturb_it() -> None:
         async with emulated_cell(setup, clock, lambda cause: None) as served:
             assert served.robot is not None
             kind, url, settings = served.robot.kind, served.robot.url, served.robot.settings
-            link = await kind.connect(url, settings, Wiring("robot", clock, Silence()))
+            link = await kind.connect(url, settings, Wiring("robot", clock, NullLog()))
             link.start()
             start = (await link.ready()).pose
             faults: list[str] = []
@@ -212,7 +212,7 @@ def test_a_url_without_a_wire_is_answered_with_the_url_to_write(url: str, words:
 
 
 def test_the_file_of_a_probe_is_the_start_of_a_configuration(tmp_path: Path) -> None:
-    found = Probed((("position", "900 mm"), ("program", "a\nurl = 'forged'\x1b")))
+    found = ProbeResult((("position", "900 mm"), ("program", "a\nurl = 'forged'\x1b")))
     file = tmp_path / "cell.toml"
     file.write_text(site_toml("rtde+tcp://192.0.2.1", found))
     assert load_config(file, {}).robot.url == "rtde+tcp://192.0.2.1"

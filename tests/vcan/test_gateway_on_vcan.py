@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from emulators.devices.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
 from emulators.sensing import KnownWrench
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.transports import connect_can
 from hil_bridge.transports.pump import Pump
@@ -69,7 +69,7 @@ class Bus:
         profile = GatewayClientProfile(
             node=node, period_ms=period_ms, ack_timeout_s=ANSWER_S, ready_timeout_s=PATIENCE
         )
-        log = Silence()
+        log = NullLog()
         log.frame = on_frame  # type: ignore[method-assign,assignment]
         log.notice = lambda kind, text: self.notices.append(text)  # type: ignore[method-assign]
         sensor = ForceSensor(

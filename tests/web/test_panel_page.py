@@ -11,7 +11,7 @@ from typing import Any
 import aiohttp
 import pytest
 
-from hil_bridge.devices.panel import OperatedPanel
+from hil_bridge.devices.panel import LocalPanel
 from hil_bridge.show.web import wire
 from hil_bridge.show.web.admission import TOKEN_HEADER, Admission
 from hil_bridge.show.web.panel_news import PanelNews
@@ -48,8 +48,8 @@ class Lever:
         raise ValueError(f"no action is called {request.get('do')!r}")
 
     @property
-    def operated(self) -> OperatedPanel:
-        return OperatedPanel("toy", self.perform)
+    def operated(self) -> LocalPanel:
+        return LocalPanel("toy", self.perform)
 
 
 # --- the process of the robot

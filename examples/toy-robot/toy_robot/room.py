@@ -7,7 +7,7 @@ from emulators.arm.followed import FollowedProfile
 from emulators.panel import Controls, motion_text
 from emulators.seams import RobotFactory
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
-from hil_bridge.devices.robots.probe import Probed, probe_link
+from hil_bridge.devices.robots.probe import ProbeResult, probe_link
 from hil_bridge.devices.robots.seam import Pacing, RobotFacts
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
@@ -45,7 +45,9 @@ def usual(settings: KindSettings[NoSettings, FollowedProfile], virtual: bool) ->
     return "udp+memory:toyarm" if virtual else "udp-bind://127.0.0.1:0"
 
 
-async def probe_arm(url: str, settings: KindSettings[NoSettings, FollowedProfile], wiring: Wiring) -> Probed:
+async def probe_arm(
+    url: str, settings: KindSettings[NoSettings, FollowedProfile], wiring: Wiring
+) -> ProbeResult:
     return await probe_link(url, lambda heard: connect_arm(url, settings, heard), wiring)
 
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import real_time_thread
 from hil_bridge.device_commands.rtde.force_source import ForceOptions, feed
-from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.device_log import NullLog
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.settings.configuration import Config
 
@@ -27,7 +27,7 @@ async def _run(url: str, config: Config, options: ForceOptions, duration_s: floa
     if duration_s is not None:
         clock.call_at(clock.now() + duration_s, stopped.set)
     try:
-        source = await feed(url, config, options, Wiring("robot", clock, Silence()), stopped)
+        source = await feed(url, config, options, Wiring("robot", clock, NullLog()), stopped)
     finally:
         clock.close()
     return (

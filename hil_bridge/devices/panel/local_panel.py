@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 
-class OperatedPanel(NamedTuple):
+class LocalPanel(NamedTuple):
     """The controller's panel at the present time."""
 
     robot: str
@@ -12,16 +12,16 @@ class OperatedPanel(NamedTuple):
     perform: Callable[[Mapping[str, Any]], Mapping[str, Any]]
     """Carries out a request of `emulators.panel` and gives its answer. Raises ValueError, in one line."""
 
-    def look(self) -> "PanelLook":
+    def view(self) -> "PanelView":
         """The state for people. A panel that fails shows its failure."""
         try:
             answer = self.perform({"do": "show"})
         except ValueError as error:
-            return PanelLook({"trouble": str(error)}, {})
-        return PanelLook(answer["rows"], answer["at"])
+            return PanelView({"trouble": str(error)}, {})
+        return PanelView(answer["rows"], answer["at"])
 
 
-class PanelLook(NamedTuple):
+class PanelView(NamedTuple):
     """A panel as people see it."""
 
     rows: Mapping[str, str]

@@ -116,7 +116,7 @@ class Gate:
         `deepest` is one more bound of the depth, m. Written in single numbers, for this runs in every cycle.
         """
         turned = pose.quaternion != self._last.quaternion
-        return self._judge_place(pose, turned, deepest) or self._judge_way(pose, turned, now)
+        return self._judge_place(pose, turned, deepest) or self._judge_step(pose, turned, now)
 
     def _judge_place(self, pose: Pose, turned: bool, deepest: float) -> str:
         """Return why no tool may be ordered to this pose, wherever it comes from."""
@@ -142,7 +142,7 @@ class Gate:
                 return _beyond(math.degrees(over), "° tilted more than may be ordered")
         return ""
 
-    def _judge_way(self, pose: Pose, turned: bool, now: float) -> str:
+    def _judge_step(self, pose: Pose, turned: bool, now: float) -> str:
         """Return why the tool may not be ordered there from the pose before in this time; else count it as ordered."""
         bounds, last = self.bounds, self._last
         slack, time, passed, turn = bounds.slack, bounds.time, now - self._at, 0.0

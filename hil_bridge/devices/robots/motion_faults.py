@@ -12,7 +12,7 @@ where it was looked at to be led at all; as far as it may stray from a small ste
 """
 
 
-def moved_since(seen: Pose, stands: Pose) -> str:
+def describe_displacement(seen: Pose, stands: Pose) -> str:
     """By how much a robot has left the pose where it was looked at before a movement, in words; empty where it has not.
 
     A movement is planned from the pose that was seen. From another one, its first order would be a jump.
@@ -26,27 +26,27 @@ def moved_since(seen: Pose, stands: Pose) -> str:
     )
 
 
-class Faults:
+class MotionFaults:
     """A fault is told at least once, and as long as it stands."""
 
     def __init__(self) -> None:
         self.first = NO_TROUBLE
         """The first fault that stands or has not been told."""
         self._told = False
-        self.apart = False
+        self.displaced = False
         """The robot has reported a fault, and has not come back to its set point since."""
 
-    def note(self, fault: Trouble, apart: bool) -> None:
-        """A fault; `apart` as the field."""
+    def note(self, fault: Trouble, displaced: bool) -> None:
+        """A fault; `displaced` as the field."""
         self.first = self.first or fault
-        self.apart = self.apart or apart
+        self.displaced = self.displaced or displaced
 
     def is_back(self, reported: Pose, setpoint: Pose) -> bool:
         """Whether a robot that reports no fault any more has come back to its set point, which ends the fault."""
         near = math.dist(reported.position, setpoint.position) <= NEAR_M
         back = near and angle_between(reported.quaternion, setpoint.quaternion) <= NEAR_RAD
         if back:
-            self.apart = False
+            self.displaced = False
             if self._told:
                 self.first, self._told = NO_TROUBLE, False
         return back
@@ -54,7 +54,7 @@ class Faults:
     def tell(self) -> Trouble:
         """The fault, which is told by that."""
         fault = self.first
-        self._told = bool(fault) and self.apart
-        if not self.apart:
+        self._told = bool(fault) and self.displaced
+        if not self.displaced:
             self.first = NO_TROUBLE
         return fault

@@ -40,7 +40,7 @@ _TOLD: Mapping[str, tuple[type, ...]] = {
 """Attributes that a run reads, with their types."""
 
 
-class _OfOthers:
+class _PluginProxy:
     """A thing of another package."""
 
     def __init__(self, thing: Any, name: str) -> None:
@@ -110,7 +110,7 @@ class _OfOthers:
         raise code_failed(f"robot link {self._name}", error, link_cause(error)) from error
 
 
-class _LinkOfOthers(_OfOthers):
+class _PluginLink(_PluginProxy):
     """A link."""
 
     def __init__(self, link: RobotLink, name: str, clock: Clock) -> None:
@@ -118,13 +118,13 @@ class _LinkOfOthers(_OfOthers):
         self.__dict__["_clock"] = clock
 
     @asynccontextmanager
-    async def motion(self, limits: MotionLimits) -> AsyncIterator["_MotionOfOthers"]:
+    async def motion(self, limits: MotionLimits) -> AsyncIterator["_PluginMotion"]:
         """As of the link."""
         inside: BaseException | None = None
         try:
             async with self._thing.motion(limits) as motion:
                 try:
-                    yield _MotionOfOthers(motion, self._name, limits, self._clock)
+                    yield _PluginMotion(motion, self._name, limits, self._clock)
                 except BaseException as error:
                     inside = error
                     raise
@@ -134,7 +134,7 @@ class _LinkOfOthers(_OfOthers):
             self._raise(error, "motion")
 
 
-class _MotionOfOthers(_OfOthers):
+class _PluginMotion(_PluginProxy):
     """A movement."""
 
     def __init__(self, motion: Motion, name: str, limits: MotionLimits, clock: Clock) -> None:
@@ -159,6 +159,6 @@ def _has_pose(answer: Any) -> bool:
     return not isinstance(answer, RobotReport) or isinstance(answer.pose, Pose)
 
 
-def link_of_others(link: RobotLink, url: str, clock: Clock) -> RobotLink:
+def wrap_plugin_link(link: RobotLink, url: str, clock: Clock) -> RobotLink:
     """The link of another package's robot on the wire of this URL."""
-    return cast(RobotLink, _LinkOfOthers(link, url, clock))
+    return cast(RobotLink, _PluginLink(link, url, clock))

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from hil_bridge.clock import Clock
-from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.device_log import CallbackLog
 from hil_bridge.devices.facts import PACKETS, Pacing
 from hil_bridge.devices.robots.seam import RobotLink, RobotReport
 from hil_bridge.devices.robots.streamed import RobotSilent
@@ -27,7 +27,7 @@ NOTICES_MAX = 8
 """Chosen: lines that a robot says of itself and that are shown."""
 
 
-class Probed(NamedTuple):
+class ProbeResult(NamedTuple):
     """Findings of a probe."""
 
     rows: tuple[tuple[str, str], ...]
@@ -35,12 +35,12 @@ class Probed(NamedTuple):
     refusals: tuple[Trouble, ...] = ()
     """Reasons for which a run would not begin now; empty for none."""
 
-    def with_more(self, other: "Probed") -> "Probed":
+    def with_more(self, other: "ProbeResult") -> "ProbeResult":
         """These findings and others of the same robot."""
-        return Probed(self.rows + other.rows, self.refusals + other.refusals)
+        return ProbeResult(self.rows + other.rows, self.refusals + other.refusals)
 
 
-class _Muted(Generic[_Data]):
+class _ReceiveOnlyWire(Generic[_Data]):
     """A wire over which nothing is sent."""
 
     def __init__(self, wire: Transport[_Data]) -> None:
@@ -50,16 +50,18 @@ class _Muted(Generic[_Data]):
         """Forget it."""
 
 
-def muted(wiring: Wiring) -> Wiring:
+def mute(wiring: Wiring) -> Wiring:
     """The wiring of a robot that speaks first: it is heard, and gets no answer."""
 
     def wrap(device: str, wire: Transport[Any]) -> Transport[Any]:
-        return _Muted(wiring.wrap(device, wire))
+        return _ReceiveOnlyWire(wiring.wrap(device, wire))
 
     return replace(wiring, wrap=wrap)
 
 
-async def probe_link(url: str, connect: Callable[[Wiring], Awaitable[RobotLink]], wiring: Wiring) -> Probed:
+async def probe_link(
+    url: str, connect: Callable[[Wiring], Awaitable[RobotLink]], wiring: Wiring
+) -> ProbeResult:
     """Findings of a robot that `connect` opens at a URL. Nothing is ordered, and nothing is made ready.
 
     Raises TransportUnavailable for the wire, BridgeError where nothing answers. What came and was no answer is found.
@@ -71,7 +73,7 @@ async def probe_link(url: str, connect: Callable[[Wiring], Awaitable[RobotLink]]
             said.append((kind, text))
 
     clock, until = wiring.clock, wiring.clock.now() + FIRST_S
-    link = await first_answer(url, connect(replace(wiring, log=LogTo(notice=note))))
+    link = await first_answer(url, connect(replace(wiring, log=CallbackLog(notice=note))))
     reports: list[RobotReport] = []
     rows = [("robot", link.facts.model)]
     try:
@@ -91,7 +93,7 @@ async def probe_link(url: str, connect: Callable[[Wiring], Awaitable[RobotLink]]
         rows += [
             ("wire", f"{link.counters[name]} {name}") for name in link.facts.errors if link.counters[name]
         ]
-    return Probed((*rows, *said), _refusals(reports, ended))
+    return ProbeResult((*rows, *said), _refusals(reports, ended))
 
 
 def _rows_of(newest: RobotReport, ended: bool) -> list[tuple[str, str]]:

@@ -15,7 +15,7 @@ from protocol.endpoint import Endpoint
 Answer = TypeVar("Answer")
 
 
-class Asking(Generic[Data, Event, Answer]):
+class RequestChannel(Generic[Data, Event, Answer]):
     """Drives an endpoint over a wire. `on_event` is shown its events, and calls `resolve` for those that answer.
 
     A caller that gives up leaves its exchange under way: the other side will still answer it. The next caller waits

@@ -24,7 +24,7 @@ from typing import Generic
 
 from hil_bridge.devices.facts import ANSWERS, LATE, MISSING, PACKETS
 from hil_bridge.devices.robots.gate import Bounds, Gate, depth_of
-from hil_bridge.devices.robots.motion_faults import Faults
+from hil_bridge.devices.robots.motion_faults import MotionFaults
 from hil_bridge.devices.robots.ramp import Pace, Ramp
 from hil_bridge.devices.robots.seam import ANSWER, PACKET, MotionLimits
 from hil_bridge.errors.event_kinds import EventKind
@@ -47,7 +47,7 @@ GIVEN_TIMES = 3
 """Answers that carry a target until it counts as given, for one may be lost. Chosen: of 5 % loss, 1 in 8000 is left."""
 
 
-class Answering(Generic[Data]):
+class SetpointResponder(Generic[Data]):
     """An endpoint that gives a client's packets their answers."""
 
     def __init__(self, client: StreamClient[Data], cycle: float) -> None:
@@ -65,7 +65,7 @@ class Answering(Generic[Data]):
         """The report with the highest number."""
         self.speed = 0.0
         """Speed of the set point, m/s; may be set at any time."""
-        self.faults = Faults()
+        self.faults = MotionFaults()
         """Those of the robot in this movement, and of this side."""
         self.lost = NO_TROUBLE
         """Reason for which the other side, or a lack of targets, ended the movement."""
@@ -97,7 +97,7 @@ class Answering(Generic[Data]):
         self._setpoint = self._goal = pose
         self._limits, self.speed = limits, limits.speed
         self._aimed_at = self._stepped_at = now
-        self._held, self._given, self.lost, self.faults = False, 0, NO_TROUBLE, Faults()
+        self._held, self._given, self.lost, self.faults = False, 0, NO_TROUBLE, MotionFaults()
         self._ramp.rest()
         self._open_gate(pose, now)
         self._client.begin(pose)
@@ -194,9 +194,9 @@ class Answering(Generic[Data]):
         """A report of this movement, with the fault that has yet to be told. A fault gives up the way to the target."""
         faults = self.faults
         if report.fault:
-            faults.note(Trouble(report.fault, report.remedy), apart=True)
+            faults.note(Trouble(report.fault, report.remedy), displaced=True)
             self.stay()
-        elif faults.apart and faults.is_back(report.pose, setpoint):
+        elif faults.displaced and faults.is_back(report.pose, setpoint):
             self._setpoint = self._goal = report.pose  # a stop by people is left standing where it is
             self._open_gate(report.pose, now)
             self._client.begin(report.pose)
@@ -218,7 +218,7 @@ class Answering(Generic[Data]):
     def _step(self, setpoint: Pose, now: float) -> None:
         """Move the set point on its way."""
         passed, self._stepped_at = now - self._stepped_at, now
-        if self._goal is None or self.faults.apart or setpoint == self._goal:
+        if self._goal is None or self.faults.displaced or setpoint == self._goal:
             self._ramp.rest()
             return
         limits = self._limits
@@ -234,7 +234,7 @@ class Answering(Generic[Data]):
         pace = Pace(self.speed, limits.turn_speed, limits.acceleration, limits.turn_acceleration)
         after = self._ramp.step(setpoint, self._goal, pace, passed)
         if stopped := self._gate.judge(after, now, self._deepest):
-            self.faults.note(Trouble(stopped), apart=False)
+            self.faults.note(Trouble(stopped), displaced=False)
             self.stay()
             self._tell(stopped)
             return

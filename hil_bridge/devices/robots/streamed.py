@@ -11,9 +11,9 @@ from hil_bridge.clock import Clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.devices.facts import ANSWERS, MISSING, PACKETS, Hop, Owner, RobotHops, Traffic
 from hil_bridge.devices.robots.gate import Bounds, Gate
-from hil_bridge.devices.robots.motion_faults import moved_since
+from hil_bridge.devices.robots.motion_faults import describe_displacement
 from hil_bridge.devices.robots.seam import MotionLimits, RobotFacts, RobotReport
-from hil_bridge.devices.robots.setpoint_responder import Answering
+from hil_bridge.devices.robots.setpoint_responder import SetpointResponder
 from hil_bridge.devices.robots.streamed_motion import Stream, StreamedMotion
 from hil_bridge.errors import BridgeError, Cause, DeviceError, OrderRefused, TransportClosed
 from hil_bridge.errors.event_kinds import EventKind
@@ -84,7 +84,7 @@ class StreamedLink(Generic[Data]):
         self._fresh = FRESH_CYCLES * facts.cycle_s
         self._wire, self._clock, self._log = wire, clock, log
         self._client = client
-        self._answering = Answering(client, facts.cycle_s)
+        self._answering = SetpointResponder(client, facts.cycle_s)
         self._pump: Pump[Data, StreamEvent] = Pump(self._answering, wire, clock, self._take, self._ended)
         self._newest: RobotReport | None = None
         self._listened_from = clock.now()
@@ -136,7 +136,7 @@ class StreamedLink(Generic[Data]):
         if report.fault:
             raise OrderRefused(report.fault, remedy=report.remedy, cause=Cause.ROBOT_STATE)
         bounds = limits.bounds or Bounds(report.pose)
-        if moved := moved_since(bounds.start, report.pose):
+        if moved := describe_displacement(bounds.start, report.pose):
             raise OrderRefused(f"robot on {self.name} {moved}", cause=Cause.MOVED_BEFORE)
         now = self._clock.now()
         self._answering.begin(report.pose, limits, now)

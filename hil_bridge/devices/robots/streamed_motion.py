@@ -7,7 +7,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.devices.robots.gate import Gate
 from hil_bridge.devices.robots.last_order import LastOrder
 from hil_bridge.devices.robots.seam import Sent
-from hil_bridge.devices.robots.setpoint_responder import Answering
+from hil_bridge.devices.robots.setpoint_responder import SetpointResponder
 from hil_bridge.errors import GateStop, OrderRefused
 from hil_bridge.transports.pump import Data
 from protocol.geometry import Pose
@@ -28,7 +28,7 @@ class Stream(NamedTuple):
 class StreamedMotion(LastOrder, Generic[Data]):
     """A movement under way, as `hil_bridge.devices.robots.seam.Motion` says."""
 
-    def __init__(self, stream: Stream, answering: Answering[Data], clock: Clock, gate: Gate) -> None:
+    def __init__(self, stream: Stream, answering: SetpointResponder[Data], clock: Clock, gate: Gate) -> None:
         """`gate` judges the targets."""
         self._name, self._check_link, self._next_packet = stream
         self._answering, self._clock, self._gate = answering, clock, gate

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from emulators.seams import StartPose
-from hil_bridge.devices.trajectory import Course
+from hil_bridge.devices.trajectory import Trajectory
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.fidelity.tables import Table
 from hil_bridge.settings.configuration import Config
@@ -48,7 +48,7 @@ def emulate_robot(config: Config, table: Table) -> Table:
     orders = [_NOWHERE] * len(table.times)
     if drive.family:
         orders = [tuple(row) for row in table.rows(drive.family).tolist()]
-    course = Course(drive.order, table.times.tolist(), orders, start, table.at_arrival)
+    course = Trajectory(drive.order, table.times.tolist(), orders, start, table.at_arrival)
     cell = config.cell
     x, y, z = (part / 1e3 for part in cell.start_position_mm)
     home = StartPose((x, y, z), cell.start_quaternion, cell.tool.length_mm / 1e3)

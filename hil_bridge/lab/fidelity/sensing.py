@@ -15,7 +15,7 @@ from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.control.analysis.tool_identification import ToolPose, identify_tool
 from hil_bridge.control.geometry.frames import GRAVITY_BASE
 from hil_bridge.control.geometry.wrist import Wrist
-from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.device_log import CallbackLog
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
@@ -112,7 +112,7 @@ async def _listen(device: Sensor, seed: int, table: Table) -> tuple[Floats, Floa
     clock = Clock.running()
     frames: list[WrenchFrame] = []
     failures: list[BaseException] = []
-    log = LogTo(frame=frames.append)
+    log = CallbackLog(frame=frames.append)
     source = _Load(table)
     emulation: Any = device.kind.emulation
     async with AsyncExitStack() as stack:

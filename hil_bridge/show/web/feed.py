@@ -16,7 +16,7 @@ from typing import IO
 
 import msgspec
 
-from hil_bridge.devices.panel import OperatedPanel, PanelLook
+from hil_bridge.devices.panel import LocalPanel, PanelView
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.extras import install_command
 from hil_bridge.record import CycleRecord, RunEnd
@@ -89,8 +89,8 @@ class Feed:
         self._sent_at = 0.0
         self._alive = True
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._panel: OperatedPanel | None = None
-        self._look: PanelLook | None = None
+        self._panel: LocalPanel | None = None
+        self._look: PanelView | None = None
         """State of the panel that the page was told last."""
         self.dropped = 0
         """Records that the page was not given."""
@@ -148,7 +148,7 @@ class Feed:
             self._loop.remove_reader(self._socket)
             self._loop = None
 
-    def offer(self, panel: OperatedPanel) -> None:
+    def offer(self, panel: LocalPanel) -> None:
         """Let pages with the token operate the panel of an emulated controller, and show its state."""
         self._panel = panel
         controls = panel.perform({"do": "controls"})["controls"]
@@ -158,11 +158,11 @@ class Feed:
 
     def show_panel(self) -> None:
         """Tell the state of the panel where it has changed. Harmless without one."""
-        if self._panel is not None and self._alive and (look := self._panel.look()) != self._look:
+        if self._panel is not None and self._alive and (look := self._panel.view()) != self._look:
             self._look = look
             self._send(wire.encode_message(wire.PanelState(look.rows, look.at)), 0)
 
-    def _operate(self, panel: OperatedPanel, asked: wire.Asked) -> None:
+    def _operate(self, panel: LocalPanel, asked: wire.Asked) -> None:
         error = ""
         try:
             panel.perform(asked.request)

@@ -70,7 +70,7 @@ class Panel(Struct, tag="panel", frozen=True):
 
 
 class PanelState(Struct, tag="state", frozen=True):
-    """State of the panel for people, as of `PanelLook`."""
+    """State of the panel for people, as of `PanelView`."""
 
     rows: Mapping[str, str]
     at: Mapping[str, str | float]

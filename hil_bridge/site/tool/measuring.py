@@ -20,7 +20,7 @@ from hil_bridge.control import (
     ToolPose,
     force_along,
 )
-from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.device_log import CallbackLog
 from hil_bridge.devices.robots.seam import GIVE_UP_AFTER_S, Motion, MotionLimits, RobotReport
 from hil_bridge.errors import BridgeError, ConfigError, DeviceError, SafetyStop
 from hil_bridge.errors.causes import Cause, Reason
@@ -130,7 +130,7 @@ def measure(config: Config, virtual: bool, sweep: Sweep, tell: Tell) -> list[Too
     async def main() -> list[ToolPose]:
         clock = Clock.running()
         try:
-            log = LogTo(frames.append, lambda kind, text: tell(f"{kind}: {text}"))
+            log = CallbackLog(frames.append, lambda kind, text: tell(f"{kind}: {text}"))
             async with open_devices(Setup(config), clock, log) as devices:
                 return await _Measuring(config, clock, _Cell(devices, frames), sweep, tell)()
         finally:

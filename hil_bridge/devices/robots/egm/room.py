@@ -14,7 +14,7 @@ from hil_bridge.devices.robots.egm.facts import robot_facts
 from hil_bridge.devices.robots.egm.settings import EgmSettings
 from hil_bridge.devices.robots.egm.trajectory import play
 from hil_bridge.devices.robots.egm.web_address import OPTION, WebAddress, split_web
-from hil_bridge.devices.robots.probe import Probed, muted, probe_link
+from hil_bridge.devices.robots.probe import ProbeResult, mute, probe_link
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError, DeviceError
@@ -43,34 +43,34 @@ async def connect(
     return StreamedLink(wire, client, facts(url, settings), wiring.clock, wiring.log)
 
 
-async def probe(url: str, settings: KindSettings[EgmSettings, EgmProfile], wiring: Wiring) -> Probed:
+async def probe(url: str, settings: KindSettings[EgmSettings, EgmProfile], wiring: Wiring) -> ProbeResult:
     """Findings of a robot that sends to this address, and of its web services where the URL names them."""
     heard, beside = await asyncio.gather(
-        probe_link(url, lambda silent: connect(url, settings, silent), muted(wiring)),
+        probe_link(url, lambda silent: connect(url, settings, silent), mute(wiring)),
         ask_web(url),
         return_exceptions=True,
     )
     if isinstance(beside, DeviceError):
-        beside = Probed((("RobotWare", f"unknown: {beside}"),))
+        beside = ProbeResult((("RobotWare", f"unknown: {beside}"),))
     if isinstance(beside, BaseException):
         raise beside
     if isinstance(heard, DeviceError) and beside.rows:
-        heard = Probed((("datagrams", heard.fact),), (Trouble(heard.fact, heard.remedy),))
+        heard = ProbeResult((("datagrams", heard.fact),), (Trouble(heard.fact, heard.remedy),))
     if isinstance(heard, BaseException):
         raise heard
     return heard.with_more(beside)
 
 
-async def ask_web(url: str) -> Probed:
+async def ask_web(url: str) -> ProbeResult:
     """Facts that a controller's web services tell; none where the URL names none. Raises DeviceError."""
     _, address = split_web(url)
     if address is None:
-        return Probed(())
+        return ProbeResult(())
     _check_extra()
     from hil_bridge.devices.robots.egm.web_client import find_refusals, read_state, state_rows
 
     state = await read_state(address)
-    return Probed(state_rows(state), find_refusals(state))
+    return ProbeResult(state_rows(state), find_refusals(state))
 
 
 def facts(url: str, settings: KindSettings[EgmSettings, EgmProfile]) -> RobotFacts:
@@ -148,6 +148,6 @@ ROBOT = RobotKind(
     parse=_parse,
     describe=describe,
     probe=probe,
-    ask_beside=ask_web,
+    read_side_channel=ask_web,
     usual_wire="udp-bind://0.0.0.0:6510",
 )

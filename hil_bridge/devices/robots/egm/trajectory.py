@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from hil_bridge.devices.robots.egm.settings import EgmSettings
-from hil_bridge.devices.trajectory import FAMILIES, SETTLE_S, Course, Played, play_stream
+from hil_bridge.devices.trajectory import FAMILIES, SETTLE_S, Trajectory, TrajectoryResult, stream_trajectory
 from hil_bridge.errors import ConfigError
 from protocol.devices.egm import EgmClient
 from protocol.devices.egm.messages import Guidance, RobotMessage, SensorMessage, decode_robot, encode_answer
@@ -14,8 +14,8 @@ _BEGIN_S = 60.0
 """Chosen: the guidance may take so long to begin."""
 
 
-def play(robot: Any, course: Course, settings: Any, now: float) -> Played:
-    """As `hil_bridge.devices.trajectory.Play` says."""
+def play(robot: Any, course: Trajectory, settings: Any, now: float) -> TrajectoryResult:
+    """As `hil_bridge.devices.trajectory.PlayTrajectory` says."""
     mode, needed = settings.emulated.mode, "joint" if course.family == "order_q" else "pose"
     if mode != needed:
         raise ConfigError(f"cell.egm.mode is {mode}; set it to {needed} to play {course.family}")
@@ -23,13 +23,13 @@ def play(robot: Any, course: Course, settings: Any, now: float) -> Played:
         return _Joints(robot.endpoint, course, now, settings.emulated.joints_in).played()
     own: EgmSettings = settings.client
     client = EgmClient(own.sample_ms * 1e-3, own.feed_forward, own.force_axes)
-    return play_stream(robot.endpoint, client, course, now)
+    return stream_trajectory(robot.endpoint, client, course, now)
 
 
 class _Joints:
     """A course of joints under way. It begins where the arm stands."""
 
-    def __init__(self, endpoint: Any, course: Course, now: float, joints_in: str) -> None:
+    def __init__(self, endpoint: Any, course: Trajectory, now: float, joints_in: str) -> None:
         self._unit = 1.0 if joints_in == "radians" else math.radians(1.0)
         """Of the joints in datagrams, rad."""
         self._endpoint, self._course, self._now = endpoint, course, now
@@ -41,8 +41,8 @@ class _Joints:
         self._rows: dict[str, list[tuple[float, ...]]] = {"order_q": [], "target_q": [], "q": []}
         self._number = 0
 
-    def played(self) -> Played:
-        """Play it. Raises ConfigError where the robot stops."""
+    def played(self) -> TrajectoryResult:
+        """PlayTrajectory it. Raises ConfigError where the robot stops."""
         patience = self._now + _BEGIN_S
         end = self._course.end + 2.0 * self._course.period
         while math.isnan(self._begin) or self._now - self._begin <= end:
@@ -58,7 +58,7 @@ class _Joints:
             for family, rows in self._rows.items()
             for k, name in enumerate(FAMILIES[family])
         }
-        return Played(self._times, columns)
+        return TrajectoryResult(self._times, columns)
 
     def _answer(self, message: RobotMessage) -> None:
         feedback, planned = message.feedback, message.planned

@@ -8,13 +8,13 @@ from ipaddress import ip_address
 from typing import Any
 
 from hil_bridge.devices.kinds import KindSettings
-from hil_bridge.devices.robots.probe import Probed
+from hil_bridge.devices.robots.probe import ProbeResult
 from hil_bridge.transports.urls import LISTEN_DATAGRAMS, parse_url
 from protocol.devices.rsi import EthernetFile, RsiLink, axis_tags, pose_tags, read_ethernet_file
 from protocol.endpoint import Trouble
 
 
-def compare_file(data: bytes, url: str, settings: KindSettings[RsiLink, Any]) -> Probed:
+def compare_file(data: bytes, url: str, settings: KindSettings[RsiLink, Any]) -> ProbeResult:
     """What the file says, and each difference from the settings. Raises ValueError for another file."""
     file, link = read_ethernet_file(data), settings.client
     wanted = pose_tags(link.correction_tag) if link.correction == "pose" else axis_tags(link.axis_tag)
@@ -27,7 +27,7 @@ def compare_file(data: bytes, url: str, settings: KindSettings[RsiLink, Any]) ->
     if unsent := [tag for tag in file.receives if tag not in wanted]:
         rows.append(("not sent by a run", " ".join(unsent)))
     troubles = (*_wire(file, url), *_telegrams(file, link), *_corrections(file, link, wanted))
-    return Probed(tuple(row for row in rows if row[1]), troubles)
+    return ProbeResult(tuple(row for row in rows if row[1]), troubles)
 
 
 def _wire(file: EthernetFile, url: str) -> Iterator[Trouble]:

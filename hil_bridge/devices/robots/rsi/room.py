@@ -7,11 +7,11 @@ from emulators.devices.rsi import RSI_CONTROLS, RSI_FAULTS, RsiController, RsiPr
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
-from hil_bridge.devices.robots.probe import Probed, probe_link
+from hil_bridge.devices.robots.probe import ProbeResult, probe_link
 from hil_bridge.devices.robots.rsi.emulator_fit import match
 from hil_bridge.devices.robots.rsi.ethernet_file import compare_file
 from hil_bridge.devices.robots.streamed import StreamedLink
-from hil_bridge.devices.trajectory import Course, Played, play_stream
+from hil_bridge.devices.trajectory import Trajectory, TrajectoryResult, stream_trajectory
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.transports import Datagrams
 from hil_bridge.transports.urls import LISTEN_DATAGRAMS, parse_url
@@ -67,7 +67,7 @@ async def connect(
     return StreamedLink(wire, RsiClient(settings.client), robot_facts(settings), wiring.clock, wiring.log)
 
 
-async def probe(url: str, settings: KindSettings[RsiLink, RsiProfile], wiring: Wiring) -> Probed:
+async def probe(url: str, settings: KindSettings[RsiLink, RsiProfile], wiring: Wiring) -> ProbeResult:
     """Findings of a controller that sends to this address. It is answered with the correction that it has: without an
     answer it would stop with an error, and with this one it stands.
     """
@@ -89,9 +89,11 @@ def usual(settings: KindSettings[RsiLink, RsiProfile], virtual: bool) -> str:
     return "udp+memory:rsi" if virtual else f"udp://127.0.0.1:{PORT}"
 
 
-def play(robot: Any, course: Course, settings: KindSettings[RsiLink, RsiProfile], now: float) -> Played:
-    """A course of places as corrections. As `hil_bridge.devices.trajectory.Play` says."""
-    return play_stream(robot.endpoint, RsiClient(settings.client), course, now)
+def play(
+    robot: Any, course: Trajectory, settings: KindSettings[RsiLink, RsiProfile], now: float
+) -> TrajectoryResult:
+    """A course of places as corrections. As `hil_bridge.devices.trajectory.PlayTrajectory` says."""
+    return stream_trajectory(robot.endpoint, RsiClient(settings.client), course, now)
 
 
 MISHAPS = {"refused": "emergency-stop", "stopped": "emergency-stop"}

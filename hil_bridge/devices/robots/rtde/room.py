@@ -7,7 +7,7 @@ from emulators.devices.rtde import RTDE_CONTROLS, RTDE_FAULTS, TEXT_MAX, RtdePro
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
-from hil_bridge.devices.robots.probe import Probed, probe_link
+from hil_bridge.devices.robots.probe import ProbeResult, probe_link
 from hil_bridge.devices.robots.rtde import port_server as ports
 from hil_bridge.devices.robots.rtde.addresses import RTDE_PORT, parse_address
 from hil_bridge.devices.robots.rtde.bundle import Bundle
@@ -43,7 +43,7 @@ async def _open(
     return StreamedLink(Bundle(url, wires, client.farewell), client, facts, wiring.clock, wiring.log)
 
 
-async def probe(url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring) -> Probed:
+async def probe(url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring) -> ProbeResult:
     """Findings of a controller. No program is sent to it, and none of its inputs is written."""
     return await probe_link(url, lambda heard: _open(url, settings, heard, looks=True), wiring)
 

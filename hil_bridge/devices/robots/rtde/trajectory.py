@@ -6,7 +6,7 @@ Joints go to `servoj`, speeds to `speedj`, places to `servoj` by the inverse kin
 from collections.abc import Sequence
 from typing import Any
 
-from hil_bridge.devices.trajectory import FAMILIES, Course, Played
+from hil_bridge.devices.trajectory import FAMILIES, Trajectory, TrajectoryResult
 from hil_bridge.errors import ConfigError
 from protocol.devices.rtde import packets
 from protocol.devices.rtde.fields import Recipe
@@ -35,15 +35,15 @@ _MOVE_SPEED, _MOVE_ACCELERATION = 1.0, 1.4
 """Standard: defaults of `movej` in the script manual, rad/s and rad/s²."""
 
 
-def play(robot: Any, course: Course, settings: Any, now: float) -> Played:
-    """As `hil_bridge.devices.trajectory.Play` says."""
+def play(robot: Any, course: Trajectory, settings: Any, now: float) -> TrajectoryResult:
+    """As `hil_bridge.devices.trajectory.PlayTrajectory` says."""
     return _Player(robot, course, settings, now).played()
 
 
 class _Player:
     """One course under way: a client of RTDE in a time of its own."""
 
-    def __init__(self, robot: Any, course: Course, settings: Any, now: float) -> None:
+    def __init__(self, robot: Any, course: Trajectory, settings: Any, now: float) -> None:
         self._course, self._now = course, now
         self._zero = course.values[0] if course.family == "order_position" else (0.0,) * 6
         """Taken off each order: the course of places begins where the arm stands."""
@@ -62,8 +62,8 @@ class _Player:
         script = robot.connect(Port.SCRIPT, now)
         script.receive(_program(course, settings.client).encode(), now)
 
-    def played(self) -> Played:
-        """Play it. Raises ConfigError where the robot stops."""
+    def played(self) -> TrajectoryResult:
+        """PlayTrajectory it. Raises ConfigError where the robot stops."""
         while not self._rows or not self._rows[-1][_READY]:
             if self._now - self._powered > _BEGIN_S:
                 raise ConfigError("the emulated arm has not come to where the course begins")
@@ -82,7 +82,7 @@ class _Player:
                 stamp = row["timestamp"] - self._uptime + self._powered
                 times.append((self._now if self._course.at_arrival else stamp) - began)
                 orders.append(self._course.at(times[-1]))
-        return Played(times, self._columns(orders, home))
+        return TrajectoryResult(times, self._columns(orders, home))
 
     def _columns(self, orders: Sequence[tuple[float, ...]], home: Sequence[float]) -> dict[str, list[float]]:
         """All columns; `home` is where the arm stood. Places of a course of places count from its begin."""
@@ -127,7 +127,7 @@ class _Player:
         return packet.payload
 
 
-def _program(course: Course, client: Any) -> str:
+def _program(course: Trajectory, client: Any) -> str:
     """The program's text for a family."""
     servo = f"t=get_steptime(), lookahead_time={client.lookahead_s:g}, gain={client.gain:g}"
     start = course.values[0] if course.family == "order_q" else course.start

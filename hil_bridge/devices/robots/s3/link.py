@@ -10,11 +10,11 @@ from typing import TypeVar, overload
 from hil_bridge.clock import Clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.devices.robots.gate import Bounds, Gate
-from hil_bridge.devices.robots.motion_faults import moved_since
-from hil_bridge.devices.robots.request_channel import Asking
+from hil_bridge.devices.robots.motion_faults import describe_displacement
+from hil_bridge.devices.robots.request_channel import RequestChannel
 from hil_bridge.devices.robots.s3.facts import robot_facts
 from hil_bridge.devices.robots.s3.motion import S3Motion
-from hil_bridge.devices.robots.s3.status_faults import hindrance, stop
+from hil_bridge.devices.robots.s3.status_faults import describe_new_stop, describe_stop
 from hil_bridge.devices.robots.seam import (
     QUESTION_LEFT,
     MotionLimits,
@@ -113,7 +113,7 @@ class S3Link:
         self._orders = orders
         self._host = ArapHost(profile)
         self._host.link.verbose = log.verbose
-        self._asking: Asking[bytes, ArapEvent, Telegram] = Asking(
+        self._requests: RequestChannel[bytes, ArapEvent, Telegram] = RequestChannel(
             self._host,
             self._transport,
             clock,
@@ -155,7 +155,7 @@ class S3Link:
 
     def start(self) -> None:
         """Begin to listen."""
-        self._asking.start()
+        self._requests.start()
 
     async def aclose(self) -> None:
         """Hand over what is queued and close the port."""
@@ -255,7 +255,7 @@ class S3Link:
             self.transmitted_at = self._answered_at = math.nan
 
         try:
-            answer = await self._asking.exchange(order)
+            answer = await self._requests.exchange(order)
         except DeviceError as error:
             if not self._explaining:
                 await self._tell_more(error, telegrams[0])
@@ -269,7 +269,7 @@ class S3Link:
             self._explaining = True
             try:
                 async with asyncio.timeout(STATUS_S):
-                    shows = hindrance(await self.read_status(), self._fit)
+                    shows = describe_new_stop(await self.read_status(), self._fit)
                 if shows:
                     facts.append(f"its status now shows: {shows}")
                 elif not refused:
@@ -291,7 +291,7 @@ class S3Link:
 
     def fault(self, status: Status) -> str:
         """Reasons in a status that forbid to move, in words with their known cause; empty while there are none."""
-        if shown := stop(status, self.profile.check_flags):
+        if shown := describe_stop(status, self.profile.check_flags):
             facts = (*shown, *self._said_before(self._clock.now()))
             return f"robot on {self.name} cannot move; its status now shows: {'; '.join(facts)}"
         fault = orientation_fault(status.quaternion)
@@ -320,7 +320,7 @@ class S3Link:
         self._fit = status = self._status
         stands = None if status is None else Pose(status.position, status.quaternion)
         bounds = limits.bounds or Bounds()
-        if limits.bounds and stands and (moved := moved_since(limits.bounds.start, stands)):
+        if limits.bounds and stands and (moved := describe_displacement(limits.bounds.start, stands)):
             raise OrderRefused(f"robot on {self.name} {moved}", cause=Cause.MOVED_BEFORE)
         gate = Gate(bounds, self._clock.now(), stands)
         motion = S3Motion(
@@ -363,7 +363,7 @@ class S3Link:
 
     def _passed(self, direction: Direction, data: bytes) -> None:
         """Stamp an order's way out: the first bid, and what ended it last."""
-        if direction is not _SENT or not self._asking.under_way:
+        if direction is not _SENT or not self._requests.under_way:
             return
         if data[-1] == _ENQ and math.isnan(self.begun_at):
             self.begun_at = self._clock.now()
@@ -373,15 +373,15 @@ class S3Link:
     def _take(self, event: ArapEvent) -> None:
         match event:
             case Answered(answer=answer):
-                soon = self._soon and self._asking.awaited
+                soon = self._soon and self._requests.awaited
                 self._answered_at = self._clock.now()
-                self._asking.resolve(answer)
+                self._requests.resolve(answer)
                 if soon:
                     self._host.announce()
             case Refused(order=order, refusal=refusal):
-                self._asking.resolve(self._refused(order, refusal))
+                self._requests.resolve(self._refused(order, refusal))
             case OrderFailed():
-                self._asking.resolve(self._explain_silence(event))
+                self._requests.resolve(self._explain_silence(event))
             case SpontaneousReceived(spontaneous=spontaneous):
                 self._said.append((self._clock.now(), spontaneous.text))
                 self._log.notice(EventKind.ROBOT, spontaneous.text)

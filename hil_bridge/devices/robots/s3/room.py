@@ -10,7 +10,7 @@ from emulators.seams import RobotFactory
 from hil_bridge.devices.emulator_fit import LateSettings
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
-from hil_bridge.devices.robots.probe import Probed, first_answer
+from hil_bridge.devices.robots.probe import ProbeResult, first_answer
 from hil_bridge.devices.robots.s3.emulator_fit import match
 from hil_bridge.devices.robots.s3.facts import robot_facts
 from hil_bridge.devices.robots.s3.latency import NOTES, late_settings
@@ -18,7 +18,7 @@ from hil_bridge.devices.robots.s3.link import S3Link
 from hil_bridge.devices.robots.s3.orders_file import read_orders
 from hil_bridge.devices.robots.s3.program_folder import read_programs
 from hil_bridge.devices.robots.s3.settings import S3Settings
-from hil_bridge.devices.robots.s3.status_faults import stop
+from hil_bridge.devices.robots.s3.status_faults import describe_stop
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.transports import LineSettings, Parity
@@ -74,7 +74,7 @@ async def connect(url: str, settings: KindSettings[S3Settings, S3Profiles], wiri
     return robot
 
 
-async def probe(url: str, settings: KindSettings[S3Settings, S3Profiles], wiring: Wiring) -> Probed:
+async def probe(url: str, settings: KindSettings[S3Settings, S3Profiles], wiring: Wiring) -> ProbeResult:
     """Findings of a controller with these settings of its link; it is asked for its state alone. A run takes it out of
     standby by itself, so that standby is no refusal.
     """
@@ -85,13 +85,13 @@ async def probe(url: str, settings: KindSettings[S3Settings, S3Profiles], wiring
     finally:
         await robot.aclose()
     x, y, z = (1e3 * value for value in status.position)
-    stopped = stop(status, robot.profile.check_flags, standby=False)
+    stopped = describe_stop(status, robot.profile.check_flags, standby=False)
     wrong = orientation_fault(status.quaternion)
     refusals = (
         *((Trouble(*stopped),) if stopped else ()),
         *((Trouble(f"it reports {wrong}"),) if wrong else ()),
     )
-    return Probed(
+    return ProbeResult(
         (
             ("robot", robot.facts.model),
             ("position", f"{x:.1f} {y:.1f} {z:.1f} mm"),

@@ -20,7 +20,7 @@ _SURE = ("emergency_stop", "operation")
 """Flags of it that were observed; where the others are is assumed."""
 
 
-def stop(status: Status, check_flags: bool, standby: bool = True) -> tuple[str, str] | None:
+def describe_stop(status: Status, check_flags: bool, standby: bool = True) -> tuple[str, str] | None:
     """Reasons that keep the robot from moving and the first remedy; None where there are none.
 
     `check_flags`: flags whose place is assumed count too. `standby`: standby counts too.
@@ -35,7 +35,7 @@ def stop(status: Status, check_flags: bool, standby: bool = True) -> tuple[str, 
     return (_together([words for words, _ in shown]), shown[0][1]) if shown else None
 
 
-def hindrance(status: Status, fit: Status | None) -> str:
+def describe_new_stop(status: Status, fit: Status | None) -> str:
     """Reasons that keep the robot from moving, except those that held already when it was `fit` to move; or empty."""
     new = [
         words
