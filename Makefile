@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: run test docs test-lowest test-newest release-check bench kernel-driver clean
+.PHONY: run test test-all docs test-lowest test-newest release-check bench kernel-driver clean
 
 # ROBOT=egm SENSOR=netft takes other emulated devices; `hil-bridge run --help` names them
 run: $(STAMP)
@@ -12,8 +12,13 @@ run: $(STAMP)
 		--panel tcp-listen://127.0.0.1:0 $(if $(ROBOT),--robot $(ROBOT)) $(if $(SENSOR),--sensor $(SENSOR)) \
 		--report runs/latest --record runs/latest/run.mcap --summary runs/latest/summary.json --overwrite
 
+# what every change must pass; ROOM=rsi runs the tests that name that room
 test: $(STAMP)
-	$(BIN)/python tools/check.py
+	$(BIN)/python tools/check.py $(if $(ROOM),--room $(ROOM))
+
+# everything: the same, then long sweeps, devices in real time, pages, wheels, SocketCAN in a virtual machine
+test-all: $(STAMP)
+	$(BIN)/python tools/check.py --all
 
 # the site of the documentation, into docs/_build/html
 docs: $(STAMP)
@@ -35,7 +40,7 @@ release-check: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m tools.bench $(ONLY) $(if $(PAGE),--page)
 
-# Linux's own jr3_pci driver on the emulated receiver board, in a virtual machine; `make test` runs it too
+# Linux's own jr3_pci driver on the emulated receiver board, in a virtual machine; `make test-all` runs it too
 kernel-driver: $(STAMP)
 	$(BIN)/python tools/kernel_driver.py
 

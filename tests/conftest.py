@@ -27,6 +27,25 @@ for number in (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--tier", choices=("gate", "full"), help="gate: tests of every change; full: all others")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Select one tier. Of a test marked `sweep`, the gate runs the first case alone; of one marked `full`, none."""
+    if not (tier := config.getoption("--tier")):
+        return
+    tiers: dict[str, list[pytest.Item]] = {"gate": [], "full": []}
+    swept = set[str]()
+    for item in items:
+        function = item.nodeid.partition("[")[0]
+        is_further_case = item.get_closest_marker("sweep") is not None and function in swept
+        swept.add(function)
+        tiers["full" if is_further_case or item.get_closest_marker("full") else "gate"].append(item)
+    items[:] = tiers.pop(tier)
+    config.hook.pytest_deselected(items=[item for others in tiers.values() for item in others])
+
+
 def pytest_collection_finish() -> None:
     """Let the garbage collector pass over thousands of collected tests: it would look at all of them each time."""
     gc.collect()

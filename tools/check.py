@@ -1,11 +1,18 @@
-"""The one check: format, lint, types, import contracts, tests with coverage, SocketCAN, and the built wheels elsewhere.
+"""The check, in two tiers: format, lint, types, import contracts, tests, SocketCAN, documentation and built wheels.
 
-Run it with the environment's Python (`make test` does). Every step runs even when an earlier one failed; the
-exit code is 0 only when none failed. `--only NAME` runs one step.
+    python tools/check.py                the gate, which every change must pass; `make test` runs it
+    python tools/check.py --all          the gate and the full tier; `make test-all` runs it
+    python tools/check.py --only types   one step
+    python tools/check.py --room rsi     the tests of the gate that name a room (a folder of the product)
+
+Run it with the environment's Python. Every step runs even when an earlier one failed; the exit code is 0 only when
+none failed. `--tier` in tests/conftest.py divides the tests between the tiers; only tests/wire runs in both, in the
+full tier with coverage.
 """
 
 import argparse
 import os
+import re
 import subprocess
 import sys
 import time
@@ -18,19 +25,21 @@ from kernel_machine import SKIPPED
 ROOT = Path(__file__).resolve().parent.parent
 BIN = Path(sys.executable).parent
 
+Step = Callable[[], int]
 
-def tool(name: str, *arguments: str) -> Callable[[], int]:
-    """A step that is one command of the environment, its output shown as it comes."""
+
+def run(name: str, *arguments: str) -> Step:
+    """Return a step that runs one command of the environment and shows its output at once."""
     return lambda: subprocess.run([BIN / name, *arguments], cwd=ROOT, check=False).returncode
 
 
-def tests(name: str, *arguments: str) -> tuple[str, ...]:
-    """The command for tests. It prints the forty slowest; `runs/tests/NAME.xml` keeps verdict and time of each test."""
+def pytest(name: str, *arguments: str) -> tuple[str, ...]:
+    """Return a pytest command. It prints the forty slowest tests and writes all of them to `runs/tests/NAME.xml`."""
     return "python", "-m", "pytest", "--durations=40", f"--junitxml=runs/tests/{name}.xml", *arguments
 
 
-def told(command: Sequence[str]) -> tuple[int, str]:
-    """Exit code of a command, and what it said."""
+def run_captured(command: Sequence[str]) -> tuple[int, str]:
+    """Run a command and return its exit code and its output."""
     done = subprocess.run(
         [BIN / command[0], *command[1:]],
         cwd=ROOT,
@@ -42,13 +51,13 @@ def told(command: Sequence[str]) -> tuple[int, str]:
     return done.returncode, done.stdout
 
 
-def at_once(first: tuple[str, ...], second: tuple[str, ...]) -> Callable[[], int]:
-    """A step of two commands of the environment at a time; the second one's output is shown when both have ended."""
+def run_both(first: tuple[str, ...], second: tuple[str, ...]) -> Step:
+    """Return a step that runs two commands at a time; the output of the second appears when both have ended."""
 
     def step() -> int:
-        with ThreadPoolExecutor(1) as beside:
-            other = beside.submit(told, second)
-            code = tool(*first)()
+        with ThreadPoolExecutor(1) as background:
+            other = background.submit(run_captured, second)
+            code = run(*first)()
             other_code, output = other.result()
             print(output, flush=True)
         return code or other_code
@@ -56,9 +65,18 @@ def at_once(first: tuple[str, ...], second: tuple[str, ...]) -> Callable[[], int
     return step
 
 
-REAL = ("-m", "live", "--reruns", "2")
-"""Tests in real time. Where a busy machine made one late it has two more tries, and their number is shown."""
-QUICK = (
+def without_ports(tier: str) -> tuple[str, ...]:
+    """Return pytest's options for the tests of a tier that need no port, bus or driver; they leave their evidence."""
+    return (
+        *("--tier", tier, "-m", "not live and not vcan and not driver"),
+        *("--numprocesses", "auto", "--dist", "loadfile", "--no-loadscope-reorder"),
+        *("-p", "tools.exercising", "--exercised", f"runs/tests/{tier}-exercised.json"),
+    )
+
+
+REAL_TIME = ("-m", "live", "--reruns", "2")
+"""Options of tests in real time. A test that a busy machine delayed has two more tries; pytest reports how many."""
+FAST_DEVICES = (
     "tests/clients",
     "tests/live/test_egm_web_live.py",
     "tests/web/test_panel_page.py",
@@ -67,86 +85,123 @@ QUICK = (
         for name in ("api", "bench", "clock", "egm", "program", "rtde", "today")
     ),
 )
-"""Tests in real time of devices that speak every few milliseconds, or take EGM's usual port: one at a time."""
-SLOW = ("--numprocesses", "3", "--dist", "load", "--maxschedchunk", "1")
-"""Beside them three at a time of slow lines, which mostly wait."""
+"""Real-time tests of devices that send every few milliseconds, or that use EGM's default port: one at a time."""
+SLOW_DEVICES = ("--numprocesses", "3", "--dist", "load", "--maxschedchunk", "1")
+"""Options of the other real-time tests, three at a time: they mostly wait."""
 
-STEPS: dict[str, Callable[[], int]] = {
-    "format": tool("ruff", "format", "--check", "."),
-    "lint": tool("ruff", "check", "."),
-    "types": at_once(("mypy",), ("mypy", "--config-file", "tests/mypy.ini", "tests", "tools")),
-    "imports": tool("lint-imports"),
-    "protocol": tool(
-        *tests("protocol", "tests/wire", "--numprocesses", "auto", "--dist", "loadfile"),
-        *("--cov", "--cov-report=term"),
-    ),
-    # the tutorials first: their pages last the longest
-    "pages": tool(
-        *tests("pages", "-p", "tools.page_examples", "docs/tutorial", "docs", "README.md"),
-        *("--ignore", "docs/_build", "--numprocesses", "2", "--dist", "loadfile", "--no-loadscope-reorder"),
-    ),
-    # the campaign of faults first: it takes one process the longest
-    "tests": tool(
-        *tests("tests", "tests/guard/test_campaign.py", "tests", "--ignore", "tests/wire"),
-        *("-m", "not live and not vcan and not driver", "--numprocesses", "auto"),
-        *("--dist", "loadfile", "--no-loadscope-reorder"),
-        *("-p", "tools.exercising", "--exercised", "runs/tests/exercised.json"),
-    ),
-    "live": at_once(
-        tests("live-quick", *REAL, *QUICK),
-        tests("live-slow", *REAL, *SLOW, *(f"--ignore={path}" for path in QUICK)),
-    ),
+TIERS: dict[str, dict[str, Step]] = {
+    "gate": {
+        "format": run("ruff", "format", "--check", "."),
+        "lint": run("ruff", "check", "."),
+        "types": run_both(("mypy",), ("mypy", "--config-file", "tests/mypy.ini", "tests", "tools")),
+        "imports": run("lint-imports"),
+        "tests": run(*pytest("gate", "tests", *without_ports("gate"))),
+    },
+    "full": {
+        "protocol": run(
+            *pytest("protocol", "tests/wire", "--numprocesses", "auto", "--dist", "loadfile"),
+            *("--cov", "--cov-report=term"),
+        ),
+        # the tutorials first: their pages take longest
+        "pages": run(
+            *pytest("pages", "-p", "tools.page_examples", "docs/tutorial", "docs", "README.md"),
+            *(
+                "--ignore",
+                "docs/_build",
+                "--numprocesses",
+                "2",
+                "--dist",
+                "loadfile",
+                "--no-loadscope-reorder",
+            ),
+        ),
+        # the campaign of faults first: it takes one process longest
+        "sweeps": run(
+            *pytest("sweeps", "tests/guard/test_campaign.py", "tests", "--ignore", "tests/wire"),
+            *without_ports("full"),
+        ),
+        "live": run_both(
+            pytest("live-fast", *REAL_TIME, *FAST_DEVICES),
+            pytest("live-slow", *REAL_TIME, *SLOW_DEVICES, *(f"--ignore={path}" for path in FAST_DEVICES)),
+        ),
+    },
 }
-BESIDE: dict[str, tuple[str, ...]] = {
+BACKGROUND: dict[str, tuple[str, ...]] = {
     "docs": ("sphinx-build", "-E", "-W", "--keep-going", "-q", "docs", "docs/_build/html"),
     "kernel": ("python", "tools/vcan_vm.py", "--driver"),
     "wheels": ("python", "tools/wheels.py"),
 }
-"""Commands that wait for downloads or keep one processor busy: two at a time beside the steps."""
-REAL_TIME = "live"
-"""The step beside which nothing runs that others could notice."""
+"""Steps of the full tier that wait for downloads or keep one processor busy: two at a time beside the others."""
+ALONE = "live"
+"""The step that runs without a background step that could disturb it."""
 IDLE = ("kernel",)
-"""A command that takes only time that no other wants, and so goes on beside REAL_TIME."""
+"""A background step that takes only idle processor time, and so continues beside ALONE."""
 
 VERDICTS = {0: "ok     ", SKIPPED: "skipped"}
-"""Meaning of an exit code of a step; every other one is a failure."""
+"""Meaning of a step's exit code; every other code is a failure."""
+
+
+def room_tests(room: str) -> Step:
+    """Return a step that runs the gate's tests whose path or text names a room."""
+    name = re.compile(rf"(?<![a-z0-9]){re.escape(room)}(?![a-z0-9])")
+    files = sorted(path.relative_to(ROOT) for path in (ROOT / "tests").rglob("test_*.py"))
+    named = [
+        str(path) for path in files if name.search(f"{path}\n{(ROOT / path).read_text(encoding='utf-8')}")
+    ]
+    if not named:
+        sys.exit(f"no test names the room {room!r}: give a folder of hil_bridge, emulators or protocol")
+    return run(*pytest("room", *named, *without_ports("gate")))
+
+
+def run_steps(steps: dict[str, Step], background: dict[str, tuple[str, ...]]) -> dict[str, tuple[int, float]]:
+    """Run the steps in order and the background steps beside them; return exit code and seconds of each."""
+    results: dict[str, tuple[int, float]] = {}
+
+    def run_timed(name: str, step: Callable[[], tuple[int, str]]) -> str:
+        began = time.monotonic()
+        code, output = step()
+        results[name] = code, time.monotonic() - began
+        return output
+
+    with ThreadPoolExecutor(2) as pool:
+        running = {
+            name: pool.submit(run_timed, name, lambda command=command: run_captured(command))
+            for name, command in background.items()
+        }
+
+        def show_background(but: tuple[str, ...] = ()) -> None:
+            for name in [name for name in running if name not in but]:
+                output = running.pop(name).result()
+                print(f"── {name}\n{output}", flush=True)
+
+        for name, step in steps.items():
+            if name == ALONE:
+                show_background(but=IDLE)
+            print(f"── {name}", flush=True)
+            run_timed(name, lambda step=step: (step(), ""))
+        show_background()
+    return results
 
 
 def main() -> int:
-    """Run the steps, and beside them what may be."""
+    """Run the chosen steps and print a verdict for each."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", choices=[*STEPS, *BESIDE])
-    only = parser.parse_args().only
-    # each process would compile each module again where the machine forbids to keep what was compiled
+    every_step = {name: step for tier in TIERS.values() for name, step in tier.items()}
+    parser.add_argument("--all", action="store_true", help="run the full tier after the gate")
+    parser.add_argument("--only", choices=[*every_step, *BACKGROUND], help="run one step")
+    parser.add_argument("--room", help="run the tests that name this folder of the product")
+    options = parser.parse_args()
+    # the interpreter would compile each module anew in every process
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-    results: dict[str, tuple[int, float]] = {}
+    steps, background = (every_step, BACKGROUND) if options.all else (TIERS["gate"], {})
+    if options.only:
+        steps = {name: step for name, step in every_step.items() if name == options.only}
+        background = {name: command for name, command in BACKGROUND.items() if name == options.only}
+    if options.room:
+        steps, background = {options.room: room_tests(options.room)}, {}
 
-    def timed(name: str, began: float, code: int) -> None:
-        results[name] = code, time.monotonic() - began
-
-    def quietly(name: str) -> str:
-        began = time.monotonic()
-        code, output = told(BESIDE[name])
-        timed(name, began, code)
-        return output
-
-    with ThreadPoolExecutor(2) as beside:
-        others = {name: beside.submit(quietly, name) for name in BESIDE if only in (None, name)}
-
-        def show_others(but: tuple[str, ...] = ()) -> None:
-            for name in [name for name in others if name not in but]:
-                output = others.pop(name).result()
-                print(f"── {name}\n{output}", flush=True)
-
-        for name, step in STEPS.items():
-            if name == REAL_TIME:
-                show_others(but=IDLE)
-            if only in (None, name):
-                print(f"── {name}", flush=True)
-                timed(name, time.monotonic(), step())
-        show_others()
-
+    results = run_steps(steps, background)
     for name, (code, seconds) in results.items():
         print(f"{VERDICTS.get(code, 'FAILED ')} {name} ({seconds:.0f} s)")
     return int(any(code not in VERDICTS for code, _ in results.values()))

@@ -2,11 +2,11 @@
 
 The evidence is what the tests struck, and what the runs of the guard's campaign told:
 
-    python tools/check.py --only tests
+    make test-all
     hil-bridge campaign examples/campaigns/guard.toml --output runs/guard.sqlite
     python -m tools.exercised --strike
 
-The first command leaves runs/tests/exercised.json.
+The first command leaves runs/tests/gate-exercised.json and runs/tests/full-exercised.json.
 With --strike each fault that both have left gets a run of its own first, judged by every promise of the guard. The
 results go to runs/tests/struck.json.
 
@@ -42,8 +42,14 @@ from hil_bridge.settings.faults import PHASES
 from tools.faults_doc import CELL, ROBOT_NAMES, SENSOR_NAMES, Job, faults_of_device, settings
 
 ROOT = Path(__file__).resolve().parent.parent
-TESTS, STRUCK, CAMPAIGN = (
-    ROOT / "runs" / name for name in ("tests/exercised.json", "tests/struck.json", "guard.sqlite")
+GATE, FULL, STRUCK, CAMPAIGN = (
+    ROOT / "runs" / name
+    for name in (
+        "tests/gate-exercised.json",
+        "tests/full-exercised.json",
+        "tests/struck.json",
+        "guard.sqlite",
+    )
 )
 PLAN = ROOT / "examples" / "campaigns" / "guard.toml"
 CONDITIONS, REACTIONS, FAULTS, PROMISES, CRITERIA, PHASED, TARGETS = GROUPS = (
@@ -214,9 +220,9 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise BridgeError(f"cannot read {path}: {error}", remedy="make test writes it") from error
+        raise BridgeError(f"cannot read {path}: {error}", remedy="make test-all writes it") from error
     if not isinstance(told, dict):
-        raise BridgeError(f"{path} holds no evidence", remedy="make test writes it")
+        raise BridgeError(f"{path} holds no evidence", remedy="make test-all writes it")
     return told
 
 
@@ -283,7 +289,7 @@ def strike_all(names: Sequence[str]) -> dict[str, Any]:
 def main() -> int:
     """Read the evidence, strike what is left if wanted, and print the list."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("--tests", nargs="+", type=Path, default=[TESTS], metavar="FILE.json")
+    options.add_argument("--tests", nargs="+", type=Path, default=[GATE, FULL], metavar="FILE.json")
     options.add_argument("--campaign", nargs="*", type=Path, default=[CAMPAIGN], metavar="FILE.sqlite")
     options.add_argument("--strike", action="store_true", help="make a run for each fault that is left")
     options.add_argument(
@@ -311,6 +317,13 @@ def _judge(chosen: argparse.Namespace) -> int:
     told = {path: _read(path) for path in files}
     found = balance(kept, (each for one in told.values() for each in one.get("unaccepted", ())))
     print(*describe(found, EXCEPTIONS), sep="\n")
+    if GATE in chosen.tests:
+        gate = balance(of_tests(GATE))
+        counts = (
+            f"{len(names) - len(gate.never(group))} of {len(names)} {group}"
+            for group, names in gate.all_names.items()
+        )
+        print(f"by the tests of the gate alone: {', '.join(counts)}")
     troubles = list(found.troubles(EXCEPTIONS))
     for path, one in told.items():
         troubles += [f"{name}: broken promises {words}" for name, words in one.get("broken", {}).items()]

@@ -1,6 +1,6 @@
 """The console examples of README and `docs/`, run as they stand there: a plug-in of pytest.
 
-`python -m pytest -p tools.page_examples docs README.md` runs them; `make test` does it on two processes.
+`python -m pytest -p tools.page_examples docs README.md` runs them; `make test-all` does it on two processes.
 
 - A fence ```` ```console ```` holds commands behind `$ `, and below each what it prints; `...` stands for what varies.
   A command with nothing below is judged by its exit code alone. The code must be 0, unless `echo $?` comes next.

@@ -21,6 +21,8 @@ from hil_bridge.record.ending import reason_of
 from hil_bridge.record.topics import TOPICS, Record
 from tests.near_surface import AWAKE_TOML, CLOSE_TOML, SHORT, merged
 
+pytestmark = pytest.mark.sweep
+
 STOP = {"on": "robot", "fault": "emergency-stop", "phase": "track"}
 SIGNATURES = {
     "load": "(config=None, *, faults=(), controller=None, seed=None) -> Config",

@@ -11,6 +11,7 @@ PAGE = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "api.md").r
 EXAMPLES = re.findall(r"^## (.+?)$.*?^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("title", "code"), EXAMPLES, ids=[title for title, _ in EXAMPLES])
 def test_example_runs(title: str, code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An example that raises fails the test; it has its own asserts."""

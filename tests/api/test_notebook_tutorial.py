@@ -6,6 +6,8 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
+pytestmark = pytest.mark.full
+
 NOTEBOOK = Path(__file__).parents[2] / "docs/tutorial/notebook.ipynb"
 TIMEOUT_S = 120
 

@@ -20,6 +20,8 @@ from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.verifying import unpack, verify
 from tests.bundles import Files, files_of, packed_anew, with_manifest
 
+pytestmark = pytest.mark.sweep
+
 
 def invoke(*arguments: object) -> Result:
     return CliRunner().invoke(cli, [*map(str, arguments)], catch_exceptions=False)
@@ -48,6 +50,7 @@ def with_results(files: Files, folder: Path, statement: str) -> Files:
     return {**files, "results.sqlite": place.read_bytes()}
 
 
+@pytest.mark.full
 def test_a_bundle_holds_recordings_of_failures_and_of_drawn_seeds(bundle: Path, short_results: Path) -> None:
     files = files_of(bundle)
     manifest = json.loads(files["manifest.json"])
@@ -64,6 +67,7 @@ def test_a_bundle_holds_recordings_of_failures_and_of_drawn_seeds(bundle: Path, 
     assert manifest["versions"] == versions()
 
 
+@pytest.mark.full
 def test_a_sound_bundle_is_verified(bundle: Path) -> None:
     ended = invoke("campaign", "verify", bundle)
     assert ended.exit_code == 0, ended.output

@@ -104,6 +104,7 @@ def bundle(site: Path) -> Path:
     return packed(site / "plan.sqlite")
 
 
+@pytest.mark.full
 def test_a_policy_is_packed_under_its_hash_and_found_elsewhere(
     bundle: Path, site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -182,6 +183,7 @@ def test_a_policy_that_was_changed_since_is_not_packed_and_is_another_plan(
         Store.begin(site / "plan.sqlite", read_plan(site / "plan.toml"))
 
 
+@pytest.mark.full
 def test_rules_a_map_of_heights_and_drawn_policies_are_packed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

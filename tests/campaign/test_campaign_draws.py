@@ -26,6 +26,8 @@ from hil_bridge.lab.commands.campaign import campaign
 from hil_bridge.runs.faults.lying import CONTROLLER_FAULTS
 from hil_bridge.runs.replay import replay
 
+pytestmark = pytest.mark.sweep
+
 STUDY = """
 [campaign]
 name = "drawn"
@@ -241,6 +243,7 @@ HOLE = (
 )
 
 
+@pytest.mark.full
 def test_a_hunt_finds_a_planted_hole_and_shrinks_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The guard lets every order through, so that a controller that lies presses as it likes."""
 
@@ -286,6 +289,7 @@ def test_smaller_runs_lose_faults_settings_and_digits() -> None:
     assert all(len(json.dumps(step)) <= len(table) for step in steps)
 
 
+@pytest.mark.full
 def test_the_command_hunts_and_tells_the_worst(tmp_path: Path) -> None:
     planned(tmp_path, HOLE)
     place = tmp_path / "hunt.sqlite"

@@ -144,6 +144,7 @@ LARGE = "guard"
 """An example that is large: tests/campaign/test_campaign_runs.py reads it, and holds the same of it."""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", sorted({path.stem for path in EXAMPLES.glob("*.toml")} - {LARGE}))
 def test_examples_are_plans(name: str) -> None:
     plan = read_plan(EXAMPLES / f"{name}.toml")

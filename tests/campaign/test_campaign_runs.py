@@ -26,6 +26,8 @@ from hil_bridge.lab.commands.campaign import campaign
 from hil_bridge.record import read
 from tests.campaign.study import STUDY, changed, done, study
 
+pytestmark = pytest.mark.full
+
 PATIENCE_S = 90.0
 """Longest wait for a whole process on a busy machine, s."""
 

@@ -12,6 +12,8 @@ from hil_bridge.record import read
 from hil_bridge.settings.configuration import load_config
 from tests.command_line import Command
 
+pytestmark = pytest.mark.sweep
+
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "tasks"
 NAMES = ("deburr-edge", "polish-dome", "press-and-feel")
 

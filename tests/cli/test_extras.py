@@ -47,6 +47,7 @@ def test_help_tells_the_command_of_this_installation(
     assert any(line.endswith(f"pip install -e '{tmp_path}[{extra}]'") for line in text.splitlines()), text
 
 
+@pytest.mark.full
 def test_no_message_writes_the_command_by_itself() -> None:
     """Only the text of a module or class may show one, for the pages: no help of a command, and no error."""
     found = []

@@ -11,6 +11,8 @@ import hil_bridge
 from hil_bridge.cli import main
 from hil_bridge.record.analysis.why import tracebacks, why
 
+pytestmark = pytest.mark.sweep
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TOYS = ("toy-robot", "toy-sensor", "toy-surface")
 POINTS = """

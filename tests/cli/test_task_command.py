@@ -14,6 +14,8 @@ from hil_bridge.settings.configuration import load_config
 from hil_bridge.show.report.task_steps import duration, list_steps, total_line
 from tests.command_line import Command, Result
 
+pytestmark = pytest.mark.sweep
+
 STEPS = """
 [[step]]
 do = "approach"

@@ -26,6 +26,8 @@ from tests.conform.naive import (
     ScriptClient,
 )
 
+pytestmark = pytest.mark.sweep
+
 PAGE = Path(__file__).parents[2] / "docs/reference/conform.md"
 SHORT = Rules(run_s=3.0, start_s=6.0, watch_s=1.0, after_s=0.3)
 """The default rules, with shorter times."""

@@ -16,6 +16,8 @@ from hil_bridge.settings.configuration import load_config
 from hil_bridge.settings.devices import sensor_at
 from tests.conform.reading_clients import PLANTED_READINGS, PlantedReading, Reader
 
+pytestmark = pytest.mark.sweep
+
 KINDS = ("netft", "ft300", "ati-can", "jr3", "jr3-uart")
 
 

@@ -22,6 +22,8 @@ from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.settings.devices import robot_at
 from protocol.geometry import Pose
 
+pytestmark = pytest.mark.sweep
+
 KINDS = ("s3", "egm", "rtde", "rsi")
 RULES = Rules(run_s=3.0, start_s=12.0, watch_s=1.5, react_s=1.0)
 CALM = MotionLimits(0.02)

@@ -17,6 +17,8 @@ from hil_bridge.settings.configuration import read_config
 from protocol.marks import SettingError
 from tests.near_surface import CLOSE, merged
 
+pytestmark = pytest.mark.sweep
+
 FORCE = 10.0
 DT = 0.002
 LAG, DAMPING, BOUND = 0.034, 0.67, 0.15e-3
@@ -109,6 +111,7 @@ def held(**parameters: float) -> tuple[float, str]:
     return math.sqrt(fmean((force - FORCE) ** 2 for force in settled)), run.text
 
 
+@pytest.mark.full
 def test_a_noisy_position_no_longer_shakes_the_tool() -> None:
     modelled, cause = held()
     assert cause == ""
@@ -117,6 +120,7 @@ def test_a_noisy_position_no_longer_shakes_the_tool() -> None:
     assert reported > 4 * modelled
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("parameters", [{"servo_lag_ms": 24.0}, {"servo_lag_ms": 44.0, "servo_damping": 1.0}])
 def test_a_servo_that_is_known_badly_still_holds(parameters: dict[str, float]) -> None:
     rms, cause = held(**parameters)

@@ -155,6 +155,7 @@ def test_dead_band_makes_it_slower():
     assert banded.peak_to_peak == pytest.approx(2e4 * STEP, rel=0.05)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("frequency", "damping"), [(25.0, 1.0), (40.0, 1.0), (40.0, 0.7), (40.0, 1.5)])
 def test_a_servo_that_holds_is_held_just_beyond_the_border(frequency, damping):
     """With samples long after the servo has come to rest the swing is a fixed point in closed form."""

@@ -20,6 +20,8 @@ from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.runs.resuming import describe_resume, resume_config
 from hil_bridge.settings.configuration import dump, load_config, read_config
 
+pytestmark = pytest.mark.sweep
+
 EXAMPLE = Path(__file__).parents[2] / "examples" / "peg-step"
 TASK = EXAMPLE / "insert-peg.toml"
 OFFERED = """
@@ -182,6 +184,7 @@ def test_a_number_of_a_step_that_is_not_there_is_told() -> None:
         load_config(TASK, {"task.step.9.depth_mm": 3.0})
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("peg")
 @pytest.mark.parametrize(("phase", "label"), [("approach", "1 (approach)"), ("track", "2 (insert)")])
 def test_a_run_that_was_stopped_goes_on(phase: str, label: str, tmp_path: Path) -> None:

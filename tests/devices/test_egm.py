@@ -15,6 +15,8 @@ from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import load_config
 
+pytestmark = pytest.mark.sweep
+
 CONTOUR = {"cell.surface.kind": "sinusoidal", "frame.follow_normal": True, "run.duration_s": 4.0}
 
 

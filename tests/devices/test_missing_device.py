@@ -12,6 +12,8 @@ import pytest
 
 from hil_bridge.devices.kinds import ROBOTS
 
+pytestmark = pytest.mark.full
+
 ROOT = Path(__file__).resolve().parents[2]
 PARENTS = (
     "protocol/devices",

@@ -14,6 +14,8 @@ from hil_bridge.record import read
 from hil_bridge.record.device_facts import devices_of
 from tests.near_surface import NEAR_TOML
 
+pytestmark = pytest.mark.sweep
+
 KINDS = ("netft", "ft300", "ft300-urcap", "ati-can")
 
 
@@ -256,6 +258,7 @@ def test_bus_faults_are_refused_for_a_sensor_without_a_bus(tried: Try) -> None:
     assert "needs sensor.emulated = ati-can or jr3, not netft" in tried("netft", fault("bus", "off"))["error"]
 
 
+@pytest.mark.full
 def test_gages_that_are_off_without_a_load_need_the_bias_that_is_identified(
     tried: Try, tmp_path: Path
 ) -> None:

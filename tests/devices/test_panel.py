@@ -439,6 +439,7 @@ def test_a_cell_that_cannot_be_is_one_line(tmp_path: Path) -> None:
 # --- an emergency stop in mid-track
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("offset_ms", [0, 10, 35, 60, 80, 100, 130])
 def test_an_emergency_stop_ends_the_orders_and_is_latched(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], offset_ms: int

@@ -20,6 +20,8 @@ from hil_bridge.runs.serve import report_hindrances
 from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import read_config
 
+pytestmark = pytest.mark.sweep
+
 T0 = 100.0
 STREAMS = [name for name in ROBOTS.own if name != "s3"]
 

@@ -44,6 +44,7 @@ def speeds(points: list[Pose]) -> list[float]:
     return [0.0, *(math.dist(a.position, b.position) / CYCLE for a, b in itertools.pairwise(points)), 0.0]
 
 
+@pytest.mark.full
 @given(st.floats(1e-4, 100.0), st.floats(0.001, 0.5), st.floats(0.1, 50.0))
 def test_a_way_begins_and_ends_without_a_step_in_velocity(
     way_mm: float, speed: float, acceleration: float

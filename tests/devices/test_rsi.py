@@ -19,6 +19,8 @@ from hil_bridge.settings.configuration import load_config
 from hil_bridge.settings.kinds import settings_of
 from tests.near_surface import AWAKE_TOML
 
+pytestmark = pytest.mark.sweep
+
 BASE = (
     '[run]\nperiod_ms = 20\n[controller]\nsample_ms = 20\n[robot]\nemulated = "rsi"\n'
     "[task]\nretract_mm = 2.0\nretract_speed_mm_s = 20.0\napproach_depth_limit_mm = 20.0\n"

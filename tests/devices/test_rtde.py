@@ -34,6 +34,8 @@ from protocol.geometry import Pose
 from tests.emulation.exact_arm import EXACT
 from tests.near_surface import AWAKE_TOML
 
+pytestmark = pytest.mark.sweep
+
 RUN = """
 [robot]
 emulated = 'rtde'
@@ -82,6 +84,7 @@ def summary_of(record: Path) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.full
 def test_it_holds_ten_newtons_and_two_runs_of_a_seed_and_a_replay_are_the_same(runs: Runs) -> None:
     code, told, first = runs()
     assert code == 0, told
@@ -99,6 +102,7 @@ def test_it_holds_ten_newtons_and_two_runs_of_a_seed_and_a_replay_are_the_same(r
     assert max(cycle.cycle for cycle in cycles) > 100
 
 
+@pytest.mark.full
 def test_it_holds_ten_newtons_along_a_contour(runs: Runs) -> None:
     surface = (
         "[frame]\nfollow_normal = true\n[cell]\njr3.gateway.boot_s = 0.2\n"

@@ -13,6 +13,8 @@ from protocol.devices.rtde.states import Runtime
 from protocol.devices.rtde.wires import Port
 from tests.near_surface import AWAKE
 
+pytestmark = pytest.mark.full
+
 PRESSES = """thread noise():
   while True:
     write_output_float_register(30, random())

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -138,6 +139,7 @@ PEAKS: Steps = [
 """Peaks that were foreseen and never came."""
 
 
+@pytest.mark.full
 @settings(max_examples=60, deadline=None)
 @given(
     st.integers(0, len(PROFILES) - 1),

@@ -105,6 +105,7 @@ def test_on_a_good_network_the_robot_is_where_the_set_point_was_a_cycle_before(
 COPIES = st.sampled_from([1, 1, 1, 1, 0, 2, 3])
 
 
+@pytest.mark.full
 @settings(max_examples=30)
 @given(
     st.sampled_from(["relative", "absolute"]),

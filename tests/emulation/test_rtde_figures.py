@@ -21,6 +21,8 @@ from emulators.seams import StartPose
 from protocol.devices.rtde.rotation import pose_of
 from protocol.devices.rtde.wires import Port
 
+pytestmark = pytest.mark.sweep
+
 Floats = NDArray[np.float64]
 
 T0 = 1000.25

@@ -12,6 +12,8 @@ from emulators.devices.rtde.urscript.limits import MEMORY_MAX, TOKENS_MAX
 from protocol.devices.rtde.states import SafetyMode
 from tests.emulation.test_urscript_motion import Bench
 
+pytestmark = pytest.mark.sweep
+
 CYCLE_S = 1.5
 """Longest processor time of one cycle. Each of these programs takes below 0.1 s; without bounds it took 3 to 40 s."""
 LONG = f"[{', '.join(['1'] * 4000)}]"

@@ -2,6 +2,7 @@
 
 import math
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -26,6 +27,7 @@ CALLS = st.one_of(
 )
 
 
+@pytest.mark.full
 @settings(max_examples=150, deadline=4000)
 @given(st.lists(CALLS, max_size=6), st.sampled_from([0.0, 30.0, -1e6, 1e300]))
 def test_no_call_of_force_leads_the_arm_out_of_its_limits(calls: list[str], force: float) -> None:

@@ -7,6 +7,8 @@ import pytest
 
 from hil_bridge.record import CycleRecord, Outcome
 
+pytestmark = pytest.mark.sweep
+
 Bench = Any
 
 HANDS: dict[str, tuple[Callable[[Any, float], object], str]] = {

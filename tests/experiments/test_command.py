@@ -59,6 +59,7 @@ def children_of(pid: int) -> list[int]:
         return []
 
 
+@pytest.mark.full
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for the workers")
 def test_sigterm_ends_the_command_with_its_workers(tmp_path):
     command = [

@@ -25,6 +25,8 @@ from hil_bridge.lab.experiments.results import digits, markdown, only_row, to_cs
 from hil_bridge.lab.experiments.simulation import REFERENCE_N, STIFFNESSES
 from tests.experiments.csv_rows import from_csv
 
+pytestmark = pytest.mark.sweep
+
 
 def evaluated(name, seeds, keep=lambda job: True):
     experiment = EXPERIMENTS[name]
@@ -145,6 +147,7 @@ def test_a_run_of_the_chain_is_a_function_of_its_seed():
     assert {cycle.phase for cycle in first.cycles} >= {"approach", "track", "retract"}
 
 
+@pytest.mark.full
 def test_processes_give_what_one_gives(monkeypatch):
     jobs = [CellJob("fuzzy", (), seed, duration=1.0) for seed in (1, 2)]
     jobs += [PaperJob("fuzzy", (), 5e3, 50.0, seed, samples=10) for seed in range(6)]
@@ -171,6 +174,7 @@ def test_the_steady_state_is_that_of_the_last_samples_asked_for():
     assert CellJob("fuzzy", (), 1, duration=2.0)().merit.steady_peak_to_peak_n is None
 
 
+@pytest.mark.full
 def test_every_figure_of_the_chain_comes_out_of_a_short_run(tmp_path):
     for name in ("fig7-8", "fig9-11"):
         experiment = EXPERIMENTS[name]
@@ -212,6 +216,7 @@ def resolution_findings():
     return evaluated("resolution", 1)
 
 
+@pytest.mark.full
 def test_limit_cycles_are_as_predicted_at_every_point(resolution_findings):
     experiment, findings = resolution_findings
     assert len(findings.table) == len(resolution.STIFFNESSES) * len(resolution.RESOLUTIONS_MM)

@@ -27,6 +27,8 @@ from hil_bridge.settings.configuration import load_config
 from tests.emulation.exact_arm import NO_ERROR
 from tests.near_surface import STILL
 
+pytestmark = pytest.mark.sweep
+
 Settings = Mapping[str, Any]
 EXACT: Settings = {f"cell.rtde.{name}": value for name, value in NO_ERROR.items()}
 """A Universal Robot without noise: what is left is what a test asks for."""
@@ -124,6 +126,7 @@ def joints(family: str) -> Table:
     return Table(times, columns)
 
 
+@pytest.mark.full
 def test_another_lookahead_of_servoj_is_its_distance(tmp_path: Path) -> None:
     usual = {**EXACT, "robot.rtde.lookahead_s": 0.03}
     measured = robot_table("rtde", joints("order_q"), usual)
@@ -327,6 +330,7 @@ def test_recording_shorter_than_a_cycle_is_refused(tmp_path: Path, kind: str) ->
     )
 
 
+@pytest.mark.full
 def test_a_run_is_compared_with_the_devices_that_it_had(tmp_path: Path) -> None:
     """Its settings are the devices'. The client's ramp stands between order and set point: a cycle may be left."""
     config, record = tmp_path / "run.toml", tmp_path / "run.mcap"

@@ -11,6 +11,8 @@ from hil_bridge.runs.small_steps import SmallSteps
 from hil_bridge.settings.configuration import Config
 from protocol.devices.s3.arap import Status
 
+pytestmark = pytest.mark.sweep
+
 Guarded = Any
 Run = Callable[..., Guarded]
 Configured = Callable[..., Config]

@@ -23,6 +23,8 @@ from hil_bridge.settings.configuration import read_config
 from protocol.wrench import SensorFacts
 from tests.near_surface import AWAKE
 
+pytestmark = pytest.mark.sweep
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = ROOT / "docs" / "explanation"
 SENSOR = SensorFacts("", (1.0,) * 6, None, None, 0.01, 0.016, "device")

@@ -38,6 +38,8 @@ from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, read_config
 from tests.paper_cell import CELL_FAULTS, PaperCell
 
+pytestmark = pytest.mark.full
+
 Floats = npt.NDArray[np.float64]
 SEEDS = int(os.environ.get("HIL_BRIDGE_SEEDS", "140"))
 BLOCK = 20

@@ -12,6 +12,8 @@ from hil_bridge.control.course.verdict import Observation
 from hil_bridge.errors import Cause
 from tests.observed import observation
 
+pytestmark = pytest.mark.sweep
+
 Guarded = Any
 Run = Callable[..., Guarded]
 LIMITS = Limits()
@@ -49,6 +51,7 @@ def test_a_zero_that_drifts_ends_the_run_off_the_surface(
     assert run.result.cause in causes
 
 
+@pytest.mark.full
 def test_a_healthy_hold_goes_to_its_end(guarded: Run, configured: Callable[..., Any]) -> None:
     run = guarded(configured(5e4, held("s3")))
     assert run.result.left.startswith("retracted")

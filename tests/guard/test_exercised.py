@@ -31,6 +31,8 @@ from tools.exercised import (
 )
 from tools.faults_doc import Job
 
+pytestmark = pytest.mark.full
+
 ROOT = Path(__file__).resolve().parents[2]
 PLAN = """
 [campaign]

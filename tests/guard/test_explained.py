@@ -15,6 +15,8 @@ from hil_bridge.settings.configuration import read_config
 from hil_bridge.site.guard.asking import Asked, Situation
 from hil_bridge.site.guard.explaining import explain
 
+pytestmark = pytest.mark.sweep
+
 CONFIG = read_config({})
 RETRACT = Phase.RETRACT
 APPROACH = Phase.APPROACH

@@ -15,6 +15,8 @@ from protocol.geometry import Pose, angle_between
 from protocol.robot import pose_fault
 from tests.near_surface import awake_config
 
+pytestmark = pytest.mark.sweep
+
 Guarded = Any
 Run = Callable[..., Guarded]
 UPRIGHT = (0.0, 1.0, 0.0, 0.0)

@@ -19,6 +19,8 @@ from hil_bridge.site.return_path import start_of
 from protocol.geometry import Vector
 from tests.paper_cell import PaperCell
 
+pytestmark = pytest.mark.sweep
+
 Configured = Callable[..., Config]
 
 

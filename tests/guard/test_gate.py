@@ -26,6 +26,8 @@ from protocol import geometry
 from protocol.geometry import Pose, Quaternion, Vector, towards
 from tests.near_surface import awake_config
 
+pytestmark = pytest.mark.sweep
+
 Guarded = Any
 Run = Callable[..., Guarded]
 ROBOTS = ["s3", "egm", "rtde", "rsi"]

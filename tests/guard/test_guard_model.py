@@ -31,6 +31,8 @@ from hil_bridge.record import EventKind, EventRecord, Recording
 from tests.guard.guard_search import GuardRule, search
 from tests.recordings import Recordings
 
+pytestmark = pytest.mark.sweep
+
 MODEL = GuardModel()
 NEAR: dict[str, Any] = {
     "run": {"duration_s": 0.5},

@@ -9,6 +9,8 @@ import pytest
 from hil_bridge.record import EventKind
 from hil_bridge.settings.configuration import Config, read_config
 
+pytestmark = pytest.mark.sweep
+
 Guarded = Any
 Run = Callable[..., Guarded]
 
@@ -123,6 +125,7 @@ def test_a_tool_that_comes_to_rest_behind_the_last_order_is_told_there(guarded: 
     assert told == pytest.approx(true, abs=2e-4)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("after_s", [0.02, 0.1, 0.2])
 def test_a_robot_that_tells_nothing_any_more_is_waited_for(guarded: Run, after_s: float) -> None:
     """The connection is dropped in the retraction: the robot comes to rest unseen, and the sensor tells on."""

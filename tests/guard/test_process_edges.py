@@ -16,6 +16,8 @@ from hil_bridge.runs import stopping
 from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.signals import ASKING, BACKGROUND, ENDING, OTHERS, Signals, as_ctrl_c, signal_name
 
+pytestmark = pytest.mark.sweep
+
 NOT_TAKEN = {
     *("SIGKILL", "SIGSTOP"),  # the system lets no program take them
     *("SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL"),  # a handler would be called for ever

@@ -10,6 +10,8 @@ from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import Config
 from tests.near_surface import awake_config, merged
 
+pytestmark = pytest.mark.sweep
+
 Guarded = Any
 Run = Callable[..., Guarded]
 

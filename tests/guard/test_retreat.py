@@ -14,6 +14,8 @@ from hil_bridge.settings.configuration import Config, read_config
 from tests.near_surface import STILL, awake_config
 from tests.observed import observation
 
+pytestmark = pytest.mark.sweep
+
 Guarded = Any
 Run = Callable[..., Guarded]
 LIMITS = Limits()

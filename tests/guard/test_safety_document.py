@@ -10,6 +10,8 @@ import pytest
 
 from hil_bridge.settings.configuration import read_config
 
+pytestmark = pytest.mark.sweep
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "explanation" / "safety.md").read_text(encoding="utf-8")
 FIGURES = json.loads((ROOT / "docs" / "explanation" / "safety.json").read_text(encoding="utf-8"))
@@ -52,6 +54,7 @@ def test_a_run_that_is_repeated_shows_the_same(tool: dict[str, Any], number: int
         )
 
 
+@pytest.mark.full
 def test_a_tool_told_as_retracted_presses_on_nothing(tool: dict[str, Any]) -> None:
     """Settings of the runs of the page, and their true values."""
     cases = [case for case in tool["CASES"] if case.name.startswith(("Ctrl-C", "the robot"))]

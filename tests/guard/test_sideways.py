@@ -15,6 +15,8 @@ from hil_bridge.runs.axis_evidence import AxisEvidence
 from hil_bridge.settings.configuration import Config
 from tests.near_surface import awake_config, merged
 
+pytestmark = pytest.mark.sweep
+
 Guarded = Any
 Run = Callable[..., Guarded]
 

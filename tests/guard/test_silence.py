@@ -14,6 +14,8 @@ from hil_bridge.record import EventKind
 from hil_bridge.settings.configuration import Config
 from tests.near_surface import awake_config
 
+pytestmark = pytest.mark.sweep
+
 Guarded = Any
 Run = Callable[..., Guarded]
 

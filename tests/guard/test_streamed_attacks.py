@@ -15,6 +15,8 @@ from hil_bridge.settings.configuration import Config
 from protocol.wrench import SensorFacts
 from tests.near_surface import awake_config
 
+pytestmark = pytest.mark.sweep
+
 Guarded = Any
 Run = Callable[..., Guarded]
 STIFFNESS = 5e4
@@ -140,6 +142,7 @@ def test_a_robot_that_adds_whole_corrections_up_gets_no_more_of_them(guarded: Ru
     assert run.cell.true_state(end).velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
 
 
+@pytest.mark.full
 def test_an_axis_that_is_cut_alone_bends_the_way_and_the_force_stays_below_its_bound(guarded: Run) -> None:
     """The tool goes outwards by axes 2 and 3: with axis 3 cut the rest presses. Cut as a pose, it would stand."""
     limits = (90.0, 90.0, 0.3, 90.0, 90.0, 90.0)

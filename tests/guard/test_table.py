@@ -15,6 +15,8 @@ from hil_bridge.errors import Cause
 from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import Config
 
+pytestmark = pytest.mark.sweep
+
 LIMIT_N = 50.0
 LATENCY_CYCLES = 3
 """Cycles from an order to the force that shows its effect: answer, motion, filter, and the cycle that sees it."""

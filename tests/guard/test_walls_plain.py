@@ -9,6 +9,8 @@ from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import Config
 from tests.near_surface import awake_config
 
+pytestmark = pytest.mark.sweep
+
 Guarded = Any
 Run = Callable[..., Guarded]
 

@@ -71,6 +71,7 @@ def cells(monkeypatch: pytest.MonkeyPatch) -> list[Cell[Any, Any]]:
     return made
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", WAYS)
 def test_a_way_out_keeps_its_promises(
     hil: Callable[..., tuple[int, str, str]], cells: list[Cell[Any, Any]], name: str

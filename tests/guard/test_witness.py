@@ -17,6 +17,8 @@ from hil_bridge.settings.configuration import Config
 from tests.near_surface import awake_config
 from tests.observed import observation
 
+pytestmark = pytest.mark.sweep
+
 Guarded = Any
 Run = Callable[..., Guarded]
 FOR_GOOD_S = 600.0
@@ -85,6 +87,7 @@ def test_a_lie_of_the_approach_is_bounded(guarded: Run, lie: str) -> None:
     assert run.last == 0.0
 
 
+@pytest.mark.full
 def test_without_the_witness_the_same_lie_presses_far_harder(guarded: Run) -> None:
     """A tenth of the force: the guard's other rules see a sensor that lives, and a surface that answers."""
     forces = [guarded(feeling("egm", 5e4, *LIES["a tenth"], **more)).largest for more in ({}, OFF)]
@@ -108,6 +111,7 @@ def test_a_witness_that_lies_does_no_harm_beyond_a_stop(
     assert run.result.left.startswith("NOT retracted" if stops else "retracted")
 
 
+@pytest.mark.full
 @ROBOTS
 def test_a_witness_that_dies_too_leaves_the_guard_as_it_was(guarded: Run, robot: str) -> None:
     """Stuck counts are seen by the other rules, as late as without a witness, and no later."""
@@ -118,6 +122,7 @@ def test_a_witness_that_dies_too_leaves_the_guard_as_it_was(guarded: Run, robot:
     assert forces[0] == pytest.approx(forces[1], abs=0.5)
 
 
+@pytest.mark.full
 @CELLS
 def test_a_healthy_run_is_left_alone(guarded: Run, robot: str, stiffness: float) -> None:
     run = guarded(feeling(robot, stiffness))

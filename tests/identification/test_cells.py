@@ -14,6 +14,8 @@ from hil_bridge.settings.configuration import load_config
 from tests.recordings import Recordings
 from tools.identified_cells import CELLS, cell, rows_of, true_values
 
+pytestmark = pytest.mark.sweep
+
 S3, EGM = 0, 9
 """Cells that are quick to run: an S3 with a JR3, and an EGM with an FT 300."""
 SHARE = 0.9
@@ -35,6 +37,7 @@ def identified(recording: Recording) -> Identified:
     return identify_run(recording)
 
 
+@pytest.mark.full
 def test_the_true_values_lie_within(identified: Identified, number: int) -> None:
     rows = rows_of(number, identified.values)
     seen = [row for row in rows if row.found is not None]

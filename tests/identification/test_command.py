@@ -54,6 +54,7 @@ def test_json_has_every_value_and_null_for_what_is_not_seen(site: Path) -> None:
     assert friction["interval"]
 
 
+@pytest.mark.full
 def test_the_profile_runs_and_is_not_overwritten_unasked(site: Path, tmp_path: Path) -> None:
     profile = tmp_path / "profile.toml"
     assert identify(site, "-o", profile).exit_code == 0

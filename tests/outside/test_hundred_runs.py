@@ -2,7 +2,11 @@
 
 from pathlib import Path
 
+import pytest
+
 import hil_bridge
+
+pytestmark = pytest.mark.full
 
 NEAR = {"start_position_mm": [900.0, -100.0, 590.5]}  # just above the surface
 SHORT = {"run": {"duration_s": 0.3}, "task": {"retract_speed_mm_s": 20.0, "retract_mm": 2.0}, "cell": NEAR}

@@ -5,6 +5,8 @@ import pytest
 from tools.documents import DOCUMENTS, contents
 from tools.pages import placed
 
+pytestmark = pytest.mark.sweep
+
 
 @pytest.mark.parametrize("name", DOCUMENTS)
 def test_document_is_up_to_date(name: str) -> None:

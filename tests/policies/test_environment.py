@@ -20,6 +20,8 @@ from protocol.geometry import angle_between
 from tests import near_surface
 from tests.near_surface import merged
 
+pytestmark = pytest.mark.sweep
+
 NEAR = merged(near_surface.NEAR, {"run": {"duration_s": 1.0}})
 PLACE = {quantity.name: place for place, quantity in enumerate(OBSERVED)}
 STIFFNESS = {"cell.surface.stiffness_n_m": {"from": 3e3, "to": 2e4, "log": True}}
@@ -45,6 +47,7 @@ def play(env: Any, policy: Any, seed: int | None = None) -> tuple[list[float], l
     return rewards, seen, {**begun, **info, "terminated": terminated, "truncated": truncated}
 
 
+@pytest.mark.full
 def test_checker_of_gymnasium_finds_nothing() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -173,6 +176,7 @@ def test_faults_are_drawn_for_each_episode() -> None:
     assert 1.0 <= fault.given["ms"] <= 9.0
 
 
+@pytest.mark.full
 def test_environments_go_in_processes() -> None:
     def make() -> Any:
         import hil_bridge.gym  # noqa: F401  registers the environment in the process
@@ -196,6 +200,7 @@ def test_environments_go_in_processes() -> None:
         envs.close()
 
 
+@pytest.mark.full
 def test_memory_and_threads_stay_flat() -> None:
     def resident_mb() -> float:
         return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6

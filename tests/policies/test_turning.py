@@ -15,6 +15,8 @@ from hil_bridge.runs.simulation import Result
 from protocol.geometry import angle_between, angle_of_vectors, inverse, product, rotation_vector, tool_axis
 from tests.near_surface import CLOSE, STREAMED, merged
 
+pytestmark = pytest.mark.sweep
+
 AXES: tuple[Axis, ...] = ("along", "turn")
 
 

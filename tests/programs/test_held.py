@@ -21,6 +21,7 @@ HELD_S = (1.0, 4.0)
 """Begin and end of the hold after the first cycle of tracking, s; longer than a program waits for progress."""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("steps", [[], STEPS], ids=["plain", "program"])
 @pytest.mark.parametrize("robot", ["s3", "egm"])
 def test_the_force_is_kept_and_the_way_stands(play: Play, robot: str, steps: list[dict[str, Any]]) -> None:

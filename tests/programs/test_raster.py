@@ -9,6 +9,8 @@ import pytest
 
 from tests.emulation.exact_arm import NO_ERROR
 
+pytestmark = pytest.mark.sweep
+
 Played = Any
 Play = Callable[..., Played]
 RUNS = {
@@ -59,6 +61,7 @@ def runs(request: pytest.FixtureRequest, play: Play) -> tuple[Played, Played, fl
     )
 
 
+@pytest.mark.full
 def test_the_tool_stays_perpendicular(runs: tuple[Played, Played, float]) -> None:
     raster, _, _ = runs
     skews = [skew for _, way, skew in raster.skews(2) if way > 0.02]

@@ -5,6 +5,8 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.sweep
+
 Played = Any
 Play = Callable[..., Played]
 WAY = {"kind": "line", "length_mm": 500.0}

@@ -8,6 +8,8 @@ import pytest
 
 from hil_bridge.errors import Cause
 
+pytestmark = pytest.mark.sweep
+
 Played = Any
 Play = Callable[..., Played]
 WALL_N_M = 5e4

@@ -13,6 +13,8 @@ from click.testing import CliRunner
 from hil_bridge.cli import cli
 from hil_bridge.errors import BridgeError
 
+pytestmark = pytest.mark.sweep
+
 Played = Any
 Play = Callable[..., Played]
 START = {
@@ -152,6 +154,7 @@ WAVES = {
 }
 
 
+@pytest.mark.full
 def test_the_feed_falls_where_the_force_is_off(play: Play) -> None:
     """Waves of 32° at their steepest: with the override slower, and with less error."""
     plain = play("egm", stroke(speed_mm_s=20.0), START, WAVES)

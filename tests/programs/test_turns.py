@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.sweep
+
 Played = Any
 Play = Callable[..., Played]
 DOWN = (0.0, 1.0, 0.0, 0.0)
@@ -126,6 +128,7 @@ def test_the_rate_is_limited(play: Play, robot: str, where: str) -> None:
     assert not any("turned faster" in reason for reason in run.clamps())
 
 
+@pytest.mark.full
 def test_a_robot_that_tells_no_turn_is_stopped(play: Play) -> None:
     """Its pose as it tells it stays as it was, while it is ordered to turn and to press."""
     run = play("egm", [APPROACH, HOLD, RETRACT], FLAT, QUICKLY, meddle=in_step(2, "pose", "frozen"))

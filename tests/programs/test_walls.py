@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.sweep
+
 Played = Any
 Play = Callable[..., Played]
 FACE = 5e4

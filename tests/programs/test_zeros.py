@@ -7,6 +7,8 @@ import pytest
 
 from hil_bridge.errors import Cause
 
+pytestmark = pytest.mark.sweep
+
 Played = Any
 Play = Callable[..., Played]
 LINE = {"kind": "line", "length_mm": 10}

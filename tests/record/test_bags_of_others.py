@@ -44,6 +44,8 @@ from tests.bags import (
 from tests.near_surface import EMERGENCY_STOP, WHOLE
 from tests.recordings import Recordings
 
+pytestmark = pytest.mark.sweep
+
 CHOSEN = BagChoices(topics={"wrench": "/contact/wrench", "pose": "/pose_broadcaster/pose"})
 
 

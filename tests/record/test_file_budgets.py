@@ -81,6 +81,7 @@ SLOW = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("text", SLOW.values(), ids=SLOW)
 def test_a_toml_text_of_the_largest_size_takes_no_long(text: str) -> None:
     assert len(text) <= TOML_LIMIT_BYTES

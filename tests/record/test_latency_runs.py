@@ -34,6 +34,8 @@ from protocol.devices.s3.adlp import LinkProfile
 from tests.paper_cell import PaperCellProfile, s3_jr3_cell
 from tests.record.stamped_cycles import CHARACTER, CYCLES, recording
 
+pytestmark = pytest.mark.full
+
 ODD_STATUS = (3.0, 3.5, 4.0, 20.0, 55.0)
 ODD_MOVE = (30.0, 31.0, 60.0, 61.0, 90.0)
 ODD_DELAY = (0.0, 0.5, 1.0, 1.5, 8.0)

@@ -43,6 +43,8 @@ from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import read_config
 from tests.record.written_recordings import METADATA, cycle, stream, wall_ns, write
 
+pytestmark = pytest.mark.sweep
+
 
 def test_what_was_put_is_read_back(tmp_path: Path) -> None:
     records = stream()
@@ -115,6 +117,7 @@ def test_from_pause_to_pause_the_writer_lets_the_loop_be(
     assert len(read(path).sensors) == 3 * len(frames)
 
 
+@pytest.mark.full
 def test_what_pauses_do_not_suffice_for_is_written_without_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -301,6 +304,7 @@ def test_a_c_library_without_the_setting_records_all_the_same(
     assert read(write(tmp_path / "run.mcap", stream(1.0))).cycles
 
 
+@pytest.mark.full
 def test_every_cut_is_truncated_or_refused(tmp_path: Path) -> None:
     data = write(tmp_path / "run.mcap", stream(2.0)).read_bytes()
     path, seen = tmp_path / "cut.mcap", set()

@@ -36,6 +36,8 @@ from hil_bridge.show.report.surface_section import surface_section
 from tests.near_surface import WHOLE
 from tests.recordings import Recordings
 
+pytestmark = pytest.mark.sweep
+
 
 def settings(**sections: Any) -> dict[str, Any]:
     """A run of two seconds of tracking."""
@@ -128,6 +130,7 @@ def test_the_map_of_what_was_removed_stands_in_the_record(recordings: Recordings
     assert found.corner_m[1] == pytest.approx(0.9 - found.origin_m[0])
 
 
+@pytest.mark.full
 def test_two_runs_that_wear_are_the_same_to_the_last_byte(tmp_path: Path) -> None:
     records = []
     for name in ("one", "two"):

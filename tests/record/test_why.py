@@ -26,6 +26,8 @@ from tests.near_surface import CLOSE, SHORT, STREAMED, merged
 from tests.recordings import Recordings
 from tools.faults_doc import CELL, GIVEN, faults_of_device
 
+pytestmark = pytest.mark.sweep
+
 BLAMED = {
     **dict.fromkeys(("robot", "pose", "wire"), "robot"),
     **dict.fromkeys(("signal", "sensor-wire", "sensor", "bus"), "force sensor"),

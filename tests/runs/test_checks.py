@@ -58,6 +58,7 @@ def test_a_window_that_holds_no_oscillation_is_refused(tmp_path: Path) -> None:
     assert re.search(r"oscillation\.window_ms of 2000 ms must hold at least 12 samples .* 2160 or more", told)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("robot", ["s3", "egm", "rtde", "rsi"])
 def test_a_run_makes_its_cell_its_pace_and_its_loop_once(
     robot: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -24,6 +24,8 @@ from hil_bridge.settings.template import schema
 from tests.near_surface import NEAR
 from tests.paper_cell import CELL_FAULTS, PaperCellProfile, s3_jr3_cell
 
+pytestmark = pytest.mark.sweep
+
 NEEDED: dict[tuple[str, str], dict[str, Any]] = {
     ("signal", "stuck"): {"phase": "approach", "after_s": 0.2},
     ("sensor", "wrong-scales"): {"phase": "connect", "after_s": 0.0},

@@ -23,6 +23,8 @@ from hil_bridge.record.files import open_record, write_whole
 from hil_bridge.runs import outputs
 from tests.command_line import Command, Result
 
+pytestmark = pytest.mark.sweep
+
 VIRTUAL = ("run", "--virtual", "--no-view", "--duration", "0.5")
 
 
@@ -282,6 +284,7 @@ def test_a_full_disk_is_told_before_the_movement(hil: Command, monkeypatch: pyte
     assert "is incomplete: No space left on device" in errors
 
 
+@pytest.mark.full
 def test_a_limit_of_the_system_is_told_as_well(tmp_path: Path) -> None:
     limited = (
         "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (120_000, 120_000)); "

@@ -142,6 +142,7 @@ def test_a_completed_run_whose_criterion_failed_ends_with_exit_code_4(
     assert found.outcome == "completed"
 
 
+@pytest.mark.full
 def test_a_run_that_an_error_stops_says_in_which_step(tmp_path: Path, hil: Command) -> None:
     config, file = tmp_path / "task.toml", tmp_path / "run.mcap"
     text = PROGRAM.format(criterion="")

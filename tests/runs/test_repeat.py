@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from hil_bridge.record import read
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
@@ -16,6 +18,7 @@ def record(path: Path, seed: int) -> bytes:
     return path.read_bytes()
 
 
+@pytest.mark.full
 def test_the_same_seed_gives_the_same_bytes_in_every_process(tmp_path: Path) -> None:
     here = record(tmp_path / "here.mcap", seed=7)
     assert record(tmp_path / "again.mcap", seed=7) == here

@@ -199,6 +199,7 @@ def test_the_command_tells_the_first_difference_and_ends_with_1(
     assert "depth_commanded: recorded" in told
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("arguments", "code"), [((), 0), (("--controller", "fuzzy"), 0), (("differs",), 1)])
 def test_a_reader_that_has_left_does_not_change_the_exit_code(
     recording: Path, tmp_path: Path, arguments: tuple[str, ...], code: int

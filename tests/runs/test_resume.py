@@ -17,6 +17,8 @@ from hil_bridge.runs import resuming
 from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.settings.faults import FaultConfig
 
+pytestmark = pytest.mark.sweep
+
 STROKES = 4
 LENGTH_MM, GAP_MM = 8.0, 4.0
 """Strokes lie one behind the other along x."""
@@ -99,6 +101,7 @@ def pair(
     return read(record), read(folder / "rest.mcap"), told
 
 
+@pytest.mark.full
 def test_the_cut_step_is_told_with_its_cause(pair: tuple[Recording, Recording, Any]) -> None:
     cut, _, told = pair
     assert cut.steps[-1].step == THIRD_TRACK

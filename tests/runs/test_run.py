@@ -21,6 +21,8 @@ from protocol.devices.s3.timing import answer_time, line_floor
 from protocol.geometry import angle_between
 from tests.bench import Bench, RunBench
 
+pytestmark = pytest.mark.sweep
+
 
 def after(cycles: int, act: Callable[[Bench], object]) -> Callable[[Bench, CycleRecord], None]:
     """Meddle once, when that many cycles have tracked the surface."""

@@ -11,6 +11,8 @@ from hil_bridge.control import CONTROLLERS
 from hil_bridge.record import CycleRecord, Outcome
 from tests.bench import Bench, RunBench
 
+pytestmark = pytest.mark.sweep
+
 DEEP = {"approach_depth_limit_mm": 30.0}
 """For surfaces that lie deeper below the start than an approach goes by default."""
 
@@ -50,6 +52,7 @@ def test_on_a_flat_sponge_knowing_the_stiffness_rises_faster(bench: RunBench, se
     assert rms_after_rise(runs["predictive"], 10.0) <= 0.6
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", [1, 2])
 def test_looking_ahead_follows_a_curved_contour(bench: RunBench, seed: int) -> None:
     surface = {"kind": "sinusoidal", "amplitude_mm": 10.0, "period_mm": 200.0}
@@ -64,6 +67,7 @@ def test_looking_ahead_follows_a_curved_contour(bench: RunBench, seed: int) -> N
     assert rms_after_rise(behind, 10.0) > 3 * rms_after_rise(ahead, 10.0)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("stiffness", [500.0, 2e3, 5e3, 2e4, 5e4, 1e5])
 def test_one_tuning_holds_over_more_than_two_decades_of_stiffness(bench: RunBench, stiffness: float) -> None:
     for seed in (1, 2):
@@ -128,6 +132,7 @@ def test_contact_is_kept_on_every_surface(bench: RunBench, surface: dict[str, An
     assert statistics.fmean(record.force for record in run.tracked()[10:]) == pytest.approx(10.0, abs=2.5)
 
 
+@pytest.mark.full
 def test_a_force_that_swings_has_its_gain_lowered_and_calms_down(bench: RunBench) -> None:
     """Seed 4 of the paper's adaptation swings for ever by itself: its pairs of force and position are not aligned."""
     settings = {"run": {"duration_s": 40.0, "seed": 4}, "controller": {"name": "fuzzy-adaptive"}}

@@ -19,6 +19,8 @@ from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.signals import ENDING, Signals, as_ctrl_c
 from tests.command_line import Command
 
+pytestmark = pytest.mark.full
+
 VIRTUAL = ("run", "--virtual", "--no-view", "--duration", "2", "--record", "r.mcap")
 
 

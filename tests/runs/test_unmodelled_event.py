@@ -18,6 +18,7 @@ def events(result: Any) -> list[Any]:
     return [event for event in result.recording.events if event.kind == EventKind.NOT_MODELLED]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "sensor", ["netft", "ft300", "ft300-urcap", "ati-can", "jr3", "jr3-uart", "jr3-board"]
 )

@@ -119,6 +119,7 @@ def test_only_what_a_program_tells_is_drawn(recording: Recording) -> None:
     assert path_map(without_program(recording)) is None
 
 
+@pytest.mark.full
 def test_page_and_picture_draw_the_same_map(recording: Recording, figures: list[Figure]) -> None:
     """The pieces of the path that were pressed, in the colours of their errors, and the number of their step."""
     path = path_map(recording)
@@ -153,6 +154,7 @@ def test_a_map_keeps_its_shape_in_any_room() -> None:
     assert room_of(map_of(80.0, 4.0), 800.0) == (800.0, 100.0, (-3.0, 7.0))
 
 
+@pytest.mark.full
 def test_the_picture_draws_the_wanted_force_of_each_sample_where_the_tool_presses(
     recording: Recording, figures: list[Figure]
 ) -> None:

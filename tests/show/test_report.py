@@ -38,6 +38,8 @@ from protocol.faults import FaultStage
 from protocol.wrench import SensorFacts
 from tests.record.written_recordings import cycle_of
 
+pytestmark = pytest.mark.sweep
+
 EVIL = "<script>alert('1')</script> & $x^"
 END = RunEnd(
     Outcome.STOPPED,
@@ -106,6 +108,7 @@ def told(page: str) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.full
 def test_the_page_is_the_same_each_time_and_pictures_come_on_request(tmp_path: Path) -> None:
     recording = run(1.5)
     summary = summarise(recording, END)

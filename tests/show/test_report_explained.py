@@ -382,6 +382,7 @@ def test_everything_is_escaped_and_the_same_each_time() -> None:
     assert text == section(recording) + controller_section(recording)
 
 
+@pytest.mark.full
 def test_levels_have_a_panel_of_their_own_in_the_picture() -> None:
     def height(explanation: dict[str, float]) -> int:
         recording = record([cycle(k, explanation=explanation if k > 3 else {}) for k in range(8)])

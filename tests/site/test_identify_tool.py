@@ -20,6 +20,8 @@ from hil_bridge.settings.configuration import load_config
 from hil_bridge.site.tool.measuring import Sweep, measure
 from protocol.geometry import Pose, angle_between
 
+pytestmark = pytest.mark.sweep
+
 MASS_TOLERANCE_KG = 0.002
 CENTRE_TOLERANCE_MM = 0.3
 """Both well above what half a count means for the default sensor: 0.7 g and 0.1 mm."""
@@ -138,6 +140,7 @@ def test_a_robot_that_refuses_on_the_way_ends_the_sweep() -> None:
     assert told[-1].startswith("left: where it stopped, up to 50 mm above its start and turned by up to 90°")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("robot", "sensor", "turned"),
     [("rtde", "jr3-board", 30), ("rsi", "jr3", 38), ("s3", "netft", 60)],
@@ -199,6 +202,7 @@ url = "netft+udp://192.0.2.2"
 """
 
 
+@pytest.mark.full
 def test_a_file_of_a_real_cell_is_rehearsed_with_the_kinds_of_its_devices(identify: Command) -> None:
     code, _, errors = identify("--virtual", config=SITE)
     assert code == 2

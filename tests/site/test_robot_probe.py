@@ -24,6 +24,8 @@ from hil_bridge.site.robot_probe import probe, site_toml
 from protocol.geometry import Pose
 from tools.probe_doc import KINDS, Case, Look, cases, look_at
 
+pytestmark = pytest.mark.sweep
+
 MOST_S = 5.0
 """An answer comes within so long, but for an S3: there many settings of the link are tried."""
 SEARCH_S = 18.0

@@ -18,6 +18,8 @@ from hil_bridge.settings.configuration import read_config
 from hil_bridge.site.sensor_probe import Screen, Session, probe
 from tests.paper_cell import PaperCell
 
+pytestmark = pytest.mark.sweep
+
 Force = Callable[[float], Sequence[float]]
 """Force of a hand on the tool at a time since the beginning, s; tool frame, N."""
 URLS = {
@@ -170,6 +172,7 @@ def test_a_push_along_the_wrong_way_asks_for_all_three() -> None:
     assert any("a clear push along all three axes" in line for line in said)
 
 
+@pytest.mark.full
 def test_a_push_that_does_not_come_is_given_up() -> None:
     said = probed(hand=lambda at: (0.0, 0.0, 0.0))
     assert [line for line in said if line.startswith("  +")] == [f"  +{name}: left out" for name in "XYZ"]

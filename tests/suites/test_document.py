@@ -29,6 +29,7 @@ for name in SUITES:  # pytester forgets what a run inside it has imported, and N
 hil_bridge.simulate({"run": {"duration_s": 0.2}})
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("title", "code"), EXAMPLES, ids=[title for title, _ in EXAMPLES])
 def test_example_passes(
     title: str, code: str, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch

@@ -7,6 +7,8 @@ from hil_bridge.testing import RobotCase
 from hil_bridge.testing.robot_clients import *  # noqa: F403
 from hil_bridge.testing.robot_emulators import *  # noqa: F403
 
+pytestmark = pytest.mark.sweep
+
 CASES = {
     "s3": RobotCase(ROBOTS.kind("s3"), stop=("robot", "emergency-stop"), checked=True),
     "egm": RobotCase(ROBOTS.kind("egm"), stop=("robot", "motors-off"), numbered=True),

@@ -10,6 +10,8 @@ from hil_bridge.testing import SensorCase
 from hil_bridge.testing.sensor_clients import *  # noqa: F403
 from hil_bridge.testing.sensor_emulators import *  # noqa: F403
 
+pytestmark = pytest.mark.sweep
+
 
 def still(name: str) -> KindSettings[Any, Any]:
     """Settings of a sensor without creep: it would remember for long that the suite overloads it fifty times."""

@@ -8,6 +8,8 @@ import pytest
 
 from hil_bridge.testing.plugin import SUITES
 
+pytestmark = pytest.mark.sweep
+
 pytest_plugins = "pytester"
 
 MODULES = {

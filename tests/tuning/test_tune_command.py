@@ -40,6 +40,7 @@ def tune(*arguments: str) -> "tuple[int, str]":
     return result.exit_code, result.output
 
 
+@pytest.mark.full
 def test_a_search_ends_in_a_file_that_runs(tmp_path: Path) -> None:
     cell, out, found = tmp_path / "cell.toml", tmp_path / "tuned.toml", tmp_path / "all.json"
     cell.write_text(NEAR, encoding="utf-8")

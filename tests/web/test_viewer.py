@@ -58,6 +58,7 @@ def slide(at_s: float) -> str:
       at.dispatchEvent(new Event('input')); }})()"""
 
 
+@pytest.mark.full
 async def test_a_browser_walks_through_a_recording(
     page: Page, serving: list[Serving], recordings: Recordings, tmp_path: Path
 ) -> None:
@@ -110,6 +111,7 @@ async def test_a_band_of_a_report_is_one_entry_of_the_legend(
     assert page.errors == []
 
 
+@pytest.mark.full
 async def test_a_browser_shows_a_bag_of_others(page: Page, serving: list[Serving], tmp_path: Path) -> None:
     """Charts, figures and choices are those of its saved report. No slider and no cell are made up for it."""
     raw = [wrench(at, (0.0, 0.0, -50.0, 0.0, 0.0, 0.0)) for at, _ in press()[0]]
@@ -151,6 +153,7 @@ async def test_an_axis_of_names_shows_them_alone(page: Page, tmp_path: Path) -> 
     assert page.errors == []
 
 
+@pytest.mark.full
 async def test_a_browser_follows_a_campaign(page: Page, serving: list[Serving], tmp_path: Path) -> None:
     """The page counts runs that another process adds while it is looked at. Its body is that of the saved page."""
     (tmp_path / "study.toml").write_text(STUDY)

@@ -94,6 +94,7 @@ def events(link):
     return list(iter(link.next_event, None))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("stuffing", ["off", "double"])
 @pytest.mark.parametrize(("make", "size"), [(uniform, SIZE * 3 // 4), (meaningful, SIZE // 4)])
 @pytest.mark.parametrize("role", list(Role))
@@ -115,6 +116,7 @@ def test_a_megabyte_of_anything(role, make, size, stuffing):
     assert events(link) == [MessageSent()]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("role", list(Role))
 def test_little_is_kept(role):
     rng = random.Random(7)

@@ -1,5 +1,6 @@
 """Both ends of a link wired to each other without a transport, on a line that loses and mutilates bytes."""
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -108,6 +109,7 @@ faults = st.lists(
 )
 
 
+@pytest.mark.full
 @given(
     faults,
     st.lists(st.integers(1, 3), max_size=3),

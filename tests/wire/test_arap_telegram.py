@@ -340,6 +340,7 @@ TRICKY = st.one_of(
 )
 
 
+@pytest.mark.full
 @settings(max_examples=400)
 @given(st.lists(st.tuples(TRICKY, st.floats(-0.499, 0.499)), min_size=7, max_size=7))
 def test_no_coordinate_is_ever_further_than_one_step_from_the_one_ordered(words):

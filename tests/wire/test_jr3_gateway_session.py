@@ -302,6 +302,7 @@ def test_the_counter_goes_on_over_its_wrap(wire: Any) -> None:
     assert client.statistics.lost == 0
 
 
+@pytest.mark.full
 @settings(max_examples=60)
 @given(missing=st.sets(st.integers(1, 299), max_size=60))
 def test_lost_and_repeated_frames_are_counted(wire: Any, missing: set[int]) -> None:
@@ -314,6 +315,7 @@ def test_lost_and_repeated_frames_are_counted(wire: Any, missing: set[int]) -> N
     assert client.statistics.repeated == 1
 
 
+@pytest.mark.full
 @settings(max_examples=60)
 @given(data=st.data())
 def test_any_split_of_the_stream_tells_the_same(wire: Any, data: st.DataObject) -> None:
@@ -330,6 +332,7 @@ def test_any_split_of_the_stream_tells_the_same(wire: Any, data: st.DataObject) 
     assert parts.statistics.malformed == 1
 
 
+@pytest.mark.full
 @settings(max_examples=100)
 @given(data=st.data())
 def test_garbage_then_a_boot_up_recovers(wire: Any, data: st.DataObject) -> None:

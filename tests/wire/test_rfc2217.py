@@ -418,6 +418,7 @@ def test_who_asks_for_silence_gets_it_and_nothing_is_lost() -> None:
     assert drained(client) == [SerialData(b"later")]
 
 
+@pytest.mark.full
 def test_silence_is_bounded() -> None:
     _, server = connected()
     server.receive(encode_command(Command.FLOWCONTROL_SUSPEND), 0.0)

@@ -228,6 +228,7 @@ NAMES = st.from_regex(r"[A-Za-z][A-Za-z0-9]{0,8}", fullmatch=True).filter(lambda
 TEXTS = st.text(st.characters(codec="ascii", exclude_categories=["C"]), max_size=20).map(str.strip)
 
 
+@pytest.mark.full
 @given(
     st.sampled_from([ROBOT, SENSOR]),
     TEXTS,

@@ -328,6 +328,7 @@ def test_silence_ends_a_movement_and_nothing_but_a_movement() -> None:
     assert "nothing came for 100 ms" in talk.lost[0]
 
 
+@pytest.mark.full
 @given(
     st.lists(
         st.tuples(
