@@ -1,7 +1,7 @@
 """An import contract over folders of devices: each device has one room in each folder, by one name.
 
-A room of one device imports no room of another, and no module outside the devices' rooms imports one, but those that
-the contract allows. Imports are direct ones: `import-linter` calls this, `pyproject.toml` has the settings.
+A room of one device imports no room of another, and no module outside the devices' rooms imports one. Only direct
+imports count. `import-linter` calls this; `pyproject.toml` has the settings.
 """
 
 from typing import Any
@@ -11,7 +11,7 @@ from importlinter import Contract, ContractCheck, fields, output
 
 
 def device_of(module: str, folders: list[str]) -> str | None:
-    """The name of the device whose room a module stands in; None outside, and for a folder's own modules."""
+    """Return the name of the device whose room holds a module; None outside, and for a folder's own modules."""
     for folder in folders:
         if module.startswith(f"{folder}."):
             return module[len(folder) + 1 :].partition(".")[0]
@@ -19,15 +19,14 @@ def device_of(module: str, folders: list[str]) -> str | None:
 
 
 class DeviceRooms(Contract):
-    """`folders` hold a room for each device; `allowed_importers`, with all below them, may import any room."""
+    """`folders` are the folders that hold a room for each device."""
 
     folders = fields.ListField(subfield=fields.StringField())
-    allowed_importers = fields.ListField(subfield=fields.StringField(), required=False)
 
     def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
-        """Every import that the rule forbids."""
+        """Find the imports that the rule forbids."""
         settings: Any = self  # the fields stand for lists of names
-        folders, allowed = list(settings.folders), tuple(settings.allowed_importers or ())
+        folders = list(settings.folders)
         rooms = {
             module: name
             for module in graph.modules
@@ -38,18 +37,17 @@ class DeviceRooms(Contract):
             for imported, name in sorted(rooms.items())
             for module in sorted(graph.find_modules_that_directly_import(imported))
             if rooms.get(module) != name
-            and not any(module == each or module.startswith(f"{each}.") for each in allowed)
         ]
         return ContractCheck(kept=not broken, metadata={"broken": broken})
 
     def _is_room(self, graph: ImportGraph, name: str, folders: list[str]) -> bool:
-        """A room is a folder: a shell for all robots is a module beside them."""
+        """Return whether a name is a folder with modules; a file beside the rooms serves all devices."""
         return any(
             f"{folder}.{name}" in graph.modules and graph.find_children(f"{folder}.{name}")
             for folder in folders
         )
 
     def render_broken_contract(self, check: ContractCheck) -> None:
-        """A line for each import."""
+        """Print a line for each import."""
         for module, imported in check.metadata["broken"]:
             output.print_error(f"{module} imports {imported}")

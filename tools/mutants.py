@@ -42,7 +42,7 @@ AREAS = {
     "runs": (("hil_bridge/runs",), ("tests/runs", "tests/guard", "tests/api", "tests/programs")),
     "campaign": (
         ("hil_bridge/lab",),
-        ("tests/campaign", "tests/tuning", "tests/experiments", "tests/conform", "tests/guard"),
+        ("tests/campaign", "tests/tuning", "tests/conform", "tests/guard"),
     ),
     "web": (("hil_bridge/show",), ("tests/web", "tests/show")),
 }

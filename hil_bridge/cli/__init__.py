@@ -49,7 +49,6 @@ All commands: hil-bridge --help
 """Output of `hil-bridge` without a command: what a newcomer runs first."""
 MOVED: Mapping[str, tuple[str, ...]] = {
     "controllers": ("list controllers",),
-    "experiment": ("campaign experiment",),
     "faults": ("list faults",),
     "fidelity": ("identify fidelity",),
     "force-source": ("emulate force-source",),
@@ -65,6 +64,8 @@ MOVED: Mapping[str, tuple[str, ...]] = {
     "verify": ("campaign verify",),
 }
 """Commands by the names that they had before version 0.7."""
+PACKAGED: Mapping[str, str] = {"experiment": "./examples/paper-experiments"}
+"""Commands that packages of the checkout offer, with the package's path."""
 
 
 class ReaderLeft(Exception):
@@ -87,6 +88,11 @@ class _Commands(EntryPointGroup):
         command = super().get_command(ctx, cmd_name)
         if command is None and cmd_name in MOVED:
             raise ConfigError(f"the command {cmd_name!r} is now {' or '.join(map(repr, MOVED[cmd_name]))}")
+        if command is None and cmd_name in PACKAGED:
+            raise ConfigError(
+                f"the command {cmd_name!r} is in a package of its own",
+                remedy=f"install it from a checkout: pip install {PACKAGED[cmd_name]}",
+            )
         if command is None and any(cmd_name in names for names in HELP_SECTIONS.values()):
             from hil_bridge.errors.extras import install_command
 

@@ -287,6 +287,14 @@ def test_earlier_name_of_a_command_is_answered_with_the_new(hil: Command, name: 
         assert hil(group, *([] if command.isupper() else [command]), "--help")[0] == 0
 
 
+def test_command_of_a_package_names_its_installation(hil: Command) -> None:
+    line = refused(hil("experiment", "all"))
+    assert (
+        "in a package of its own; install it from a checkout: pip install ./examples/paper-experiments"
+        in line
+    )
+
+
 def test_no_output_overwrites_what_the_run_needs(hil: Command, tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text("[run]\nduration_s = 1\n")
     assert "--record c.toml would overwrite the configuration" in refused(

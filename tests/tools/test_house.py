@@ -56,7 +56,7 @@ def rooms_contract(*imports):
             graph.add_module(f"{folder}.{room}.part")
     for importer, imported in imports:
         graph.add_import(importer=importer, imported=imported)
-    options = {"folders": ["wire.devices", "house.robots"], "allowed_importers": ["house.shop"]}
+    options = {"folders": ["wire.devices", "house.robots"]}
     checked = DeviceRooms("rooms", {}, options).check(graph, verbose=False)
     return checked.kept, checked.metadata["broken"]
 
@@ -64,8 +64,7 @@ def rooms_contract(*imports):
 def test_a_device_knows_its_own_rooms_and_no_other():
     own = ("house.robots.red.part", "wire.devices.red.part")
     shell = ("house.robots.red.part", "house.robots.shell")
-    shop = ("house.shop.red", "house.robots.red")
-    assert rooms_contract(own, shell, shop) == (True, [])
+    assert rooms_contract(own, shell) == (True, [])
     other = ("house.robots.red.part", "wire.devices.blue.part")
     general = ("house.run", "wire.devices.red")
     assert rooms_contract(own, other, general) == (False, [other, general])

@@ -1,12 +1,12 @@
 """The paper's figures and tables, repeated by simulation and on the emulated cell, and what goes beyond."""
 
-from hil_bridge.lab.experiments.comparison import COMPARISON
-from hil_bridge.lab.experiments.files import write_findings, write_page
-from hil_bridge.lab.experiments.resolution import RESOLUTION
-from hil_bridge.lab.experiments.results import Experiment, Findings, run_jobs
-from hil_bridge.lab.experiments.rules import RULES
-from hil_bridge.lab.experiments.simulation import SIMULATION
-from hil_bridge.lab.experiments.tracking import CONTOUR, FLAT
+from paper_experiments.comparison import COMPARISON
+from paper_experiments.files import write_findings, write_page
+from paper_experiments.resolution import RESOLUTION
+from paper_experiments.results import Experiment, Findings, run_jobs
+from paper_experiments.rules import RULES
+from paper_experiments.simulation import SIMULATION
+from paper_experiments.tracking import CONTOUR, FLAT
 
 EXPERIMENTS = {
     experiment.name: experiment for experiment in (RULES, SIMULATION, FLAT, CONTOUR, RESOLUTION, COMPARISON)

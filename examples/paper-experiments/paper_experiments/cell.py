@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from hil_bridge.api import simulate
 from hil_bridge.control import FiguresOfMerit, ForceTrace, figures_of_merit
 from hil_bridge.control.analysis.merit import STEADY_SAMPLES
-from hil_bridge.lab.experiments.paper_simulation import Parameters
 from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import Config, read_config
+from paper_experiments.paper_simulation import Parameters
 
 Floats = NDArray[np.float64]
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.lab.drawing import Line, Panel, lines_by
-from hil_bridge.lab.experiments.cell import CYCLE_S, CellJob, CellTrace
-from hil_bridge.lab.experiments.paper_simulation import Parameters
-from hil_bridge.lab.experiments.results import (
+from paper_experiments.cell import CYCLE_S, CellJob, CellTrace
+from paper_experiments.paper_simulation import Parameters
+from paper_experiments.results import (
     Claim,
     Experiment,
     Findings,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.drawing import draw
-from hil_bridge.lab.experiments.results import Experiment, Findings, markdown, to_csv
 from hil_bridge.lab.text_tables import markdown_table
+from paper_experiments.results import Experiment, Findings, markdown, to_csv
 
 PANELS_ACROSS = 4
 """Panels beside each other at most. Chosen: a page has no room for more."""

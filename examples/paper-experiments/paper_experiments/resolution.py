@@ -25,9 +25,10 @@ from hil_bridge.control.analysis.stability import (
 from hil_bridge.devices.robots.s3.room import ROBOT as S3
 from hil_bridge.devices.sensors.jr3.room import CAN_GATEWAY as JR3
 from hil_bridge.lab.drawing import Line, Panel
-from hil_bridge.lab.experiments.cell import CellJob, CellTrace
-from hil_bridge.lab.experiments.paper_simulation import PERIOD, PaperJob, PaperRun, Parameters
-from hil_bridge.lab.experiments.results import (
+from hil_bridge.settings.kinds import settings_of
+from paper_experiments.cell import CellJob, CellTrace
+from paper_experiments.paper_simulation import PERIOD, PaperJob, PaperRun, Parameters
+from paper_experiments.results import (
     Claim,
     Experiment,
     Findings,
@@ -37,7 +38,6 @@ from hil_bridge.lab.experiments.results import (
     spread,
     verdict,
 )
-from hil_bridge.settings.kinds import settings_of
 from protocol.devices.s3.adlp import BLOCK_OVERHEAD
 
 STIFFNESSES = (5e3, 1e4, 2e4, 5e4)

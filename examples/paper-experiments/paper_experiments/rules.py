@@ -5,7 +5,7 @@ from typing import Any
 
 from hil_bridge.control import computed_matrix, infer
 from hil_bridge.control.laws.tables import GAIN_MATRIX, LEVELS
-from hil_bridge.lab.experiments.results import Claim, Experiment, Findings, Job, Row, rows_where
+from paper_experiments.results import Claim, Experiment, Findings, Job, Row, rows_where
 
 ABOUT = (
     "The paper prints Table 3 but not the rules behind it. Below is what Mamdani inference on Table 2 with the "

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from hil_bridge.lab.drawing import Panel, lines_by
-from hil_bridge.lab.experiments.paper_simulation import RESOLUTION, PaperJob, PaperRun, Parameters
-from hil_bridge.lab.experiments.results import (
+from paper_experiments.paper_simulation import RESOLUTION, PaperJob, PaperRun, Parameters
+from paper_experiments.results import (
     Claim,
     Experiment,
     Findings,

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil_bridge.lab.drawing import Panel, lines_by
-from hil_bridge.lab.experiments.cell import CellJob, CellTrace
-from hil_bridge.lab.experiments.results import (
+from paper_experiments.cell import CellJob, CellTrace
+from paper_experiments.results import (
     Claim,
     Experiment,
     Findings,

@@ -3,7 +3,7 @@
 import csv
 import io
 
-from hil_bridge.lab.experiments.results import Row, Value
+from paper_experiments.results import Row, Value
 
 
 def from_csv(text: str) -> tuple[Row, ...]:

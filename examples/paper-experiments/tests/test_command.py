@@ -1,4 +1,4 @@
-"""The command `hil-bridge campaign experiment` from the outside."""
+"""The command `hil-bridge experiment` from the outside."""
 
 import signal
 import subprocess
@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from paper_experiments import EXPERIMENTS
+from paper_experiments.command import experiment
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.commands.experiment import experiment
-from hil_bridge.lab.experiments import EXPERIMENTS
 
 
 def run(*arguments):
@@ -59,14 +59,12 @@ def children_of(pid: int) -> list[int]:
         return []
 
 
-@pytest.mark.full
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for the workers")
 def test_sigterm_ends_the_command_with_its_workers(tmp_path):
     command = [
         sys.executable,
         "-m",
         "hil_bridge",
-        "campaign",
         "experiment",
         "fig9-11",
         "--workers",

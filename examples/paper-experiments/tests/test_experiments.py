@@ -7,25 +7,40 @@ import struct
 from dataclasses import replace
 
 import pytest
-
-from hil_bridge.api import simulate
-from hil_bridge.control import CONTROLLERS, ForceTrace, figures_of_merit
-from hil_bridge.lab.drawing import draw
-from hil_bridge.lab.experiments import (
+from paper_experiments import (
     EXPERIMENTS,
     resolution,
     run_jobs,
     write_findings,
     write_page,
 )
-from hil_bridge.lab.experiments.cell import CellJob
-from hil_bridge.lab.experiments.comparison import held, ranking, variants
-from hil_bridge.lab.experiments.paper_simulation import RESOLUTION, PaperJob
-from hil_bridge.lab.experiments.results import digits, markdown, only_row, to_csv
-from hil_bridge.lab.experiments.simulation import REFERENCE_N, STIFFNESSES
-from tests.experiments.csv_rows import from_csv
+from paper_experiments.cell import CellJob
+from paper_experiments.comparison import held, ranking, variants
+from paper_experiments.paper_simulation import RESOLUTION, PaperJob
+from paper_experiments.results import digits, markdown, only_row, to_csv
+from paper_experiments.simulation import REFERENCE_N, STIFFNESSES
 
-pytestmark = pytest.mark.sweep
+from hil_bridge.api import simulate
+from hil_bridge.control import CONTROLLERS, ForceTrace, figures_of_merit
+from hil_bridge.lab.drawing import draw
+
+
+def from_csv(text):
+    """Return the rows of a table that `to_csv` wrote."""
+    return tuple(
+        {name: read_value(field) for name, field in row.items()} for row in csv.DictReader(io.StringIO(text))
+    )
+
+
+def read_value(field):
+    if not field:
+        return None
+    for kind in (int, float):
+        try:
+            return kind(field)
+        except ValueError:
+            continue
+    return field
 
 
 def evaluated(name, seeds, keep=lambda job: True):
@@ -147,7 +162,6 @@ def test_a_run_of_the_chain_is_a_function_of_its_seed():
     assert {cycle.phase for cycle in first.cycles} >= {"approach", "track", "retract"}
 
 
-@pytest.mark.full
 def test_processes_give_what_one_gives(monkeypatch):
     jobs = [CellJob("fuzzy", (), seed, duration=1.0) for seed in (1, 2)]
     jobs += [PaperJob("fuzzy", (), 5e3, 50.0, seed, samples=10) for seed in range(6)]
@@ -174,7 +188,6 @@ def test_the_steady_state_is_that_of_the_last_samples_asked_for():
     assert CellJob("fuzzy", (), 1, duration=2.0)().merit.steady_peak_to_peak_n is None
 
 
-@pytest.mark.full
 def test_every_figure_of_the_chain_comes_out_of_a_short_run(tmp_path):
     for name in ("fig7-8", "fig9-11"):
         experiment = EXPERIMENTS[name]
@@ -216,7 +229,6 @@ def resolution_findings():
     return evaluated("resolution", 1)
 
 
-@pytest.mark.full
 def test_limit_cycles_are_as_predicted_at_every_point(resolution_findings):
     experiment, findings = resolution_findings
     assert len(findings.table) == len(resolution.STIFFNESSES) * len(resolution.RESOLUTIONS_MM)

@@ -21,7 +21,6 @@ from hil_bridge.console.options import (
 from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.commands.campaign_results import bundle, compare, export, rerun, verify
-from hil_bridge.lab.commands.experiment import experiment
 
 if TYPE_CHECKING:
     from hil_bridge.lab.campaign.digest import Digest
@@ -362,5 +361,5 @@ def report(
         tell(str(written) for written in (place, junit, markdown) if written is not None)
 
 
-for command in (rerun, compare, export, bundle, verify, experiment):
+for command in (rerun, compare, export, bundle, verify):
     campaign.add_command(command)

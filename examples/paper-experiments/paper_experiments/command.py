@@ -1,4 +1,4 @@
-"""`hil-bridge campaign experiment`: the paper's results, repeated."""
+"""The command `hil-bridge experiment`: repeats the figures and tables of the paper."""
 
 from pathlib import Path
 
@@ -47,9 +47,9 @@ def experiment(
     same seeds give the same files.
     """
     from hil_bridge.console.progress import run_progress
-    from hil_bridge.lab.experiments import EXPERIMENTS, run_jobs, write_findings, write_page
     from hil_bridge.record.files import check_place
     from hil_bridge.show.picture_files import drawing_library
+    from paper_experiments import EXPERIMENTS, run_jobs, write_findings, write_page
 
     wanted = list(dict.fromkeys(EXPERIMENTS if ALL in names else names))
     if unknown := [name for name in wanted if name not in EXPERIMENTS]:
@@ -74,7 +74,7 @@ def experiment(
         write_findings(item, found[item.name], out)
         click.echo(f"{item.title}: {out / item.name}.csv")
     page = page or out / "index.md"
-    command = f"hil-bridge campaign experiment {' '.join(names)} --seeds {seeds} -o {out} --page {page}"
+    command = f"hil-bridge experiment {' '.join(names)} --seeds {seeds} -o {out} --page {page}"
     write_page(page, out, found, chosen, command)
     click.echo(f"page: {page}")
 
