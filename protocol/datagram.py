@@ -36,6 +36,6 @@ def arrived_at(datagram: bytes, now: float) -> float:
 
 
 def side_of(datagram: bytes) -> Hashable:
-    """The side that a datagram came from, or shall go to; None where it names none."""
+    """Return the peer that a datagram came from, or is for; None if it names none."""
     side: Hashable = getattr(datagram, "side", None)
     return side

@@ -57,7 +57,7 @@ class Endpoint(Protocol[DataIn, DataOut, Event]):
         """Take what arrived. Never raises for what the other side said: that becomes an event."""
 
     def next_event(self) -> Event | None:
-        """The oldest event not yet taken, or None."""
+        """Return the oldest event not yet taken, or None."""
 
     def data_to_send(self, now: float) -> DataOut:
         """Everything to be put on the wire now; empty when there is nothing. It is handed out once."""

@@ -36,7 +36,7 @@ class Field:
     """Words for each bit that may be set, of a status."""
 
     def value(self, raw: float) -> float:
-        """A raw value in the field's unit; it stays whole where one raw unit is 1.
+        """Convert a raw value to the field's unit; it stays an integer where one raw unit is 1.
 
         A scale of one nth divides by n, so that twelve tenths are 1.2 to the last bit.
         """
@@ -122,7 +122,7 @@ class Layout:
 
 
 def describe_field(field: Field, raw: float) -> dict[str, object]:
-    """A raw value of a field for people to read."""
+    """Describe a raw value of a field for people to read."""
     return {
         "name": field.name,
         "raw": raw,
@@ -134,6 +134,6 @@ def describe_field(field: Field, raw: float) -> dict[str, object]:
 
 
 def bit_words(status: int, bits: Mapping[int, str]) -> str:
-    """The bits of a status in words; empty for none of them."""
+    """Describe the bits of a status; empty for none of them."""
     words = ", ".join(text for bit, text in bits.items() if status >> bit & 1)
     return words or ("an error without a name" if status else "")

@@ -49,13 +49,16 @@ def product(p: Sequence[float], q: Sequence[float]) -> Quaternion:
 
 
 def inverse(quaternion: Sequence[float]) -> Quaternion:
-    """The turn back."""
+    """Return the inverse rotation."""
     w, x, y, z = quaternion
     return w, -x, -y, -z
 
 
 def normalise(quaternion: Sequence[float]) -> Quaternion:
-    """The same orientation with unit length: devices round what they send. Raises ValueError for a zero quaternion."""
+    """Return the orientation with unit length: devices round what they send.
+
+    Raises ValueError for a zero quaternion.
+    """
     w, x, y, z = quaternion
     norm = math.hypot(w, x, y, z)
     if norm == 0.0:
@@ -64,7 +67,7 @@ def normalise(quaternion: Sequence[float]) -> Quaternion:
 
 
 def rotate(quaternion: Sequence[float], vector: Sequence[float]) -> Vector:
-    """A vector of the turned frame in the frame that it was turned from: of the tool frame in the base frame."""
+    """Rotate a vector of the turned frame into the frame it was turned from: of the tool frame into the base frame."""
     w, x, y, z = quaternion
     a, b, c = vector
     u, v, t = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
@@ -72,7 +75,7 @@ def rotate(quaternion: Sequence[float], vector: Sequence[float]) -> Vector:
 
 
 def turn_between(start: Sequence[float], goal: Sequence[float]) -> Quaternion:
-    """The turn that leads from one orientation to another, about axes of the base frame.
+    """Return the rotation from one orientation to another, about axes of the base frame.
 
     It is exact for equal ones, and as long as the product of both lengths.
     """
@@ -96,7 +99,7 @@ def angle_between(a: Sequence[float], b: Sequence[float]) -> float:
 
 
 def rotation_vector(quaternion: Sequence[float]) -> Vector:
-    """The turn as a rotation vector, rad, no longer than π."""
+    """Return the rotation as a rotation vector, rad, no longer than π."""
     w, x, y, z = quaternion
     sine = math.hypot(x, y, z)
     part = math.copysign(2.0, w) if sine < _SMALL else math.copysign(2.0 * math.atan2(sine, abs(w)), w) / sine
@@ -104,7 +107,7 @@ def rotation_vector(quaternion: Sequence[float]) -> Vector:
 
 
 def turn_by(vector: Sequence[float]) -> Quaternion:
-    """The turn of a rotation vector, rad; NaN for one that is too long to turn by."""
+    """Return the rotation of a rotation vector, rad; NaN for one that is too long."""
     x, y, z = vector
     angle = math.hypot(x, y, z)
     if not math.isfinite(angle):  # a device may tell any number
@@ -119,14 +122,14 @@ def turn_by(vector: Sequence[float]) -> Quaternion:
 
 
 def turn_about(axis: Sequence[float], angle: float) -> Quaternion:
-    """The turn by an angle, rad, about a unit vector."""
+    """Return the rotation by an angle, rad, about a unit vector."""
     sine = math.sin(angle / 2.0)
     x, y, z = axis
     return math.cos(angle / 2.0), sine * x, sine * y, sine * z
 
 
 def tool_axis(quaternion: Sequence[float]) -> Vector:
-    """The tool's z axis, out of the tool, in the base frame."""
+    """Return the tool's z axis, out of the tool, in the base frame."""
     w, x, y, z = quaternion
     return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
 
@@ -148,7 +151,10 @@ def angle_of_vectors(a: Vector, b: Vector) -> float:
 
 
 def from_angles(a_deg: float, b_deg: float, c_deg: float) -> Quaternion:
-    """The orientation Rz(a)·Ry(b)·Rx(c), degrees: about z, the new y, the newest x; or x, y, z of the fixed frame."""
+    """Return the orientation Rz(a)·Ry(b)·Rx(c), degrees.
+
+    It turns about z, the new y and the newest x, or about x, y and z of the fixed frame.
+    """
     a, b, c = math.radians(a_deg) / 2.0, math.radians(b_deg) / 2.0, math.radians(c_deg) / 2.0
     ca, cb, cc = math.cos(a), math.cos(b), math.cos(c)
     sa, sb, sc = math.sin(a), math.sin(b), math.sin(c)
@@ -161,8 +167,9 @@ def from_angles(a_deg: float, b_deg: float, c_deg: float) -> Quaternion:
 
 
 def angles_of(quaternion: Sequence[float]) -> Vector:
-    """The angles of `from_angles`, degrees: the first and the last in ±180, the second in ±90. Where that is ±90, the
-    first is 0 and the last has the whole turn.
+    """Return the angles of `from_angles`, degrees: the first and the last in ±180, the second in ±90.
+
+    Where that is ±90, the first is 0 and the last has the whole turn.
     """
     w, x, y, z = quaternion  # seven of nine elements of the matrix, for it is asked for with every packet
     r11, r21, r31 = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
@@ -176,7 +183,7 @@ def angles_of(quaternion: Sequence[float]) -> Vector:
 
 
 def slerp(a: Quaternion, b: Quaternion, part: float) -> Quaternion:
-    """The orientation `part` (0 … 1) of the way from `a` to `b` along the shorter turn."""
+    """Interpolate the orientation at `part` (0 … 1) from `a` to `b` along the shorter turn."""
     cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     half = angle_between(a, b) / 2.0
     if half < _SMALL:
@@ -188,7 +195,7 @@ def slerp(a: Quaternion, b: Quaternion, part: float) -> Quaternion:
 
 
 def towards(start: Pose, goal: Pose, distance: float, angle: float) -> Pose:
-    """The next pose on the straight way from `start` to `goal`; the goal itself when it is near enough.
+    """Return the next pose on the straight path from `start` to `goal`; the goal itself when it is near enough.
 
     It is at most `distance`, m, and `angle`, rad, away from the start. Way and turn end together; the turn is the
     shorter one. Both orientations have unit length within rounding.

@@ -50,7 +50,7 @@ class Route:
     """The least time from each place to the next that the joints' speeds allow, s; one fewer than places."""
 
     def at(self, part: float) -> Joints:
-        """The joints after this part (0 … 1) of the line."""
+        """Return the joints after this part (0 … 1) of the line."""
         last = len(self.parts) - 1
         if part >= 1.0 or last == 0:
             return self.joints[last]
@@ -62,8 +62,9 @@ class Route:
         return a, b, c, d, e, f
 
     def slowed(self, duration: float) -> tuple[float, ...]:
-        """Times at which each place is passed, s after the first, by a walk that would take `duration` at even speed.
-        It slows down wherever a joint cannot follow; empty where all can.
+        """Return the times at which each place is passed, s after the first, in a motion of `duration`.
+
+        The motion has constant speed, but slows down wherever a joint cannot follow; empty where all can.
         """
         stretches = [(b - a) * duration for a, b in zip(self.parts, self.parts[1:], strict=False)]
         if all(least <= even for least, even in zip(self.least_times, stretches, strict=True)):
@@ -95,7 +96,7 @@ class Arm:
         ]
 
     def pose(self, joints: Joints) -> Pose:
-        """The pose of the tool at these joints."""
+        """Return the pose of the tool at these joints."""
         turn, lean, _, *wrist_angles = joints
         pitch = self._pitch(joints)
         radius = self._upper_arm * math.sin(lean) + self._forearm * math.cos(self._offset - pitch)
@@ -157,7 +158,7 @@ class Arm:
                         yield turn, lean, third, a, b, c
 
     def nearest(self, position: Vector, quaternion: Quaternion, near: Joints) -> Joints | None:
-        """The posture that takes the least motion from `near`, or None where no posture holds the pose."""
+        """Return the posture that holds the pose with the least motion from `near`, or None if none does."""
         nearest, least = None, math.inf
         for joints in self.postures(position, quaternion, near):
             effort = self._effort(near, joints)
@@ -185,11 +186,11 @@ class Arm:
         return math.remainder(math.pi / 2.0 - joints[1] - self._offset + self._pitch(joints), _TURN)
 
     def _pitch(self, joints: Joints) -> float:
-        """The forearm's angle below the horizon."""
+        """Return the forearm's angle below the horizon."""
         return joints[2] + joints[1] if self._rides else joints[2]
 
     def _wound(self, axis: int, angle: float, near: Joints) -> float | None:
-        """The angle, give or take whole turns, inside the range and next to `near`; None if there is none."""
+        """Return the angle, up to whole turns, inside the range and next to `near`; None if there is none."""
         low, high = self._ranges[axis]
         angle += _TURN * round((near[axis] - angle) / _TURN)
         if angle > high:
@@ -224,7 +225,7 @@ def _wrist_angles(wrist: Quaternion, axis_4: float) -> tuple[tuple[float, float,
 
 
 def _forearm_frame(turn: float, pitch: float) -> Quaternion:
-    """The forearm's turn from its place at zero: `turn` about base z after `pitch` about y."""
+    """Return the rotation of the forearm from its zero position: `turn` about base z after `pitch` about y."""
     c, s = math.cos(turn / 2.0), math.sin(turn / 2.0)
     p, r = math.cos(pitch / 2.0), math.sin(pitch / 2.0)
     return c * p, -s * r, c * r, s * p

@@ -41,7 +41,7 @@ ANY = Bounds()
 
 
 def at_least(minimum: float) -> Bounds:
-    """This number or more."""
+    """Return bounds for this number or more."""
     return Bounds(minimum)
 
 
@@ -83,7 +83,7 @@ class Preset(NamedTuple):
 
 
 def setting(default: Any, mark: Mark, meaning: str, within: Bounds = ANY, unit: str = "") -> Any:
-    """A dataclass field with its mark."""
+    """Return a dataclass field with its mark."""
     info = SettingInfo(mark, meaning, unit, within)
     return dataclasses.field(default=default, metadata={"setting": info})
 
@@ -92,7 +92,7 @@ class SettingError(ValueError):
     """The value of one setting cannot be. Where the settings were read from a file, the file's key is named."""
 
     def __init__(self, setting: str, problem: str) -> None:
-        """`setting` is its name in the profile, `problem` the rest of the sentence that begins with it."""
+        """Report a `setting` by its name in the profile; `problem` is the rest of the sentence that begins with it."""
         super().__init__(setting, problem)
         self.setting, self.problem = setting, problem
 
@@ -125,7 +125,7 @@ def fill_presets(profile: Any) -> None:
 
 
 def settings(profile: Any) -> tuple[Setting, ...]:
-    """The settings of a profile in order, with their values and marks; the `presets` of a profile come first."""
+    """Return the settings of a profile in order, with their values and marks; the `presets` of a profile come first."""
     presets: Mapping[str, Preset] = getattr(profile, "presets", {})
     rows = []
     for field in dataclasses.fields(profile):

@@ -28,7 +28,7 @@ class NewNumbers:
         return self._count > 0
 
     def forget(self) -> None:
-        """A datagram followed: those in between were strays."""
+        """Forget a gap: a datagram followed, so those in between were strays."""
         self._count = 0
 
     def take(self, number: int, at: float) -> bool:

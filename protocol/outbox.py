@@ -38,5 +38,5 @@ class Mailbox(Outbox[Piece], Generic[Piece, Event]):
         self._events: deque[Event] = deque()
 
     def next_event(self) -> Event | None:
-        """The oldest event not yet taken, or None."""
+        """Return the oldest event not yet taken, or None."""
         return self._events.popleft() if self._events else None

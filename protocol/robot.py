@@ -88,7 +88,7 @@ class StreamClient(Endpoint[Data, Data, StreamEvent], Protocol[Data]):
     """
 
     def begin(self, pose: Pose) -> None:
-        """A movement begins at this pose, where the robot has reported to be."""
+        """Begin a movement at this pose, the one that the robot reported."""
 
     def target(self, pose: Pose, now: float) -> None:
         """Answer the packet that was told last with this pose; only within a movement."""
@@ -97,4 +97,4 @@ class StreamClient(Endpoint[Data, Data, StreamEvent], Protocol[Data]):
         """Answer the packet that was told last so that the robot does not move, or not at all; only outside of one."""
 
     def end(self) -> None:
-        """The movement has ended. Reports should go on where the robot can: a run asks where the tool was left."""
+        """End the movement. Reports should continue where the robot can: a run needs the tool's final position."""

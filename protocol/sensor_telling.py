@@ -45,7 +45,7 @@ class SensorTelling:
         """Samples of a device that numbers none, told so far."""
 
     def next_event(self) -> SensorEvent | None:
-        """The oldest event not yet taken, or None."""
+        """Return the oldest event not yet taken, or None."""
         return self._events.popleft() if self._events else None
 
     def notice(self, text: str) -> None:

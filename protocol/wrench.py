@@ -192,7 +192,7 @@ class HostTare:
     __slots__ = ("_missing", "_offset", "_samples", "_sums", "took")
 
     def __init__(self, samples: int = 1) -> None:
-        """`samples` make a zero; 1 takes the next one alone. Raises ValueError for fewer than 1."""
+        """Average `samples` for a zero; 1 uses only the next one. Raises ValueError for fewer than 1."""
         if samples < 1:
             raise ValueError(f"a zero needs at least 1 sample, got {samples}")
         self._samples = samples

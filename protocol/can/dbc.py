@@ -32,7 +32,7 @@ class CanMessage(NamedTuple):
 
 
 def database(device: str, messages: Sequence[CanMessage]) -> bytes:
-    """The file for one device, whose name is that of its node."""
+    """Return the DBC file of one device, whose node bears its name."""
     node = _name(device)
     parts = ['VERSION ""', "NS_ :", "BS_:", f"BU_: {_HOST} {node}"]
     parts += ["\n".join(_message(message, node)) for message in messages]
@@ -84,5 +84,5 @@ def _kinds(message: CanMessage) -> Iterator[str]:
 
 
 def _name(text: str) -> str:
-    """A name that the format allows."""
+    """Return a name that the format allows."""
     return re.sub(r"\W", "_", text, flags=re.ASCII)

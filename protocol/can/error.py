@@ -161,7 +161,7 @@ _VIOLATION_TEXTS = {
 
 
 def encode_error(report: CanErrorReport, at: float | None = None) -> CanFrame:
-    """The report as a frame, stamped with the time at which the interface made it, s.
+    """Return the report as a frame, stamped with the time at which the interface made it, s.
 
     Raises LocalProtocolError for a value that has no place in it.
     """

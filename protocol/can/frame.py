@@ -29,7 +29,10 @@ class CanFrame(NamedTuple):
         return hash(self[:5])
 
     def checked(self) -> "CanFrame":
-        """This frame, made of values from outside. Raises ValueError for one that no bus could carry."""
+        """Check this frame, made of values from outside, and return it.
+
+        Raises ValueError for one that no bus could carry.
+        """
         limit = 0x1FFFFFFF if self.extended else 0x7FF
         if not 0 <= self.identifier <= limit:
             raise ValueError(f"CAN identifier {self.identifier:#x} is outside 0 … {limit:#x}")
@@ -38,7 +41,7 @@ class CanFrame(NamedTuple):
         return self
 
     def stamped(self, received_at: float) -> "CanFrame":
-        """The same frame as an interface hands it over, with the time at which it was there."""
+        """Return the same frame with the time at which an interface received it."""
         return CanFrame(*self[:5], received_at)
 
     @property

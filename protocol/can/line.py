@@ -44,7 +44,7 @@ def _crc_table() -> tuple[int, ...]:
 
 
 def _after_bit(state: int, bit: int) -> tuple[int, int]:
-    """The state after one more bit and after the stuff bit that may follow it; how many follow it, 0 or 1.
+    """Return the state after one more bit and after the stuff bit that may follow it; how many follow it, 0 or 1.
 
     A state is last level × 4 + length of its run − 1, with runs of 1 to 4. A run of five has its stuff bit at once,
     which begins a new run.
@@ -74,7 +74,7 @@ _IDLE = 1 << 2
 
 
 def stuff_bits(frame: CanFrame) -> int:
-    """Number of stuff bits in the frame."""
+    """Count the stuff bits in the frame."""
     register, count, after = _head(frame.identifier, frame.extended, frame.remote, len(frame.data))
     if not frame.remote:
         for byte in frame.data:
@@ -104,7 +104,7 @@ def line_bits(frame: CanFrame) -> int:
 
 
 def arbitration_rank(frame: CanFrame) -> int:
-    """The frame's arbitration field as a number: a dominant bit overrules a recessive one, so lower wins.
+    """Return the frame's arbitration field as a number: a dominant bit overrules a recessive one, so lower wins.
 
     Frames of the same rank would destroy each other on a real bus. Stuff bits need not be looked at: up to the
     first difference both frames have the same ones.

@@ -39,7 +39,7 @@ _LETTERS = {flags: letter for letter, flags in _KINDS.items()}
 
 
 def encode_frame(frame: CanFrame, timestamp_ms: int | None = None) -> bytes:
-    """The line of a frame, CR included; the number of data bytes of a remote frame is what it asks for.
+    """Return the line of a frame, CR included; the number of data bytes of a remote frame is what it asks for.
 
     Raises LocalProtocolError for a frame that is none (a bus error).
     """
@@ -53,7 +53,7 @@ def encode_frame(frame: CanFrame, timestamp_ms: int | None = None) -> bytes:
 
 
 def decode_frame(line: bytes, *, timestamp: bool = False) -> CanFrame:
-    """The frame of a line without its CR; a remote frame has as many zero bytes as it asks for.
+    """Return the frame of a line without its CR; a remote frame has as many zero bytes as it asks for.
 
     Raises RemoteProtocolError for anything else than exactly one frame.
     """
@@ -85,7 +85,7 @@ class LineDecoder:
         self._tail = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The lines that are complete with these bytes, without their CR."""
+        """Return the lines that these bytes complete, without their CR."""
         *lines, tail = (self._tail + data).split(CR)
         self._tail = tail[: LONGEST_LINE + 1]
         return [line[: LONGEST_LINE + 1] for line in lines]
@@ -99,7 +99,7 @@ class TextEnd:
         self._frames: deque[CanFrame] = deque()
 
     def next_event(self) -> CanFrame | None:
-        """The oldest frame that came from the other end and was not taken yet, or None."""
+        """Return the oldest received frame not yet taken, or None."""
         return self._frames.popleft() if self._frames else None
 
     def data_to_send(self, now: float) -> bytes:

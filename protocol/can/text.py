@@ -32,8 +32,9 @@ class LogLine(NamedTuple):
 
 
 def parse_candump(line: str) -> LogLine:
-    """A frame of candump's console, `can0  123   [2]  11 22`, or of `candump -l`, `(1436509052.249713) can0 123#1122`.
+    """Parse a frame as candump prints or logs it.
 
+    The console shows `can0  123   [2]  11 22`; `candump -l` writes `(1436509052.249713) can0 123#1122`.
     Raises ValueError for anything else, CAN FD included.
     """
     if log := _LOG.fullmatch(line.strip()):
@@ -54,7 +55,7 @@ def parse_candump(line: str) -> LogLine:
 
 
 def _time(text: str | None) -> float | None:
-    """The time of a line. Raises ValueError for one that is none."""
+    """Parse the time of a line. Raises ValueError for an invalid one."""
     if text is None:
         return None
     try:
@@ -67,7 +68,7 @@ def _time(text: str | None) -> float | None:
 
 
 def _flagged(text: str) -> CanFrame:
-    """A frame of candump, which sets a bit in the identifier of an error's report."""
+    """Return a frame of candump, which marks an error frame by a bit in the identifier."""
     name, _, data = text.partition("#")
     if len(name) == 8 and set(name) <= _HEX and int(name, 16) & _ERROR_FLAG:
         error = parse_frame(f"{int(name, 16) & ~_ERROR_FLAG:08X}#{data}")
@@ -76,8 +77,10 @@ def _flagged(text: str) -> CanFrame:
 
 
 def parse_frame(text: str) -> CanFrame:
-    """A frame from `ID#DATA`: three hexadecimal digits (eight when extended), then bytes, or R when remote, with the
-    number of bytes that it asks for. A ! instead of the # makes it an interface's report of an error.
+    """Parse a frame from `ID#DATA`.
+
+    ID has three hexadecimal digits, eight when extended. DATA is bytes, or R when remote with the requested number of
+    bytes. A ! instead of the # makes it an interface's report of an error.
 
     Raises ValueError that names the column, counted from 1.
     """

@@ -78,7 +78,7 @@ class ComPortClient:
                 self._commanded(*said)
 
     def next_event(self) -> ClientEvent | None:
-        """The oldest event not yet taken."""
+        """Return the oldest event not yet taken."""
         events = self._session.events
         return events.popleft() if events else None
 

@@ -105,7 +105,7 @@ class PortSettings:
 
 
 def encode_command(command: Command, value: int | bytes = b"", *, server: bool = False) -> bytes:
-    """A command as it travels, from a client or from a server. Raises LocalProtocolError for a value that it
+    """Encode a command as it travels, from a client or from a server. Raises LocalProtocolError for a value that it
     cannot carry.
     """
     size = VALUE_BYTES[command]

@@ -70,7 +70,7 @@ class ComPortServer:
                 self._session.command(said[0], self._obeyed(*said))
 
     def next_event(self) -> ServerEvent | None:
-        """The oldest event not yet taken."""
+        """Return the oldest event not yet taken."""
         events = self._session.events
         return events.popleft() if events else None
 
@@ -79,7 +79,7 @@ class ComPortServer:
         return self._session.data_to_send()
 
     def next_deadline(self) -> float | None:
-        """A server waits for nothing."""
+        """Return None: a server has no deadline."""
         return None
 
     def handle_deadline(self, now: float) -> None:
@@ -90,7 +90,7 @@ class ComPortServer:
         self._session.send(data)
 
     def notify(self, state: LineState) -> None:
-        """The port has received a damaged character: tells a client that wants to know."""
+        """Report a damaged character at the port to a client that asked for it."""
         if state & self._mask:
             self._session.command(Command.NOTIFY_LINESTATE, state & self._mask)
 

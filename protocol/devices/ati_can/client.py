@@ -59,7 +59,7 @@ class _Calibration:
         self._matrix = []
 
     def begin_row(self) -> None:
-        """What came of a row is given up."""
+        """Discard the row received so far."""
         self._row = []
 
     def take_row(self, op: int, data: bytes) -> bool:
@@ -83,7 +83,7 @@ class _Calibration:
         self._units = decode_units(data)
 
     def apply(self, gages: tuple[int, ...]) -> list[float]:
-        """The wrench of these gages, in counts."""
+        """Convert gage readings to a wrench, in counts."""
         g, h, i, j, k, m = gages
         return [0.0 + a * g + b * h + c * i + d * j + e * k + f * m for a, b, c, d, e, f in self._matrix]
 
@@ -183,7 +183,7 @@ class AtiCanClient(Outbox[CanFrame]):
         self._due = now + profile.answer_timeout_s
 
     def _then(self, op: Op, now: float) -> None:
-        """The answer is there; this question is the next one, at once."""
+        """Accept the answer and send this question next, at once."""
         self._op, self._tries = op, 0
         self._ask(now)
 

@@ -143,8 +143,10 @@ LAYOUTS: Mapping[Op, Layout] = {
 
 
 def can_messages(identifiers: Iterable[int]) -> Sequence[CanMessage]:
-    """The answers of the board whose frames have these identifiers, or of one with the default base. A DBC file cannot
-    hold its questions: they have the same identifiers and at most a byte, so a strict decoder refuses them.
+    """Return the answers of the board whose frames have these identifiers, or of one with the default base.
+
+    A DBC file cannot hold its questions: they have the same identifiers and at most a byte, so a strict decoder
+    refuses them.
     """
     base = next((each >> 4 for each in identifiers), BASE)
     return [CanMessage(identifier(base, op), op.name, layout, True) for op, layout in LAYOUTS.items()]
@@ -163,7 +165,7 @@ class SampleStart(NamedTuple):
 
 
 def identifier(base: int, op: int) -> int:
-    """Identifier of an operation."""
+    """Return the identifier of an operation."""
     return base << 4 | op
 
 
@@ -173,7 +175,7 @@ def heard(base: int) -> tuple[CanFilter, ...]:
 
 
 def question(base: int, op: Op, *data: int) -> CanFrame:
-    """A question. Raises LocalProtocolError for a byte that is none."""
+    """Return a question as a frame. Raises LocalProtocolError for a value that is not a byte."""
     try:
         return CanFrame(identifier(base, op), bytes(data))
     except ValueError as error:
@@ -205,7 +207,7 @@ def decode_sample_rest(data: bytes) -> tuple[int, int, int]:
 
 
 def encode_row(base: int, row: Sequence[float]) -> tuple[CanFrame, ...]:
-    """The three frames of a row of the matrix."""
+    """Encode a row of the matrix as three frames."""
     return tuple(
         CanFrame(identifier(base, op), LAYOUTS[op].pack_row(*row[2 * k : 2 * k + 2]))
         for k, op in enumerate((Op.ROW, Op.ROW_MIDDLE, Op.ROW_END))
@@ -221,12 +223,12 @@ def decode_pair(data: bytes) -> tuple[float, float]:
 
 
 def encode_counts(base: int, per_force: int, per_torque: int) -> CanFrame:
-    """Counts for a unit of force and of torque."""
+    """Encode the counts for a unit of force and of torque."""
     return CanFrame(identifier(base, Op.COUNTS), COUNTS.pack_row(per_force, per_torque))
 
 
 def decode_counts(data: bytes) -> tuple[int, int]:
-    """Raises RemoteProtocolError for another length, and for 0."""
+    """Decode the counts for a unit of force and of torque. Raises RemoteProtocolError for another length, and for 0."""
     per_force, per_torque = COUNTS.unpack_exact(data)
     if not (per_force and per_torque):
         raise RemoteProtocolError("the board tells 0 counts for a unit")
@@ -249,5 +251,5 @@ def decode_firmware(data: bytes) -> tuple[int, int, int]:
 
 
 def status_words(status: int) -> str:
-    """The bits of a status in words, without the summary where another says more."""
+    """Describe the bits of a status, without the summary where another bit says more."""
     return bit_words(status, STATUS_BITS)

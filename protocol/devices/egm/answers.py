@@ -34,16 +34,16 @@ class Answers:
         """That answer carried a speed."""
 
     def expect(self, again: bool) -> None:
-        """A report waits for its answer; `again`: its datagram came before already, and gets none."""
+        """Expect the answer to a report; `again`: its datagram was a repeat, which gets no answer."""
         self._again.append(again)
 
     def allow(self, allowed: bool) -> None:
-        """The oldest report may have its answer, if it is `allowed` at all."""
+        """Allow the answer to the oldest report, if it is `allowed` at all."""
         again = self._again.popleft() if self._again else False
         self.due |= not again and allowed
 
     def pass_time(self, at: float) -> None:
-        """A datagram came at a time, s: the robot has looked for an answer that left in time."""
+        """Note that a datagram arrived at a time, s: the robot has read every answer that left early enough."""
         if self._waiting_since is not None and at - self._waiting_since >= _ON_THE_WAY * self._cycle:
             self._waiting_since = None
 
@@ -65,6 +65,6 @@ class Answers:
         return True
 
     def note(self, reference: PoseMm, number: int, has_speed: bool) -> None:
-        """An answer to the report of this number left."""
+        """Note that an answer to the report of this number was sent."""
         self.reference, self.number, self._has_speed = reference, number, has_speed
         self.count += 1

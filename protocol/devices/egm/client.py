@@ -111,7 +111,7 @@ class EgmClient:
         return None
 
     def handle_deadline(self, now: float) -> None:
-        """It has none."""
+        """Do nothing: this client has no deadline."""
 
     # --- as a stream's client
 
@@ -176,8 +176,9 @@ class EgmClient:
         )
 
     def _measured_force(self, told: tuple[float, ...], pose: Pose) -> Vector | None:
-        """The robot's own force in the base frame, N; None where it tells none. Six zeros are none: no sensor is so
-        quiet.
+        """Return the robot's own force in the base frame, N, or None if it reports none.
+
+        Six zeros mean none: no sensor is so quiet.
         """
         if self._force_axes == "none" or len(told) < 3 or not any(told):
             return None

@@ -71,7 +71,7 @@ def describe(raw: bytes) -> list[dict[str, Any]]:
 
 
 def _read(raw: bytes) -> tuple[Any, int]:
-    """The message as its header names it, and its type; None for bytes that are none."""
+    """Return the message named by its header, and its type; None for bytes that are not a message."""
     for name in ("EgmSensor", "EgmRobot", "EgmSensorPathCorr"):
         message = _parsed(name, raw)
         if message is None or _NAMES.get(message.header.mtype, ("",))[0] != name:

@@ -160,7 +160,7 @@ Answer: TypeAlias = SensorMessage | PathCorrection
 
 
 def encode_robot(message: RobotMessage, version: RobotWare) -> bytes:
-    """A datagram as a robot of this version sends it. Raises LocalProtocolError for a value that has no place."""
+    """Encode a datagram as a robot of this version sends it. Raises LocalProtocolError for a value without a field."""
     out = message_class("EgmRobot", version)()
     try:
         _head(out, message.seqno, message.tm_ms, MessageType.DATA)
@@ -231,7 +231,7 @@ def decode_robot(data: bytes) -> RobotMessage:
 
 
 def encode_answer(message: Answer) -> bytes:
-    """A datagram for the robot. Raises LocalProtocolError for a number that no robot may be sent."""
+    """Encode a datagram for the robot. Raises LocalProtocolError for a number that no robot may be sent."""
     try:
         if isinstance(message, PathCorrection):
             _only_finite(message.offset_mm)
@@ -352,7 +352,7 @@ def _place(field: Any) -> Place:
 
 
 def _pose(field: Any) -> PoseMm | None:
-    """The pose; None without a position or without an orientation."""
+    """Return the pose; None without a position or without an orientation."""
     if not field.HasField("pos"):
         return None
     at = field.pos

@@ -71,7 +71,7 @@ class Numbering:
         return 0 if self.seqno is None else _signed(message.seqno - self.seqno)
 
     def follow(self, message: RobotMessage, distance: int, at: float) -> None:
-        """This datagram is the newest; those that did not follow were strays."""
+        """Accept this datagram as the newest; skipped ones that did not follow were strays."""
         self._strays.forget()
         self.number += distance
         self.seqno, self.tm, self._arrived_at = message.seqno, message.tm_ms, at
@@ -88,7 +88,7 @@ class CycleCheck:
         """A cycle that is not as expected."""
 
     def begin(self, message: RobotMessage) -> None:
-        """A session begins with this datagram."""
+        """Begin a session with this datagram."""
         self._first, self.trouble = (message.seqno, message.tm_ms), NO_TROUBLE
 
     def take(self, message: RobotMessage) -> None:
@@ -112,5 +112,5 @@ class CycleCheck:
 
 
 def _signed(difference: int) -> int:
-    """The difference of two counters of 32 bits that wrap around."""
+    """Return the signed difference of two 32-bit counters that wrap around."""
     return (difference + _NUMBERS // 2) % _NUMBERS - _NUMBERS // 2

@@ -92,7 +92,7 @@ _RW7 = {
 
 
 def _classes(messages: dict[str, str]) -> dict[str, Any]:
-    """A class for each message, in a pool of its own."""
+    """Make a class for each message, in a pool of its own."""
     file = descriptor_pb2.FileDescriptorProto(name="egm.proto", package=_PACKAGE, syntax="proto2")
     for name, fields in messages.items():
         message = file.message_type.add(name=name)
@@ -121,5 +121,5 @@ _CLASSES = {"6": _classes(_RW6), "7": _classes(_RW7)}
 
 
 def message_class(name: str, version: RobotWare = RobotWare.RW7) -> Any:
-    """The class of a message in the shape of a version."""
+    """Return the class of a message in the shape of a version."""
     return _CLASSES["7" if version is RobotWare.RW7 else "6"][name]

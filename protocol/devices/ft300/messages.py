@@ -78,7 +78,7 @@ def crc16(data: bytes) -> int:
 
 
 def with_crc(data: bytes) -> bytes:
-    """The bytes with their check, low byte first."""
+    """Append the check to the bytes, low byte first."""
     return data + crc16(data).to_bytes(2, "little")
 
 
@@ -91,7 +91,7 @@ def crc_fits(frame: bytes) -> bool:
 
 
 def encode_message(counts: Sequence[int]) -> bytes:
-    """The message of six counts. Raises LocalProtocolError for counts that do not fit."""
+    """Encode a message of six counts. Raises LocalProtocolError for counts that do not fit."""
     return with_crc(HEADER + MESSAGE.pack_row(*counts)[len(HEADER) :])
 
 
@@ -151,7 +151,7 @@ class Request(NamedTuple):
 
 
 def encode_read(register: int, count: int, function: int = READ) -> bytes:
-    """Raises LocalProtocolError for values that do not fit."""
+    """Encode a request to read registers. Raises LocalProtocolError for values that do not fit."""
     return _packed(">BBHH", SLAVE, function, register, count)
 
 
@@ -188,7 +188,7 @@ def request_size(head: bytes) -> int | None:
 
 
 def decode_request(frame: bytes) -> Request:
-    """A whole request whose check fits. Raises RemoteProtocolError for lengths that contradict each other."""
+    """Decode a complete request with a valid check. Raises RemoteProtocolError for contradictory lengths."""
     function = frame[1]
     if function == WRITE:
         register, count, size = struct.unpack_from(">HHB", frame, 2)
@@ -202,7 +202,7 @@ def decode_request(frame: bytes) -> Request:
 
 
 def find_answer(data: bytes, function: int, size: int) -> tuple[bytes | int, int] | None:
-    """The answer to a request in what came: its payload, or the code of an exception, and where it ends.
+    """Find the answer to a request in received data: its payload, or the code of an exception, and where it ends.
 
     `size` is that of the whole answer. None until it is there; what stands before it is passed over.
     """
@@ -224,7 +224,7 @@ def words_of(payload: bytes) -> tuple[int, ...]:
 
 
 def signed(word: int) -> int:
-    """A word as a number with a sign."""
+    """Return a word as a signed number."""
     return word - 0x10000 if word & 0x8000 else word
 
 

@@ -26,7 +26,7 @@ _TEXT = re.compile(rf"\({','.join([_VALUE] * len(AXES))}\)", re.ASCII)
 
 
 def encode_text(values: Sequence[float]) -> bytes:
-    """The text of six values, N and N·m."""
+    """Encode six values, N and N·m, as text."""
     return f"( {' , '.join(f'{value:f}' for value in values)} )".encode()
 
 

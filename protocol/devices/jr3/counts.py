@@ -12,7 +12,7 @@ _RANGE_FULL_SCALES = 2.0
 
 
 def full_scales_si(forces: Sequence[int], moments: Sequence[int]) -> tuple[float, ...]:
-    """The six full scales in N and N·m from the words of both queries (N, N·m×10)."""
+    """Convert the words of both full-scale queries (N, N·m×10) to six full scales in N and N·m."""
     return (*(float(word) for word in forces), *(word / 10 for word in moments))
 
 

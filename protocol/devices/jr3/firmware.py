@@ -37,7 +37,7 @@ class GatewayState(IntEnum):
 
 
 def payload_layout(name: str, size: int, *fields: Field) -> Layout:
-    """A payload of a gateway."""
+    """Return the layout of a gateway's payload."""
     return Layout(name, size, "<", fields)
 
 
@@ -53,7 +53,7 @@ _CUTOFF = Field(
 
 
 def counter_field(offset: int) -> Field:
-    """The counter that ends every sample."""
+    """Return the field of the counter that ends every sample."""
     return Field("counter", offset, "H", Mark.OBSERVED, "sensor samples since the start, modulo 65536")
 
 
@@ -102,12 +102,12 @@ class SampleCounter:
         self._sequence: int | None = None
 
     def restart(self) -> None:
-        """The device begins to count again; the sequence goes on by 1."""
+        """Follow a device that starts counting again; the sequence advances by 1."""
         self._last = None
         self._statistics.standing = 0
 
     def follow(self, counter: int) -> int | None:
-        """The sequence of this sample, or None for one that was there before."""
+        """Return the sequence of this sample, or None for a repeated one."""
         if self._last is None:
             self._sequence = counter if self._sequence is None else self._sequence + 1
         else:

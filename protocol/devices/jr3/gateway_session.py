@@ -142,7 +142,7 @@ class _Orders(Generic[Op]):
         return self.flight is None and not self._queue
 
     def add(self, op: Op) -> None:
-        """An order is to be sent, once."""
+        """Queue an order, to be sent once."""
         if op not in self._queue:
             self._queue.append(op)
 
@@ -157,7 +157,7 @@ class _Orders(Generic[Op]):
         return self._profile.ack_timeout_s + rest
 
     def next(self, now: float) -> Op | None:
-        """The order whose turn it is; it counts as sent."""
+        """Return the next order and count it as sent."""
         flight = self.flight
         if flight is None:
             if not self._queue or (self.quiet_until is not None and now < self.quiet_until):
@@ -181,7 +181,7 @@ class _Orders(Generic[Op]):
         return self.quiet_until if self._queue else None
 
     def overdue(self, now: float) -> _Flight[Op] | None:
-        """The order whose acknowledge has not come in time; ends a pause that is over."""
+        """Return the order whose acknowledge is overdue; end a pause that is over."""
         if self.quiet_until is not None and now >= self.quiet_until:
             self.quiet_until = None
         flight = self.flight
@@ -225,7 +225,7 @@ class _Samples:
         """The next sample is the first with another zero."""
 
     def restart(self) -> None:
-        """The gateway begins again."""
+        """Follow a gateway that restarts."""
         self.zeroing = False
         self._counter.restart()
         self._range.restart()
@@ -334,12 +334,12 @@ class GatewaySession(Generic[Op]):
     # --- calls of the client
 
     def sample(self, counts: tuple[int, int, int, int, int, int], counter: int, at: float) -> None:
-        """A sample came, complete at this time; to be told only when READY."""
+        """Accept a sample, complete at this time; it is reported only in READY."""
         if stood := self._samples.take(counts, counter, at, self.phase is _READY):
             self._fail(stood, "sensor unplugged? plug it in, then switch the gateway off and on")
 
     def boot_up(self, now: float) -> None:
-        """The gateway has begun again and knows nothing of this session."""
+        """Follow a gateway that has restarted and knows nothing of this session."""
         if self.phase in (Phase.STOPPING, Phase.STOPPED):
             return
         if self.phase is not Phase.ASKING:
@@ -347,7 +347,7 @@ class GatewaySession(Generic[Op]):
         self._begin(now)
 
     def acknowledge(self, state: int, words: Sequence[int] | None, now: float) -> None:
-        """An acknowledge came, with the words of full scales where it has them."""
+        """Accept an acknowledge, with the words of full scales if it has them."""
         flight = self._orders.flight
         if self._dialect.pause_s is not None:
             self._orders.quiet_until = now + self._dialect.pause_s
@@ -368,13 +368,13 @@ class GatewaySession(Generic[Op]):
         self._advance(flight.op, words or (), now)
 
     def order_to_send(self, now: float) -> Op | None:
-        """The order whose turn it is; it counts as sent."""
+        """Return the next order and count it as sent."""
         return self._orders.next(now)
 
     # --- endpoint
 
     def next_deadline(self) -> float | None:
-        """The next time-out or end of a pause."""
+        """Return the next time-out or end of a pause."""
         orders = self._orders
         if self.phase is _READY and orders.are_idle:
             return None
@@ -439,7 +439,7 @@ class GatewaySession(Generic[Op]):
             self._orders.flight = _Flight(order, max(flight.due, now), tries=0)
 
     def _advance(self, answered: Op, words: Sequence[int], now: float) -> None:
-        """The next step of the session after the acknowledge of an order."""
+        """Take the next step of the session after the acknowledge of an order."""
         if answered is self._dialect.zero:
             self._samples.zeroing = True
         elif answered is self._dialect.stop:

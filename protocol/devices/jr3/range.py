@@ -33,7 +33,7 @@ class Range:
         self.restart()
 
     def restart(self) -> None:
-        """The device began again, without offsets."""
+        """Follow a device that restarted without offsets."""
         self._offset: tuple[int, ...] = (0,) * len(AXES)
         self.newest: Sequence[int] | None = None
         """The newest sample since the zero."""
@@ -43,7 +43,7 @@ class Range:
         self._set_calm()
 
     def zeroed(self, before: Sequence[int] | None) -> None:
-        """The device took a zero while the counts were these; None: no sample was seen, and it moved nothing."""
+        """Note that the device took a zero at these counts; None: no sample was received, and nothing changes."""
         if before is not None:
             self._offset = tuple([a + b for a, b in zip(self._offset, before, strict=True)])
             self._set_calm()

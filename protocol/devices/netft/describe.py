@@ -63,7 +63,7 @@ def _page(raw: bytes) -> dict[str, object]:
 
 
 def _record(raw: bytes, at: int) -> dict[str, object]:
-    """A record does not say of which family it is: a status that is not 0 has the meanings of both."""
+    """Describe a record. It does not name its family: a status other than 0 has the meanings of both."""
     fields = RECORD.describe(raw)
     place = next(number for number, field in enumerate(fields) if field["name"] == "status")
     status = fields[place]

@@ -15,14 +15,14 @@ class Page(bytes):
     """Empty where it came."""
 
     def __new__(cls, body: bytes = b"", failure: str = "") -> "Page":
-        """The body of the answer; or the reason, which stands in place of it, so that a recording shows it."""
+        """Hold the body of the answer, or in its place the reason for a failure, so that a recording shows it."""
         page = super().__new__(cls, body or failure.encode("utf-8"))
         page.failure = failure
         return page
 
 
 def encode_get(host: str, path: str = PAGE) -> bytes:
-    """The request for a page of a host."""
+    """Encode a request for a page of a host."""
     return f"GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode("ascii", "replace")
 
 
@@ -60,7 +60,7 @@ def read_answer(data: bytes, ended: bool = False) -> bytes | None:
 
 
 def encode_answer(body: bytes, status: str = "200 OK", kind: str = "text/xml") -> bytes:
-    """An answer with this body."""
+    """Encode an answer with this body."""
     head = f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\nConnection: close\r\n\r\n"
     return head.encode("ascii") + body
 

@@ -82,7 +82,7 @@ def filter_delay(number: int) -> float:
 
 
 def parse_page(page: bytes) -> Configuration:
-    """Raises RemoteProtocolError, in one line, for a page that is none or tells something impossible."""
+    """Parse a configuration page. Raises RemoteProtocolError, in one line, for an invalid page or impossible values."""
     if len(page) > PAGE_LIMIT:
         raise RemoteProtocolError(f"the page has more than {PAGE_LIMIT} bytes")
     text = page.decode("ascii", "replace")
@@ -142,7 +142,7 @@ def _number(text: str, name: str) -> float:
 
 
 def _unit(text: str, code_tag: str, units: dict[str, float], codes: tuple[str, ...]) -> float:
-    """The unit that a page tells by its name, in the tag `s…`, or by its code alone."""
+    """Return the unit that a page gives by name, in the tag `s…`, or only by its code."""
     unit, code = _value(text, f"s{code_tag}"), _value(text, code_tag)
     if not unit and code:
         unit = codes[int(code) - 1] if code in tuple("123456") else f"of code {code}"

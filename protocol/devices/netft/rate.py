@@ -30,7 +30,7 @@ class RateWatch:
         """Sample and time, s, at which the present look began."""
 
     def begin(self, sequence: int, at: float) -> None:
-        """A stream begins with this sample, which came at this time, s."""
+        """Begin a stream with this sample, received at this time, s."""
         self._measured, self._since = deque(maxlen=WINDOWS), (sequence, at)
 
     def take(self, sequence: int, at: float) -> float | None:
@@ -51,6 +51,6 @@ class RateWatch:
 
 
 def nearest_known(rate_hz: float) -> float:
-    """The known rate that was measured so, Hz; else this one in whole numbers."""
+    """Return the known rate that measures as this one, Hz, or this rate rounded to a whole number."""
     nearest = min(KNOWN_RATES_HZ, key=lambda known: abs(known - rate_hz))
     return nearest if abs(nearest / rate_hz - 1.0) < _NEAR else round(rate_hz)

@@ -122,7 +122,7 @@ class Family:
     """Status without a transducer. Mark: assumed."""
 
     def words(self, status: int) -> str:
-        """The bits of a status in words, without the summary; empty for none."""
+        """Describe the bits of a status, without the summary; empty for none."""
         return bit_words(status, self.bits)
 
     def is_warning(self, status: int) -> bool:
@@ -199,12 +199,12 @@ class Record(NamedTuple):
 
 
 def encode_request(command: Command, count: int = 0) -> bytes:
-    """Raises LocalProtocolError for a count that does not fit."""
+    """Encode a request. Raises LocalProtocolError for a count that does not fit."""
     return REQUEST.pack_row(HEADER, command, count)
 
 
 def decode_request(data: bytes) -> Request:
-    """Raises RemoteProtocolError for another length or header."""
+    """Decode a request. Raises RemoteProtocolError for another length or header."""
     extended = len(data) == EXTENDED.size
     if not extended and len(data) != REQUEST.size:
         raise RemoteProtocolError(f"a request has {REQUEST.size} or {EXTENDED.size} bytes, got {len(data)}")
@@ -217,7 +217,7 @@ def decode_request(data: bytes) -> Request:
 
 
 def encode_record(record: Record) -> bytes:
-    """Raises LocalProtocolError for values that do not fit."""
+    """Encode a record. Raises LocalProtocolError for values that do not fit."""
     try:
         return pack_record(record[0], record[1], record[2], *record[3])
     except struct.error as error:
@@ -225,7 +225,7 @@ def encode_record(record: Record) -> bytes:
 
 
 def decode_record(data: bytes) -> Record:
-    """Raises RemoteProtocolError for another length."""
+    """Decode a record. Raises RemoteProtocolError for another length."""
     if len(data) != RECORD_SIZE:
         raise RemoteProtocolError(f"{RECORD.name} has {RECORD_SIZE} bytes, got {len(data)}")
     rdt, ft, status, fx, fy, fz, tx, ty, tz = unpack_record(data)
@@ -238,7 +238,7 @@ pack_record, unpack_record = RECORD.struct.pack, RECORD.struct.unpack
 
 @lru_cache(maxsize=64)
 def output_step(rate_hz: float, internal_rate_hz: float = INTERNAL_RATE_HZ) -> int:
-    """Internal samples from one record to the next at a rate that was asked for, Hz. Mark: assumed, rounded so that
+    """Return the number of internal samples between records at a requested rate, Hz. Mark: assumed, rounded so that
     the rate is never lower.
     """
     return max(1, int(internal_rate_hz / rate_hz + 1e-6))  # a millionth keeps rounding from one step less

@@ -10,7 +10,7 @@ from protocol.geometry import Pose, angles_of, from_angles
 
 
 def pose_of(values: Sequence[float]) -> Pose:
-    """The pose in X Y Z A B C, mm and degrees."""
+    """Return the pose in X Y Z A B C, mm and degrees."""
     x, y, z, a, b, c = values
     return Pose((x / 1e3, y / 1e3, z / 1e3), from_angles(a, b, c))
 
@@ -22,5 +22,5 @@ def values_of(pose: Pose) -> tuple[float, ...]:
 
 
 def nearest(angle_deg: float, to_deg: float) -> float:
-    """The angle that means the same and lies within half a turn of another, degrees."""
+    """Return the equivalent angle within half a turn of another, degrees."""
     return to_deg + math.remainder(angle_deg - to_deg, 360.0)

@@ -95,7 +95,7 @@ class KukaArm:
         return self._arm.pose(_from_kuka(axes))
 
     def holding(self, pose: Pose, near: Joints = HOME) -> Joints | None:
-        """The axes nearest to others that hold a pose; None where none do."""
+        """Return the axes, nearest to the given ones, that hold a pose; None if no axes do."""
         joints = self._arm.nearest(pose.position, pose.quaternion, _from_kuka(near))
         return None if joints is None else _to_kuka(joints)
 

@@ -55,7 +55,7 @@ class AxisChannel:
         """The flange in the frame of the tool."""
 
     def learn(self, programmed: Programmed) -> None:
-        """The program stands here."""
+        """Learn the position that the program set."""
         if programmed == self._programmed:
             return
         self._programmed = programmed

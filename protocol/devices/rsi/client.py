@@ -193,7 +193,7 @@ class RsiClient:
         )
 
     def _begin_session(self, telegram: RobotTelegram, restarted: bool) -> None:
-        """The robot's program has begun anew, or was silent: its correction is what it tells."""
+        """Begin a session after the robot's program restarted or was silent: its correction is the reported one."""
         self._answered = None
         self._response.begin_session(restarted)
         offset = telegram.offset or NO_CORRECTION
@@ -225,7 +225,7 @@ class RsiClient:
             self._axes.total = answered.axes_before
 
     def _set(self, correction: Correction, axes: Joints) -> None:
-        """This is the robot's correction now."""
+        """Set the robot's present correction."""
         self._total = correction
         if self._axes is not None:
             self._axes.total = axes

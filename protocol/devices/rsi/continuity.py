@@ -79,7 +79,7 @@ class Continuity:
         return Place(arrival, self._sequence, cycles)
 
     def _judge(self, telegram: RobotTelegram, at: float, total: Correction) -> tuple[Arrival, int]:
-        """What a telegram is, and the cycles since the newest."""
+        """Classify a telegram and count the cycles since the newest."""
         since_ms, cycle = (at - self._received_at) * 1e3, self._link.cycle_ms
         silent = at - self._received_at > SESSION_MS / 1e3
         if self.newest is None:

@@ -12,14 +12,15 @@ NO_CORRECTION: Correction = (0.0,) * 6
 
 
 def offset_between(actual: Pose, planned: Pose) -> Correction:
-    """The correction between two poses."""
+    """Return the correction between two poses."""
     x, y, z = ((there - here) * 1e3 for there, here in zip(actual.position, planned.position, strict=True))
     return (x, y, z, *angles_of(product(actual.quaternion, inverse(planned.quaternion))))
 
 
 def correction_for(pose: Pose, origin: tuple[Pose, Correction], near: Correction) -> Correction:
-    """The correction that brings the robot to a pose, where another brings it to the pose of `origin`; its angles are
-    those next to `near`.
+    """Return the correction that brings the robot to a pose, given a pose and its correction as `origin`.
+
+    Its angles are those next to `near`.
     """
     (position, quaternion), (x0, y0, z0, a0, b0, c0) = origin
     (x, y, z), (u, v, w) = pose.position, position
@@ -30,7 +31,7 @@ def correction_for(pose: Pose, origin: tuple[Pose, Correction], near: Correction
 
 
 def clamp(correction: Correction, link: RsiLink) -> Correction:
-    """The part of a correction that is within the limits of the link."""
+    """Limit a correction to the range of the link."""
     most, most_deg = link.limit_mm, link.limit_deg
     return (
         *[max(-most, min(most, value)) for value in correction[:3]],

@@ -32,7 +32,7 @@ class Element(NamedTuple):
     content: Content = Content.NUMBER
 
     def unit(self, attribute: str) -> str:
-        """Unit of the number in an attribute; empty without any."""
+        """Return the unit of the number in an attribute; empty without any."""
         if self.content is Content.POSE and attribute in POSE_AXES:
             return "mm" if attribute in POSE_AXES[:3] else "°"
         return "°" if self.content is Content.ANGLES else ""

@@ -47,7 +47,7 @@ class _NoDoctype(ElementTree.TreeBuilder):
 
 
 def read_ethernet_file(data: bytes) -> EthernetFile:
-    """The contents of a file. Raises ValueError with the reason for one that is none."""
+    """Read the contents of a file. Raises ValueError with the reason for an invalid one."""
     try:
         root = ElementTree.fromstring(data, ElementTree.XMLParser(target=_NoDoctype()))
     except (ElementTree.ParseError, LookupError) as error:
@@ -90,7 +90,7 @@ def _tag(element: ElementTree.Element) -> str:
 
 
 def _word(name: str, text: str) -> str:
-    """A value without space around it. Raises ValueError for one that is long or cannot be printed."""
+    """Return a value without surrounding space. Raises ValueError for one that is long or cannot be printed."""
     text = text.strip()
     if len(text) > _LONGEST or not text.isprintable():
         raise ValueError(f"{name} is no plain word: {text[:_LONGEST]!r}")

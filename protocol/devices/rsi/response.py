@@ -42,16 +42,16 @@ class Response:
         """It goes on and on, as each whole correction is added to the one before: it gets no more answers."""
 
     def begin_session(self, restarted: bool) -> None:
-        """The robot's program was restarted, or was silent."""
+        """Begin a session after the robot's program restarted or was silent."""
         self.missed = self._leaving = 0
         self.ran_away = self.ran_away and not restarted
 
     def begin_movement(self) -> None:
-        """What went wrong before is over."""
+        """Begin a movement without the faults of the previous one."""
         self.strayed = self.halted = False
 
     def reset(self, correction: Correction) -> None:
-        """This is the robot's correction now."""
+        """Set the robot's present correction."""
         self._trail.clear()
         self._trail.append(correction)
 
@@ -82,7 +82,7 @@ class Response:
         )
 
     def _observe_flight(self, apart_mm: float, stands: bool) -> None:
-        """A controller in relative mode adds up whole corrections, so that the robot leaves one that stands."""
+        """Detect relative mode, in which the robot adds corrections up: it moves under a constant one."""
         leaves = stands and apart_mm > self._apart_mm + RUNS_AWAY_MM
         self._apart_mm = apart_mm
         self._leaving = self._leaving + 1 if leaves else 0
@@ -90,7 +90,7 @@ class Response:
             self.ran_away = True
 
     def find_trouble(self, telegram: RobotTelegram, axes: AxisChannel | None) -> Trouble:
-        """What keeps the robot from its corrections, by a telegram and those before."""
+        """Return what keeps the robot from its corrections, judged by this telegram and earlier ones."""
         if telegram.status is not None and telegram.status != RUNNING:
             return Trouble(
                 f"its program does not run (ProgStatus {telegram.status:g})",

@@ -46,7 +46,7 @@ class RobotTelegram(NamedTuple):
 
 
 def read_telegram(raw: bytes, needs_axes: bool) -> RobotTelegram:
-    """The contents of a telegram of the robot; a position that is no number is told as one that is none.
+    """Read a telegram of the robot; a position that is not a number is reported as invalid.
 
     Raises RemoteProtocolError for one without a position or a clock.
     """
@@ -71,7 +71,7 @@ def read_telegram(raw: bytes, needs_axes: bool) -> RobotTelegram:
 
 
 def _axes(values: Mapping[str, str], tags: tuple[str, ...]) -> Joints | None:
-    """The axes in these values, degrees; None where one is no number."""
+    """Return the axes in these values, degrees; None if one is not a number."""
     try:
         found = numbers(values, tags)
     except RemoteProtocolError:
@@ -83,14 +83,14 @@ def _axes(values: Mapping[str, str], tags: tuple[str, ...]) -> Joints | None:
 
 
 def _pose(values: Mapping[str, str], tags: tuple[str, ...]) -> Pose | None:
-    """The pose in these values; None where one is missing or no number."""
+    """Return the pose in these values; None if one is missing or not a number."""
     texts = tuple([values.get(tag) for tag in tags])
     return None if None in texts else _pose_in(texts)
 
 
 @lru_cache(maxsize=4)
 def _pose_in(texts: tuple[str, ...]) -> Pose | None:
-    """The pose in X Y Z A B C; None where one is no number. A set position stays the same for long."""
+    """Return the pose in X Y Z A B C; None if one is not a number. A set position stays the same for long."""
     try:
         return pose_of([*map(number, texts)])
     except RemoteProtocolError:

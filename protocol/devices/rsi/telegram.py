@@ -65,7 +65,7 @@ _known: list[_Form] = []
 
 
 def encode(telegram: Telegram, type_attribute: str = ROOT_TYPES[0]) -> bytes:
-    """The telegram in the vendor's form: one line, tags of one element side by side, IPOC last.
+    """Encode the telegram in the vendor's form: one line, tags of one element side by side, IPOC last.
 
     Observed: the vendor's own client library (kuka_external_control_sdk) finds each number by its place in that form.
     """
@@ -78,7 +78,7 @@ def encode(telegram: Telegram, type_attribute: str = ROOT_TYPES[0]) -> bytes:
 
 @lru_cache(maxsize=_FORMS_MAX)
 def _form(root: str, type_attribute: str, tags: tuple[str, ...]) -> str:
-    """The vendor's form of a telegram with these tags, with a place for each text: a side sends one form all the
+    """Return the vendor's form of a telegram with these tags, with a place for each text: a side sends one form all the
     time.
     """
     parts = [f'<{root} {type_attribute}="%s">']
@@ -102,7 +102,7 @@ def _form(root: str, type_attribute: str, tags: tuple[str, ...]) -> str:
 
 
 def decode(raw: bytes) -> Telegram:
-    """The telegram in a datagram. Any order and any white space will do (assumed of the controller, too).
+    """Decode the telegram in a datagram, in any order and with any white space (assumed of the controller, too).
 
     Raises RemoteProtocolError for one that is too long, not well-formed, or has no clock. A document type, an entity
     and a prolog are refused before they are read.
@@ -136,7 +136,7 @@ def _learn(telegram: Telegram, raw: bytes) -> None:
 
 
 def _parsed(text: str) -> Telegram:
-    """The telegram in a text of any form."""
+    """Parse a telegram of any form."""
     if "<!" in text or "<?" in text:
         raise RemoteProtocolError("a telegram has neither a prolog nor a document type")
     try:
@@ -164,7 +164,7 @@ def _ipoc(clock: str) -> int:
 
 
 def number(text: str) -> float:
-    """The number in a value. Raises RemoteProtocolError for anything else, as NaN, and for one that is too large."""
+    """Parse a number. Raises RemoteProtocolError for anything else, such as NaN, and for one that is too large."""
     if len(text) > _LONGEST_NUMBER or not _NUMBER.fullmatch(text):
         raise RemoteProtocolError(f"{text[:24]!r} is no number")
     value = float(text)
@@ -174,14 +174,14 @@ def number(text: str) -> float:
 
 
 def numbers(values: Mapping[str, str], tags: Iterable[str]) -> list[float] | None:
-    """The numbers of these tags; None where one of them is missing. Raises RemoteProtocolError as `number`."""
+    """Parse the numbers of these tags; None if one is missing. Raises RemoteProtocolError as `number` does."""
     texts = [values.get(tag) for tag in tags]
     found = [text for text in texts if text is not None]
     return [number(text) for text in found] if len(found) == len(texts) else None
 
 
 def fixed(value: float, decimals: int) -> str:
-    """A number as both sides write it: fixed point, no plus, no exponent, and no minus before zero."""
+    """Format a number as both sides do: fixed point, no plus, no exponent, and no minus before zero."""
     if not math.isfinite(value):
         raise ValueError(f"{value} cannot be sent")
     text = f"{value:.{decimals}f}"

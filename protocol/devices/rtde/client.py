@@ -90,8 +90,10 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
     """A controller's client; see `protocol.robot.StreamClient`."""
 
     def __init__(self, profile: ClientProfile, now: float, looks: bool = False) -> None:
-        """A client that only `looks` uploads no program, and writes no input: it reports, and orders nothing. It asks
-        for the registers of a run, to see whether another client holds them; the end of its connection gives them back.
+        """Create a client; one that only `looks` reports: it uploads no program and writes no input.
+
+        It requests the registers of a run, to detect another client that holds them; closing the connection frees
+        them.
         """
         self._profile, self._looks = profile, looks
         self._reader = Reader()
@@ -166,7 +168,7 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
             self._send(Command.IDLE)
 
     def end(self) -> None:
-        """The arm lags behind its set point. Without a fault it is let come there; else it brakes at once."""
+        """End the movement: without a fault the arm reaches its set point, else it brakes at once."""
         packages = round(SETTLE_LOOKAHEADS * self._profile.lookahead_s / self._profile.cycle_s)
         if not self._movement.end(packages):
             self._send(Command.STOP)
@@ -268,7 +270,7 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
             self._ask(_Stage.START, packets.encode(Kind.START), now)
 
     def _recipe(self, names: tuple[str, ...], answer: packets.Types) -> Recipe | None:
-        """The recipe that the controller has agreed to; None where it has not, which ends the connection."""
+        """Return the recipe that the controller accepted; None if it refused, which ends the connection."""
         missing = [name for name, kind in zip(names, answer.types, strict=False) if kind == NOT_FOUND]
         if missing:
             self._lose(Trouble(f"its software has no {missing[0]}", "update it"))

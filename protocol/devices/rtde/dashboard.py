@@ -49,7 +49,7 @@ class Lines:
         self._rest = bytearray()
 
     def feed(self, data: bytes) -> list[str]:
-        """The lines that are whole now, without their ends."""
+        """Return the lines completed by these bytes, without their ends."""
         self._rest += data
         *lines, rest = bytes(self._rest).split(b"\n")
         if len(rest) > LINE_MAX:

@@ -63,14 +63,14 @@ def describe_strange_types(names: tuple[str, ...], answer: packets.Types) -> str
 
 
 def read_pose(values: Values) -> Pose:
-    """The pose of a packet; NaN where one of its numbers is."""
+    """Return the pose of a packet; NaN where one of its numbers is."""
     if all(map(math.isfinite, values[1:7])):
         return pose_of(values[1:7])
     return Pose((math.nan,) * 3, (1.0, 0.0, 0.0, 0.0))
 
 
 def read_force(values: Values) -> Vector | None:
-    """The robot's own force, N; None from an arm without a force estimate, which reports zeros."""
+    """Return the robot's own force, N; None from an arm without a force estimate, which reports zeros."""
     a, b, c = force = values[_FORCE]
     return (a, b, c) if math.isfinite(a + b + c) and any(force) else None
 
@@ -79,7 +79,7 @@ _WHY_STOPPED = "see at the pendant whether a person, another client or the watch
 
 
 def find_slow(scaling: float) -> Trouble:
-    """A speed slider that is down."""
+    """Report a speed slider below full speed."""
     if scaling >= FULL_SPEED:
         return NO_TROUBLE
     return Trouble(f"its speed slider stands at {100.0 * scaling:.0f} %", "put it to 100 %")

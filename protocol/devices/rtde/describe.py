@@ -81,7 +81,7 @@ class _Reading:
         """Recipes by their numbers, of both directions; the newest last."""
 
     def packet(self, at: int, kind: Kind, payload: bytes) -> dict[str, Any]:
-        """A packet in words."""
+        """Describe a packet."""
         problems: list[str] = []
         fields: list[dict[str, Any]] = []
         try:
@@ -153,7 +153,7 @@ class _Reading:
 
     @staticmethod
     def _is_answer(payload: bytes) -> bool:
-        """An answer's list holds types alone; names are in small letters."""
+        """Return whether a list is an answer: it holds only types, whereas names are in lower case."""
         rest = payload[1:]
         return bool(rest) and rest.upper() == rest
 

@@ -35,7 +35,7 @@ def packet_size(raw: bytes, at: int) -> int:
 
 
 def describe_packet(packet: bytes) -> dict[str, Any]:
-    """A whole packet as `op`, `fields` and `problems`."""
+    """Describe a complete packet as `op`, `fields` and `problems`."""
     fields, problems = list[dict[str, Any]](), list[str]()
     kind = packet[primary.HEADER.size - 1]
     if kind not in (PacketType.STATE, PacketType.MESSAGE):

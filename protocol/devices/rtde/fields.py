@@ -104,7 +104,7 @@ Number: TypeAlias = tuple[int, int, int]
 def _assumed(
     kind: str, unit: str = "", meaning: str = "", since: Number = (0, 0, 0), cb3: Number = (0, 0, 0)
 ) -> Variable:
-    """A variable whose first versions no public source tells."""
+    """Declare a variable whose first versions no public source states."""
     return Variable(kind, unit, meaning, since, cb3, Mark.ASSUMED)
 
 
@@ -201,7 +201,7 @@ OUTPUTS: Mapping[str, Variable] = {
 
 
 def type_of(table: Mapping[str, Variable], name: str, version: Sequence[int]) -> str:
-    """The type of a variable of a controller of this version, or `NOT_FOUND`."""
+    """Return the type of a variable of a controller of this version, or `NOT_FOUND`."""
     found = table.get(name)
     if found is None:
         return NOT_FOUND
@@ -232,7 +232,10 @@ class Recipe:
         return self._layout[0].size
 
     def pack(self, *numbers: float) -> bytes:
-        """A data packet from all its numbers, vectors laid out. Raises LocalProtocolError for one that does not fit."""
+        """Pack a data packet from all its numbers, vectors laid out.
+
+        Raises LocalProtocolError for one that does not fit.
+        """
         try:
             return encode(Kind.DATA, self._layout[0].pack(self.number, *numbers))
         except struct.error as error:

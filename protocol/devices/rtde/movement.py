@@ -20,7 +20,10 @@ class Movement:
         self.moving, self.settling, self.latched, self.given = True, 0, False, False
 
     def end(self, packages: int) -> bool:
-        """It ends. Without a fault the arm is let come to its set point for so many packages; else False."""
+        """End the movement.
+
+        Without a fault, let the arm reach its set point for this many packages; else return False.
+        """
         self.moving = False
         if not self.given or self.latched:
             return False
@@ -35,7 +38,7 @@ class Movement:
         return True
 
     def latch(self) -> None:
-        """A fault was reported."""
+        """Latch a reported fault."""
         self.latched, self.settling = True, 0
 
     @property

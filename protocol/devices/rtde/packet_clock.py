@@ -17,7 +17,7 @@ class PacketClock:
         self._clock = ArrivalClock()
 
     def take(self, stamp: float) -> None:
-        """Number the packet, by the controller's clock where that goes on."""
+        """Assign the packet its number, by the controller's clock if that advances."""
         steps = 1
         if self.stamp is not None and math.isfinite(stamp) and stamp > self.stamp:
             steps = max(1, round(min((stamp - self.stamp) / self._cycle, 1e6)))

@@ -86,7 +86,7 @@ class Types(NamedTuple):
 
 
 def encode(kind: Kind, payload: bytes = b"") -> bytes:
-    """A packet. Raises LocalProtocolError for a payload that is too long for the size field."""
+    """Encode a packet. Raises LocalProtocolError for a payload that is too long for the size field."""
     size = HEADER.size + len(payload)
     if size > 0xFFFF:
         raise LocalProtocolError(f"a packet of {size} bytes is longer than its size field can tell")
@@ -109,7 +109,7 @@ class Reader:
         return len(self._rest)
 
     def next_packet(self) -> Packet | None:
-        """The next whole packet, or None.
+        """Return the next complete packet, or None.
 
         Raises RemoteProtocolError for a size below that of a header: where the next packet begins is not known then.
         """
@@ -146,18 +146,18 @@ OUTPUTS_HEAD = Layout("a list of outputs", 8, ">", (Field("frequency", 0, "d", M
 
 
 def version_request(version: int = PROTOCOL_VERSION) -> bytes:
-    """The client asks for a protocol version."""
+    """Encode the client's request for a protocol version."""
     return encode(Kind.VERSION, VERSION_REQUEST.pack_row(version))
 
 
 def read_version_request(payload: bytes) -> int:
-    """The version that is asked for. Raises RemoteProtocolError."""
+    """Read the requested version. Raises RemoteProtocolError."""
     (version,) = _exactly(VERSION_REQUEST, payload)
     return int(version)
 
 
 def accepted(kind: Kind, yes: bool) -> bytes:
-    """The robot's answer to a version, a start or a pause."""
+    """Encode the robot's answer to a version, a start or a pause."""
     return encode(kind, ACCEPTED.pack_row(yes))
 
 
@@ -169,17 +169,17 @@ def read_accepted(payload: bytes) -> bool:
 
 
 def controller_version(version: Version) -> bytes:
-    """The robot tells its version."""
+    """Encode the robot's version."""
     return encode(Kind.CONTROLLER_VERSION, CONTROLLER_VERSION.pack_row(*version))
 
 
 def read_controller_version(payload: bytes) -> Version:
-    """Raises RemoteProtocolError."""
+    """Read the robot's version. Raises RemoteProtocolError."""
     return Version(*_exactly(CONTROLLER_VERSION, payload))
 
 
 def outputs_request(names: tuple[str, ...], frequency_hz: float) -> bytes:
-    """The client asks for outputs at a rate."""
+    """Encode the client's request for outputs at a rate."""
     return encode(Kind.OUTPUTS, OUTPUTS_HEAD.pack_row(frequency_hz) + _joined(names))
 
 
@@ -194,30 +194,30 @@ def read_outputs_request(payload: bytes, version: int = PROTOCOL_VERSION) -> tup
 
 
 def inputs_request(names: tuple[str, ...]) -> bytes:
-    """The client asks for inputs."""
+    """Encode the client's request for inputs."""
     return encode(Kind.INPUTS, _joined(names))
 
 
 def types_answer(kind: Kind, answer: Types, version: int = PROTOCOL_VERSION) -> bytes:
-    """The robot's answer to a list of names. Outputs have no recipe in version 1."""
+    """Encode the robot's answer to a list of names. Outputs have no recipe in version 1."""
     recipe = b"" if kind is Kind.OUTPUTS and version == FIRST_VERSION else bytes((answer.recipe,))
     return encode(kind, recipe + _joined(answer.types))
 
 
 def without_recipe(data: bytes) -> bytes:
-    """A data packet of the robot as version 1 has it."""
+    """Convert a data packet of the robot to version 1."""
     return encode(Kind.DATA, data[HEADER.size + 1 :])
 
 
 def read_types(payload: bytes) -> Types:
-    """The robot's answer to a list of names. Raises RemoteProtocolError."""
+    """Read the robot's answer to a list of names. Raises RemoteProtocolError."""
     if not payload:
         raise RemoteProtocolError("an answer to a list of names is empty")
     return Types(payload[0], split_names(payload[1:]))
 
 
 def text(words: Text, version: int = PROTOCOL_VERSION) -> bytes:
-    """A text, of either side; what is longer than its length fields is cut."""
+    """Encode a text of either side, cut to what its length fields allow."""
     if version == FIRST_VERSION:
         return encode(Kind.TEXT, bytes((words.level,)) + words.message.encode("ascii", "replace")[:255])
     message, source = (part.encode("ascii", "replace")[:255] for part in (words.message, words.source))
@@ -226,7 +226,7 @@ def text(words: Text, version: int = PROTOCOL_VERSION) -> bytes:
 
 
 def read_text(payload: bytes) -> Text:
-    """Raises RemoteProtocolError."""
+    """Read a text. Raises RemoteProtocolError."""
     length = payload[0] if payload else -1
     message, rest = payload[1 : 1 + length], payload[1 + length :]
     source_length = rest[0] if length >= 0 and rest else -1

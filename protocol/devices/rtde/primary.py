@@ -91,7 +91,7 @@ READ_ONLY = 210
 
 
 def _row(name: str, *columns: tuple[str, str, str]) -> Layout:
-    """A payload whose fields, of a name, a `struct` character and a unit, follow each other."""
+    """Return the layout of consecutive fields, each with a name, a `struct` character and a unit."""
     fields, at = list[Field](), 0
     for field, code, unit in columns:
         fields.append(Field(field, at, code, Mark.OBSERVED, unit=unit))
@@ -105,7 +105,7 @@ def _six(name: str, code: str, unit: str) -> tuple[tuple[str, str, str], ...]:
 
 
 def _pose(name: str) -> tuple[tuple[str, str, str], ...]:
-    """A place and a rotation vector."""
+    """Return the fields of a position and a rotation vector."""
     place = [(f"{name}{axis}", "d", "m") for axis in "xyz"]
     return (*place, *((f"{name}r{axis}", "d", "rad") for axis in "xyz"))
 
@@ -255,7 +255,7 @@ def parts_of(version: tuple[int, ...]) -> Mapping[Part, Layout]:
 
 
 def _cut(part: Part, layout: Layout, version: tuple[int, ...]) -> Layout:
-    """The fields of a layout that a version has."""
+    """Return the layout with only the fields that a version has."""
     for at, field in enumerate(layout.fields):
         since = _ADDED.get((part, field.name))
         if since is not None and version[0] < _E_SERIES and version[:2] < since:
@@ -264,7 +264,7 @@ def _cut(part: Part, layout: Layout, version: tuple[int, ...]) -> Layout:
 
 
 def encode(kind: int, body: bytes) -> bytes:
-    """A packet, or a sub-package of one."""
+    """Encode a packet, or a sub-package of one."""
     return HEADER.pack(HEADER.size + len(body), kind) + body
 
 
@@ -327,7 +327,7 @@ BODIES: Mapping[int, Body] = {
 
 
 def encode_body(kind: MessageKind, *values: float, title: str = "", text: str = "") -> bytes:
-    """The body of a message from a value for every field, in order."""
+    """Encode the body of a message from a value for every field, in order."""
     form = BODIES[kind]
     count = len(form.before.fields)
     short = title.encode("ascii", "replace")[:255]
@@ -350,7 +350,7 @@ class ReadBody(NamedTuple):
 
 
 def read_body(message: Message) -> ReadBody | None:
-    """The fields and texts of a message; None for one of a kind that is not known.
+    """Read the fields and texts of a message; None for one of an unknown kind.
 
     Raises RemoteProtocolError for a body that is too short.
     """
@@ -372,13 +372,13 @@ def read_body(message: Message) -> ReadBody | None:
 
 
 def encode_message(message: Message) -> bytes:
-    """A message as a packet."""
+    """Encode a message as a packet."""
     head = _MESSAGE.pack(message.time_ns & (1 << 64) - 1, message.source, message.kind)
     return encode(PacketType.MESSAGE, head + message.body)
 
 
 def read_message(body: bytes) -> Message:
-    """A message from its packet's body. Raises RemoteProtocolError for one that is too short."""
+    """Read a message from its packet's body. Raises RemoteProtocolError for one that is too short."""
     if len(body) < _MESSAGE.size:
         raise RemoteProtocolError(f"a message of {len(body)} bytes is shorter than its head")
     time_ns, source, kind = _MESSAGE.unpack_from(body)
@@ -391,25 +391,25 @@ def version_body(version: Sequence[int], built: str) -> bytes:
 
 
 def key_body(title: str, text: str) -> bytes:
-    """A key, as `PROGRAM_XXX_STARTED`, and a text, as a program's name."""
+    """Encode a key, such as `PROGRAM_XXX_STARTED`, and a text, such as a program's name."""
     return encode_body(MessageKind.KEY, 0, 0, title=title, text=text)
 
 
 def runtime_exception_body(line: int, column: int, text: str) -> bytes:
-    """The place of an error in a program, 1 and more, and its text."""
+    """Encode the line and column of an error in a program, from 1, and its text."""
     return encode_body(MessageKind.RUNTIME_EXCEPTION, line, column, text=text)
 
 
 def safety_mode_body(mode: int) -> bytes:
-    """A safety mode that begins, without a code."""
+    """Encode the start of a safety mode, without a code."""
     return encode_body(MessageKind.SAFETY_MODE, 0, 0, mode, 0, 0)
 
 
 def error_body(code: int, argument: int, level: ReportLevel, text: str = "") -> bytes:
-    """An error C`code`A`argument`."""
+    """Encode an error C`code`A`argument`."""
     return encode_body(MessageKind.ERROR_CODE, code, argument, level, 0, 0, text=text)
 
 
 def popup_body(title: str, text: str) -> bytes:
-    """A pop-up, which asks nothing."""
+    """Encode a pop-up that needs no answer."""
     return encode_body(MessageKind.POPUP, 0, False, False, False, False, title=title, text=text)

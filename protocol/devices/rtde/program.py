@@ -51,7 +51,7 @@ class State(IntEnum):
 def program_text(
     hold_cycles: int, watchdog_hz: float, deceleration_m_s2: float, joint_step_rad: float
 ) -> str:
-    """The program's text for the script port.
+    """Return the program's text for the script port.
 
     Without a new target for `hold_cycles` it brakes, and goes on with the next. Without any package for a period of
     `watchdog_hz` the controller stops it. It refuses a pose that no joints within `joint_step_rad` of the last ones
@@ -69,8 +69,9 @@ def program_text(
 
 
 def force_program_text(hold: bool) -> str:
-    """The program that lets the controller take `external_force_torque` as its sensor; where asked, it goes on until it
-    is stopped. Source of the call: Universal Robots' C++ client library.
+    """Return the program that makes the controller use `external_force_torque` as its sensor.
+
+    With `hold` it runs until it is stopped. Source of the call: Universal Robots' C++ client library.
     """
     rest = "  while True:\n    sync()\n  end\n" if hold else ""
     return f"def {FORCE_NAME}():\n  ft_rtde_input_enable(True, 0, [0,0,0], [0,0,0])\n{rest}end\n"

@@ -95,7 +95,10 @@ class RealtimeLayout(NamedTuple):
         return HEADER.size + self.layout.size
 
     def encode(self, values: Sequence[float]) -> bytes:
-        """A packet from a number for every field, in order. Raises LocalProtocolError for one that does not fit."""
+        """Encode a packet from a number for every field, in order.
+
+        Raises LocalProtocolError for one that does not fit.
+        """
         return HEADER.pack(self.size) + self.layout.pack_row(*values)
 
 
@@ -124,7 +127,7 @@ def _build(groups: int) -> RealtimeLayout:
 
 
 def layout_of(version: Sequence[int]) -> RealtimeLayout:
-    """The packet of a controller of this version."""
+    """Return the packet layout of a controller of this version."""
     number = tuple(version[:3])
     e_series = version[0] >= _E_SERIES
     return _build(sum(number >= (group.since if e_series else group.since_cb3) for group in GROUPS) or 1)

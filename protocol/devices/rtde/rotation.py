@@ -9,7 +9,7 @@ from protocol.geometry import Pose, rotation_vector, turn_by
 
 
 def pose_of(six: Sequence[float]) -> Pose:
-    """The pose of x y z, m, and a rotation vector, rad."""
+    """Return the pose of x y z, m, and a rotation vector, rad."""
     x, y, z, *vector = six
     return Pose((x, y, z), turn_by(vector))
 

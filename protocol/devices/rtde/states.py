@@ -102,5 +102,5 @@ BITS = {
 
 
 def name_of(table: type[IntEnum], number: float) -> str:
-    """A state's name with spaces, or its number where it has none."""
+    """Return a state's name with spaces, or its number if it has no name."""
     return next((one.name.lower().replace("_", " ") for one in table if one == number), f"{number:g}")

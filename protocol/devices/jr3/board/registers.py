@@ -11,7 +11,7 @@ class Registers(Protocol):
         """Words 0…65535 of one moment. Raises RemoteProtocolError outside the memory."""
 
     def burst(self, address: int, count: int, now: float) -> bytes:
-        """The same words as a wire carries them, `pack_words` of `read`: for a client that reads on and on."""
+        """Read the same words as a wire carries them, `pack_words` of `read`: for a client that reads repeatedly."""
 
     def write(self, address: int, words: Sequence[int], now: float) -> None:
         """Write words in order of address; a number beyond 16 bits wraps.

@@ -102,7 +102,7 @@ def encode_envelope(envelope: LoadEnvelope) -> tuple[int, ...]:
 
 
 def decode_envelope(words: Sequence[int]) -> LoadEnvelope:
-    """A load envelope from the start of its slot; words past its end are ignored.
+    """Return a load envelope from the start of its slot; words past its end are ignored.
 
     Raises RemoteProtocolError when it says more thresholds than there are words.
     """

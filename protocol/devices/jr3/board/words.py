@@ -22,12 +22,12 @@ CLOCK_HZ = 1_000_000
 
 
 def to_signed(word: int) -> int:
-    """A word 0…65535 as two's complement."""
+    """Convert a word 0…65535 from two's complement."""
     return word - WORD_MODULUS if word >= WORD_MODULUS // 2 else word
 
 
 def from_signed(value: int) -> int:
-    """The word of a number, which wraps as a processor's register does."""
+    """Convert a number to a word, which wraps as a processor's register does."""
     return value % WORD_MODULUS
 
 

@@ -99,7 +99,7 @@ class GatewayClient(OfSession[Op]):
                 self._others_heard = True
 
     def data_to_send(self, now: float) -> Sequence[CanFrame]:
-        """The command whose turn it is."""
+        """Return the next command."""
         op = self._session.order_to_send(now)
         return [] if op is None else [self._frame(op)]
 

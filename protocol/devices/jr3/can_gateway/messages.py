@@ -102,7 +102,7 @@ LAYOUTS: Mapping[Op, Layout] = dict.fromkeys(Op, EMPTY) | {
 
 
 def can_messages(identifiers: Iterable[int]) -> Sequence[CanMessage]:
-    """The frames of the gateway whose frames have these identifiers, or of node 1. An acknowledge has its state alone:
+    """Return the frames of the gateway with these identifiers, or of node 1. An acknowledge has only its state:
     one that carries full scales is longer, and strict decoders refuse a frame that is shorter than its message.
     """
     node = next((node for node in (each & _NODE_MASK for each in identifiers) if node), 1)
@@ -149,7 +149,7 @@ def split(identifier: int) -> tuple[int, int]:
 
 
 def identifier(op: Op, node: int) -> int:
-    """The identifier of an op for a node; SYNC has none and ignores it.
+    """Return the identifier of an op for a node; SYNC has none and ignores it.
 
     Raises LocalProtocolError for a node outside 1 … 127.
     """
@@ -161,8 +161,9 @@ def identifier(op: Op, node: int) -> int:
 
 
 def heard_by_client(node: int) -> tuple[CanFilter, ...]:
-    """Filters for a client of this node: the node's samples, and acknowledges and boot-ups of every gateway. The latter
-    tell a wrong node number from a dead bus.
+    """Return filters for a client of this node: its samples, and acknowledges and boot-ups of every gateway.
+
+    The latter distinguish a wrong node number from a dead bus.
     """
     return (
         *(CanFilter(identifier(op, node)) for op in (Op.FORCES, Op.MOMENTS)),
@@ -171,12 +172,12 @@ def heard_by_client(node: int) -> tuple[CanFilter, ...]:
 
 
 def heard_by_gateway(node: int) -> tuple[CanFilter, ...]:
-    """Filters for a gateway: SYNC, and all frames that are addressed to its node."""
+    """Return filters for a gateway: SYNC, and all frames that are addressed to its node."""
     return CanFilter(int(Op.SYNC)), CanFilter(node, _NODE_MASK)
 
 
 def encode_command(command: Command) -> CanFrame:
-    """Raises LocalProtocolError for an op that only gateways send, and for values that do not fit."""
+    """Encode a command. Raises LocalProtocolError for an op that only gateways send, and for values that do not fit."""
     if command.op in FROM_GATEWAY or command.op is Op.GRIPPER:
         raise LocalProtocolError(f"{command.op.name} is no command to the sensor")
     layout = LAYOUTS[command.op]
@@ -186,7 +187,7 @@ def encode_command(command: Command) -> CanFrame:
 
 
 def decode_command(frame: CanFrame) -> Command:
-    """A command as the gateway reads it: a value that is not there as a whole counts as 0.
+    """Decode a command as the gateway does: an incomplete value counts as 0.
 
     Raises RemoteProtocolError for an identifier that is no command.
     """
@@ -199,7 +200,7 @@ def decode_command(frame: CanFrame) -> Command:
 
 
 def encode_acknowledge(node: int, acknowledge: Acknowledge) -> CanFrame:
-    """Raises LocalProtocolError for values that do not fit."""
+    """Encode an acknowledge. Raises LocalProtocolError for values that do not fit."""
     target = identifier(Op.ACKNOWLEDGE, node)
     if acknowledge.full_scales is None:
         return CanFrame(target, ACKNOWLEDGE.pack({"state": acknowledge.state}))
@@ -208,7 +209,7 @@ def encode_acknowledge(node: int, acknowledge: Acknowledge) -> CanFrame:
 
 
 def decode_acknowledge(data: bytes) -> Acknowledge:
-    """Raises RemoteProtocolError when not even the state is there."""
+    """Decode an acknowledge. Raises RemoteProtocolError if even the state is missing."""
     if len(data) < FULL_SCALES.size:
         return Acknowledge(int(ACKNOWLEDGE.unpack(data)["state"]))
     raw = FULL_SCALES.unpack(data)

@@ -133,7 +133,7 @@ class BoardClient:
             # else: an answer that was under way before a restart or a stop
 
     def data_to_send(self, now: float) -> bytes:
-        """The request whose turn it is."""
+        """Return the next request."""
         procedure = self._procedure
         if self._zero_wanted and self._phase is BoardPhase.READY and not procedure.runs:
             self._zero_wanted = False
@@ -145,7 +145,7 @@ class BoardClient:
         return self._writer.take()
 
     def next_deadline(self) -> float | None:
-        """The next step, sample or end of patience."""
+        """Return the time of the next step, sample or time-out."""
         procedure, sampling = self._procedure, self._sampling
         steps, answer, settled = procedure.wake_at, procedure.answer_by, self._settled_at
         poll = sampling.poll_due if sampling.by_poll and self._polls else None
@@ -287,7 +287,7 @@ class BoardClient:
         return data[begin:]
 
     def _on_bursts(self, data: bytes, begin: int, end: int, now: float) -> None:
-        """The bursts between these places of the data."""
+        """Process the bursts between these positions of the data."""
         self._sampling.received_at = now
         errors = self._samples.read(data, begin, end, now)
         if errors & DEAF:

@@ -30,7 +30,7 @@ class RequestWriter:
         return self._tag
 
     def take(self) -> bytes:
-        """What is to be sent."""
+        """Return the bytes to be sent."""
         data, self._out = self._out, b""
         return data
 
@@ -89,5 +89,5 @@ class Procedure:
         self.wait_for_answer(now)
 
     def wait_for_answer(self, now: float) -> None:
-        """The patience with the server begins."""
+        """Start the server's time-out."""
         self.answer_by = now + self._answer_timeout

@@ -26,7 +26,7 @@ class SampleLayout:
     """Place of a filter's samples: a burst from its first word up to the word `errors`."""
 
     def __init__(self, number: int) -> None:
-        """`number` is that of the filter."""
+        """Expect samples of the filter `number`."""
         self.first = REGISTERS[f"filter{number}"].address
         # filter0 has no counter of its own and the rate of filter1
         counter_at = REGISTERS[f"count{max(number, 1)}"].address - self.first
@@ -95,7 +95,7 @@ class SampleReader:
         """Time of the newest frame, and when it came, s."""
 
     def begin(self, now: float) -> None:
-        """The stream begins, or goes on after a restart of the board."""
+        """Begin the stream, or continue it after a restart of the board."""
         self.counter = self._stamp_ns = None
         self.sampled_at = now
 

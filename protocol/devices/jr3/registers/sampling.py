@@ -57,7 +57,7 @@ class Sampling:
         self.head = encode_head(Response(op, Status.OK, self.tag, first, words), self._at_once)
 
     def check(self, sampled_at: float, counter: int | None, now: float) -> tuple[str, str]:
-        """What is wrong, and its remedy, if no sample has come since `sampled_at`, s; empty while there is time."""
+        """Return fault and remedy if no sample has come since `sampled_at`, s; empty while there is time."""
         if now < sampled_at + self._timeout:
             self.check_at = sampled_at + self._timeout
             return "", ""

@@ -83,7 +83,7 @@ class RegisterServer:
         self._waiting.extend(self._reader.feed(data))
 
     def next_event(self) -> ConnectionOver | None:
-        """The oldest event not yet taken, or None."""
+        """Return the oldest event not yet taken, or None."""
         return self._events.popleft() if self._events else None
 
     def data_to_send(self, now: float) -> bytes:
@@ -99,7 +99,7 @@ class RegisterServer:
         return data
 
     def next_deadline(self) -> float | None:
-        """The next burst of the stream, or the end of patience with a silent client."""
+        """Return the time of the stream's next burst, or of the time-out of a silent client."""
         if self._stream is not None:
             return self._stream.due
         timeout = self._profile.idle_timeout_s

@@ -119,7 +119,7 @@ def start_up(profile: BoardClientProfile, program: Sequence[ProgramWord] = ()) -
 
 
 def _loads(program: Sequence[ProgramWord]) -> Iterator[Load]:
-    """The program in as few pieces as it has gaps, none too long for a telegram."""
+    """Split the program into as few pieces as it has gaps, none too long for a telegram."""
     first, words = 0, list[int]()
     for word in program:
         if words and (word.address != first + len(words) // 2 or len(words) == 2 * _LOADED_AT_ONCE):
@@ -132,7 +132,7 @@ def _loads(program: Sequence[ProgramWord]) -> Iterator[Load]:
 
 
 def configure(profile: BoardClientProfile) -> Steps[BoardIdentity]:
-    """The start-up without its reset: what another sensor needs that was plugged in."""
+    """Run the start-up without its reset, as another plugged-in sensor needs it."""
     yield from _sensor(profile, profile.offset_polls)
     yield Write(_TRANSFORM, (LinkType.END, 0))
     yield from command(profile, CommandCode.USE_TRANSFORM)
@@ -184,7 +184,7 @@ def command(
 
 
 def errors_text(word: int) -> str:
-    """The bits of the word `errors` by name."""
+    """Name the bits of the word `errors`."""
     return ", ".join(bit.name.lower().replace("_", " ") for bit in Errors if bit & word and bit.name)
 
 
@@ -238,7 +238,7 @@ def _name(code: int) -> str:
 
 
 def step_name(step: Step | None) -> str:
-    """A step for messages."""
+    """Name a step for messages."""
     match step:
         case Read(address, count):
             return f"a read of {count} words from {address:04X}"

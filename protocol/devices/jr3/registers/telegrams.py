@@ -197,7 +197,7 @@ def encode_response(response: Response) -> bytes:
 
 
 def encode_head(response: Response, bursts: int) -> bytes:
-    """The bytes of a response before its bursts, which are so many: in a stream those of every delivery.
+    """Encode a response up to its bursts, which are this many: in a stream those of every delivery.
 
     Raises LocalProtocolError for what no field can hold.
     """
@@ -338,10 +338,10 @@ ResponseReader: TypeAlias = _Reader[Response]
 
 
 def request_reader() -> RequestReader:
-    """A reader of what clients send: `feed(data)` gives a list of Request and Garbage."""
+    """Return a reader of what clients send: `feed(data)` gives a list of Request and Garbage."""
     return _Reader(_REQUEST_MAGIC, REQUEST, _request_size, _decode_request)
 
 
 def response_reader() -> ResponseReader:
-    """A reader of what a server sends: `feed(data)` gives a list of Response and Garbage."""
+    """Return a reader of what a server sends: `feed(data)` gives a list of Response and Garbage."""
     return _Reader(_RESPONSE_MAGIC, RESPONSE, _response_size, _decode_response)

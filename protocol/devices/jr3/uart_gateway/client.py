@@ -87,7 +87,7 @@ class UartGatewayClient(OfSession[Op]):
         self.statistics.malformed += reader.noises - noises
 
     def data_to_send(self, now: float) -> bytes:
-        """The command whose turn it is, whole."""
+        """Return the next command, complete."""
         op = self._session.order_to_send(now)
         return b"" if op is None else self._bytes(op)
 

@@ -122,7 +122,9 @@ class Data(NamedTuple):
 
 
 def encode_command(command: Command) -> bytes:
-    """Raises LocalProtocolError for an op that only gateways send and for values that do not fit. It also refuses
+    """Encode a command.
+
+    Raises LocalProtocolError for an op that only gateways send and for values that do not fit. It also refuses
     values with a byte that the gateway would take for a delimiter. It looks for delimiters, whatever stands before.
     """
     if command.op in FROM_GATEWAY:
@@ -138,7 +140,7 @@ def encode_command(command: Command) -> bytes:
 
 
 def decode_command(op: int, payload: bytes) -> Command:
-    """A command as the gateway reads it: a value that is not there as a whole counts as 0.
+    """Decode a command as the gateway does: an incomplete value counts as 0.
 
     Raises RemoteProtocolError for an op that is no command.
     """
@@ -152,7 +154,7 @@ def decode_command(op: int, payload: bytes) -> Command:
 
 
 def encode_acknowledge(acknowledge: Acknowledge) -> bytes:
-    """Raises LocalProtocolError for values that do not fit."""
+    """Encode an acknowledge. Raises LocalProtocolError for values that do not fit."""
     if acknowledge.full_scales is None:
         return bytes(Frame(Op.ACKNOWLEDGE, ACKNOWLEDGE.pack({"state": acknowledge.state})))
     scales = dict(zip(AXES, acknowledge.full_scales, strict=True))
@@ -160,7 +162,7 @@ def encode_acknowledge(acknowledge: Acknowledge) -> bytes:
 
 
 def decode_acknowledge(payload: bytes) -> Acknowledge:
-    """Raises RemoteProtocolError when not even the state is there."""
+    """Decode an acknowledge. Raises RemoteProtocolError if even the state is missing."""
     if len(payload) < FULL_SCALES.size:
         return Acknowledge(int(ACKNOWLEDGE.unpack(payload)["state"]))
     state, *scales = (int(value) for value in FULL_SCALES.unpack(payload).values())
@@ -168,12 +170,12 @@ def decode_acknowledge(payload: bytes) -> Acknowledge:
 
 
 def encode_data(counts: Sequence[int], counter: int) -> bytes:
-    """The frame of one sample of six counts. Raises LocalProtocolError for values that do not fit."""
+    """Encode a sample of six counts. Raises LocalProtocolError for values that do not fit."""
     return bytes(Frame(Op.DATA, DATA.pack_row(*counts, counter)))
 
 
 def decode_data(payload: bytes) -> Data:
-    """Raises RemoteProtocolError when it is too short."""
+    """Decode a sample. Raises RemoteProtocolError if it is too short."""
     fx, fy, fz, mx, my, mz, counter = DATA.unpack_row(payload)
     return Data((fx, fy, fz, mx, my, mz), counter)
 
@@ -184,7 +186,7 @@ def holds_delimiter(payload: bytes) -> bool:
 
 
 def sendable_near(value: int, size: int) -> tuple[int, ...]:
-    """The value itself if the gateway reads it as it is sent, in `size` bytes; otherwise the nearest below and
+    """Return the value itself if the gateway reads it as it is sent, in `size` bytes; otherwise the nearest below and
     above that it does.
     """
 

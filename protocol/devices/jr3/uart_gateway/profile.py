@@ -64,7 +64,7 @@ def check_uart_cutoff(cutoff_hz: float) -> None:
 
 
 def _check_sendable(name: str, value: float, steps: int, size: int) -> None:
-    """A gateway ends its reading of a command at any byte 3E and overlooks any 3C: such values cannot be sent."""
+    """Refuse values that cannot be sent: a gateway stops reading a command at any byte 3E and skips any 3C."""
     nearest = sendable_near(round(value * steps), size)
     if len(nearest) > 1:
         below, above = (f"{number / steps:g}" for number in nearest)

@@ -44,7 +44,7 @@ class Reader:
         self._at = 0
 
     def next_frame(self, *, scales_expected: bool = True, ended: bool = False) -> Frame | None:
-        """The next frame, or None until more arrives; at most 17 bytes wait for more.
+        """Return the next frame, or None until more arrives; at most 17 bytes wait for more.
 
         `scales_expected` is false for a reader that knows that no full scales were asked for: it then knows a short
         acknowledge at once. `ended` says that nothing more will come: what waits is read for what it is.

@@ -88,7 +88,7 @@ def check_character(telegram: bytes) -> int:
 
 
 def encode_block(telegram: bytes, stuffing: DleStuffing = "off", stx: int = Control.STX) -> bytes:
-    """The block that carries a telegram. The check character is never doubled, whatever its value."""
+    """Encode the block that carries a telegram. The check character is never doubled, whatever its value."""
     body = telegram.replace(_DLE, _DLE * 2) if stuffing == "double" else telegram
     return b"%c%c%b%b%c" % (Control.DLE, stx, body, TRAILER, check_character(telegram))
 
@@ -115,7 +115,7 @@ class BlockFormat:
     """By what the end is found while DLE travels once."""
 
     def decode(self, data: bytes, start: int = 0) -> Block | Flaw | None:
-        """The block whose DLE stands at `start`, what is wrong with it, or None when more bytes must tell."""
+        """Decode the block whose DLE is at `start`: the block, its flaw, or None until more bytes arrive."""
         if len(data) < start + 2:
             return None
         if data[start + 1] not in _STARTS:

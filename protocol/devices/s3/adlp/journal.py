@@ -35,7 +35,7 @@ class Journal:
         """Whether what is `ROUTINE` is told and not only counted."""
 
     def next_event(self) -> LinkEvent | None:
-        """The oldest event not yet taken, or None."""
+        """Return the oldest event not yet taken, or None."""
         return self._events.popleft() if self._events else None
 
     def count(self, name: Count, number: int = 1) -> None:

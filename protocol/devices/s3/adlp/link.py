@@ -129,7 +129,7 @@ class Link:
             self._table[state][stimulus] = actions[transition.action]
 
     def _actions(self) -> dict[Action, Callable[[], State]]:
-        """Method of each action; it returns the state that follows."""
+        """Return the method of each action; it returns the next state."""
         sender, receiver = self._sender, self._receiver
         return {
             Action.BID: sender.bid,
@@ -225,7 +225,7 @@ class Link:
         self._gap_deadline = now + shared.gap_time if waiting else None
 
     def next_event(self) -> LinkEvent | None:
-        """The oldest event not yet taken, or None."""
+        """Return the oldest event not yet taken, or None."""
         return self._shared.journal.next_event()
 
     def data_to_send(self, now: float) -> bytes:
@@ -245,7 +245,7 @@ class Link:
         return data
 
     def next_deadline(self) -> float | None:
-        """The next time-out, seconds."""
+        """Return the next time-out, seconds."""
         gap, state = self._gap_deadline, self._shared.deadline
         if gap is None or state is None:
             return state if gap is None else gap
@@ -303,7 +303,7 @@ class Link:
         return shared.state is _AWAITING_MORE and bool(shared.out)
 
     def _block_is_coming(self) -> bool:
-        """The gap time-out stands for the state's own while the block that is waited for comes in."""
+        """Replace the state's own time-out by that of the gap while the expected block arrives."""
         state = self._shared.state
         return bool(self._scanner.pending) and (state is _AWAITING_BLOCK or state is _AWAITING_MORE)
 
@@ -351,6 +351,6 @@ class Link:
         return _BIDDING if winner == self._role else self._receiver.accept_bid()
 
     def _interrupt(self) -> State:
-        """The other side bids where it should answer a block."""
+        """Handle a bid of the other side in place of the acknowledge of a block."""
         self._sender.leave_to_other_side()
         return self._receiver.accept_bid()

@@ -140,7 +140,7 @@ class LinkProfile:
 
     @classmethod
     def named(cls, profile: str, **changes: Any) -> Self:
-        """The profile of this name, with settings that it leaves open. Raises ValueError."""
+        """Return the profile of this name, with settings that it leaves open. Raises ValueError."""
         return cls(**with_profile({**changes, "profile": profile}))
 
     @classmethod
@@ -168,14 +168,14 @@ class LinkProfile:
 
 
 def settings_of_profile(name: str) -> Mapping[str, Any]:
-    """The settings that a profile fixes. Raises ValueError with the names that there are."""
+    """Return the settings that a profile fixes. Raises ValueError with the known names."""
     if name not in PROFILES:
         raise SettingError("profile", f"must be one of {', '.join(PROFILES)}, got {name!r}")
     return PROFILES[name]
 
 
 def with_profile(values: Any) -> Any:
-    """A table of settings with those of the profile that it names; what it says itself stays."""
+    """Complete a table of settings from the profile that it names; its own values take precedence."""
     name = values.get("profile") if isinstance(values, Mapping) else None
     if not isinstance(name, str) or name not in PROFILES:
         return values

@@ -78,7 +78,7 @@ class ReceivingHalf:
     # --- its blocks
 
     def accept_block(self) -> State:
-        """A block with the right check character: keep it, unless it is a repeat, and acknowledge it."""
+        """Accept a block with a valid check character: keep it, unless it is a repeat, and acknowledge it."""
         block, message = self.block, self._message
         if self._repeats_last(block):
             self._notice(NoticeKind.DUPLICATE, "block repeated though it was acknowledged")
@@ -127,7 +127,7 @@ class ReceivingHalf:
         return State.DISCARDING
 
     def judge_garbage(self) -> State:
-        """The garbage has ended.
+        """Judge the bytes received since garbage began.
 
         Assumed: after an acknowledged block, garbage far shorter than any block is a mutilated EOT.
         """
@@ -137,7 +137,7 @@ class ReceivingHalf:
         return self.refuse_block()
 
     def recognise_late(self) -> State:
-        """A block came although no message is open.
+        """Recognise a block that arrives although no message is open.
 
         Our ACK was lost or late, and the message taken as ended meanwhile. More blocks of it may follow.
         """

@@ -109,12 +109,12 @@ class SendingHalf:
         return _BIDDING
 
     def send_first(self) -> State:
-        """The bid was acknowledged: send the first block, or hold the line until there is one."""
+        """Send the first block after the bid was acknowledged, or hold the line until there is one."""
         self._notice(_ACK_RECEIVED, "bid acknowledged")
         return self._begin()
 
     def send_first_reversed(self) -> State:
-        """The bid was acknowledged by RVI: as `send_first`, and listen behind the message."""
+        """Send the first block after an acknowledge by RVI: as `send_first`, and listen after the message."""
         self._note_reversed()
         return self._begin()
 
@@ -128,7 +128,7 @@ class SendingHalf:
         return _HOLDING
 
     def send_held(self) -> State:
-        """The message for which the line is held has come."""
+        """Send the message for which the line is held."""
         return self.release() if self._shared.is_overdue() else self._put_block()
 
     def release(self) -> State:
@@ -145,7 +145,7 @@ class SendingHalf:
         return State.LISTENING
 
     def resume(self) -> State:
-        """The other side did not use the line that it had asked for, or ended a bid of ours: idle again."""
+        """Return to idle: the other side did not use the line that it requested, or ended our bid."""
         return _IDLE
 
     # --- the blocks
@@ -169,12 +169,12 @@ class SendingHalf:
         return _AWAITING_ACK
 
     def send_next(self) -> State:
-        """A block was acknowledged: send the next one, or EOT behind the last."""
+        """Send the next block after an acknowledge, or EOT after the last."""
         self._notice(_ACK_RECEIVED, "block acknowledged")
         return self._go_on()
 
     def send_next_reversed(self) -> State:
-        """A block was acknowledged by RVI: as `send_next`, and listen behind the message.
+        """Send the next block after an acknowledge by RVI: as `send_next`, and listen after the message.
 
         One EOT ends all blocks of a message, so "as soon as it can" is after the last block of this one.
         """

@@ -21,7 +21,7 @@ def further_type(from_robot: bool) -> TelegramType:
 
 
 def split_telegram(telegram: Telegram, max_telegram: int) -> tuple[Telegram, ...]:
-    """The telegram as it travels: one, or as many as blocks of `max_telegram` bytes need.
+    """Split a telegram for its blocks: one, or as many as blocks of `max_telegram` bytes need.
 
     Raises LocalProtocolError when that is more than one message may have.
     """
@@ -40,7 +40,7 @@ def split_telegram(telegram: Telegram, max_telegram: int) -> tuple[Telegram, ...
 
 
 def join_blocks(blocks: Sequence[Telegram]) -> Telegram:
-    """The telegram that came in these blocks: the header of the last, the data of all in order.
+    """Join the blocks of a telegram: the header of the last, the data of all in order.
 
     Raises RemoteProtocolError when they do not belong together, or the last announces another one.
     """

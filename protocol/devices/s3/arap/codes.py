@@ -226,7 +226,7 @@ def type_text(code: int) -> str:
 
 
 def plain_type(code: int) -> int:
-    """The type of a telegram from the PC without `TYPE_FLAG`; any other as it is."""
+    """Return the type of a telegram from the PC without `TYPE_FLAG`; any other as it is."""
     return code & ~TYPE_FLAG if code in _FLAGGED else code
 
 

@@ -128,7 +128,7 @@ def _styles(from_robot: bool) -> tuple[LengthStyle, ...]:
 
 
 def _decode(raw: bytes, at: int, formats: list[BlockFormat]) -> Block | Flaw | None:
-    """The best reading. Nothing more will come, so a reading that would wait for more is none."""
+    """Return the best reading. Nothing more will come, so an incomplete reading is rejected."""
     readings = [found for form in formats if (found := form.decode(raw, at)) is not None]
     readings.sort(key=lambda found: (isinstance(found, Flaw), not (isinstance(found, Flaw) and found.whole)))
     return readings[0] if readings else None

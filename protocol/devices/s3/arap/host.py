@@ -143,7 +143,7 @@ class ArapHost:
         self._take_events(now)
 
     def next_event(self) -> ArapEvent | None:
-        """The oldest event not yet taken, or None."""
+        """Return the oldest event not yet taken, or None."""
         return self._events.popleft() if self._events else None
 
     def data_to_send(self, now: float) -> bytes:
@@ -151,7 +151,7 @@ class ArapHost:
         return self.link.data_to_send(now)
 
     def next_deadline(self) -> float | None:
-        """The next time-out of the link or of the order."""
+        """Return the next time-out of the link or of the order."""
         link, order = self.link.next_deadline(), self._deadline
         if link is None or order is None:
             return order if link is None else link

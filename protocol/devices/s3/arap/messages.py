@@ -141,7 +141,7 @@ class Status(NamedTuple):
 
     @classmethod
     def from_telegram(cls, telegram: Telegram) -> Self:
-        """Raises RemoteProtocolError when the telegram is no complete status answer."""
+        """Read a status answer. Raises RemoteProtocolError for an incomplete one."""
         _expect(telegram, _READ_STATUS, _RESPONSE)
         row = layouts.STATUS.unpack_row(telegram.data)
         program, instruction, tcp, frame, flags_16, flags_17, x, y, z, q1, q2, q3, q4 = row
@@ -149,7 +149,7 @@ class Status(NamedTuple):
         return cls((x, y, z), (q1, q2, q3, q4), program, instruction, tcp, frame, *flags)
 
     def to_telegram(self) -> Telegram:
-        """The controller's answer. Raises LocalProtocolError for a number that its field cannot hold."""
+        """Return the controller's answer. Raises LocalProtocolError for a number that its field cannot hold."""
         flags_16, flags_17 = (
             sum(getattr(self, name) << bit for name, bit in bits.items())
             for bits in (layouts.FLAG_BITS_16, layouts.FLAG_BITS_17)
@@ -177,7 +177,7 @@ class Move(NamedTuple):
     """Robot coordinates instead of rectangular ones."""
 
     def to_telegram(self, move_length: int = 52, *, avoid_trailer: bool = False) -> Telegram:
-        """The order, `move_length` bytes in all, values rounded to device words.
+        """Return the order, `move_length` bytes in all, values rounded to device words.
 
         With `avoid_trailer` each word of position and orientation that would hold DLE ETX, or begin one, gives way to a
         neighbour: a coordinate is then up to one step of 0.125 mm from what was ordered, where rounding alone makes
@@ -200,7 +200,10 @@ class Move(NamedTuple):
 
     @classmethod
     def from_telegram(cls, telegram: Telegram, lengths: Collection[int] = MOVE_LENGTHS) -> Self:
-        """Raises RemoteProtocolError for no move, a length that is not accepted or an unknown suffix."""
+        """Read a move.
+
+        Raises RemoteProtocolError for another telegram, a length that is not accepted or an unknown suffix.
+        """
         _expect(telegram, FunctionCode.MOVE, TelegramType.ORDER)
         length = len(telegram.data) + HEADER_SIZE
         if length not in lengths:
@@ -233,13 +236,13 @@ class ProgramAnswer:
 
     @classmethod
     def from_telegram(cls, telegram: Telegram) -> Self:
-        """Raises RemoteProtocolError when the telegram is no such answer."""
+        """Read the answer. Raises RemoteProtocolError for another telegram."""
         _expect(telegram, FunctionCode.RECEIVE_PROGRAM, TelegramType.RESPONSE)
         raw = layouts.PROGRAM_ANSWER.unpack(telegram.data)
         return cls(int(raw["program"]), telegram.data[layouts.PROGRAM_ANSWER.size :], int(raw["error"]))
 
     def to_telegram(self) -> Telegram:
-        """The controller's answer, to be split into blocks. Raises LocalProtocolError past 65535."""
+        """Return the controller's answer, to be split into blocks. Raises LocalProtocolError past 65535."""
         head = layouts.PROGRAM_ANSWER.pack({"error": self.error, "program": self.program})
         function, type_ = FunctionCode.RECEIVE_PROGRAM, TelegramType.RESPONSE
         return Telegram(function, type_, 0, head + self.content, from_robot=True)
@@ -258,12 +261,12 @@ class Refusal:
 
     @classmethod
     def from_telegram(cls, telegram: Telegram) -> Self:
-        """Raises RemoteProtocolError when the telegram is no complete refusal."""
+        """Read a refusal. Raises RemoteProtocolError for an incomplete one."""
         _expect(telegram, telegram.function, TelegramType.REFUSAL)
         return cls(int(layouts.REFUSAL.unpack(telegram.data)["code"]))
 
     def to_telegram(self, order: Telegram) -> Telegram:
-        """The controller's refusal of this order. Assumed: its suffix is 0."""
+        """Return the controller's refusal of this order. Assumed: its suffix is 0."""
         data = layouts.REFUSAL.pack({"code": self.code})
         return Telegram(order.function, TelegramType.REFUSAL, 0, data, from_robot=True)
 
@@ -285,7 +288,7 @@ class Spontaneous:
 
     @classmethod
     def from_telegram(cls, telegram: Telegram) -> Self:
-        """Raises RemoteProtocolError when the telegram is no complete spontaneous one."""
+        """Read a spontaneous telegram. Raises RemoteProtocolError for an incomplete one."""
         _expect(telegram, FunctionCode.SPONTANEOUS, TelegramType.SPONTANEOUS)
         raw = layouts.SPONTANEOUS.unpack(telegram.data)
         return cls(telegram.suffix, int(raw["x"]), int(raw["y"]))

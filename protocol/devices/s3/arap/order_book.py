@@ -66,7 +66,7 @@ class OrderBook:
         return tuple(self._by_name)
 
     def named(self, name: str) -> OrderDefinition:
-        """The order of this name. Raises LocalProtocolError that says which there are."""
+        """Return the order of this name. Raises LocalProtocolError with the known names."""
         definition = self._by_name.get(name)
         if definition is None:
             close = difflib.get_close_matches(name, self._by_name, 1)
@@ -75,7 +75,7 @@ class OrderBook:
         return definition
 
     def of_function(self, function: int) -> OrderDefinition | None:
-        """The order with this function code, extended where the site does so, or None."""
+        """Return the order with this function code, extended where the site does so, or None."""
         return self._by_function.get(function)
 
     def extension_of(self, function: int) -> OrderDefinition | None:
@@ -105,7 +105,7 @@ class OrderBook:
         return meaning or suffix_text(function, suffix)
 
     def describe(self, telegram: Telegram, continued: bool = False) -> TelegramText:
-        """The data in words. `continued`: an earlier block of the same telegram came before.
+        """Describe the data. `continued`: an earlier block of the same telegram came before.
 
         Raises RemoteProtocolError when the data are too short for what they should be.
         """

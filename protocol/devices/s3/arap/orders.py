@@ -73,7 +73,7 @@ class OrderDefinition:
     def telegrams(
         self, values: Mapping[str, Value], suffix: int | None, profile: LinkProfile
     ) -> tuple[Telegram, ...]:
-        """The order with these values in their units, as it travels on a link with this profile.
+        """Encode the order with these values in their units, for a link with this profile.
 
         Raises LocalProtocolError naming what is unknown, out of range or too long.
         """
@@ -119,7 +119,7 @@ _EXTENDABLE = _KNOWN_FUNCTIONS.keys() - {FunctionCode.RECEIVE_PROGRAM}
 
 
 def merged(extension: OrderDefinition) -> OrderDefinition:
-    """The known order with the fields that an extension adds."""
+    """Return the known order with the fields that an extension adds."""
     known = _KNOWN_FUNCTIONS[extension.function]
     return replace(
         extension,

@@ -35,7 +35,7 @@ class Telegram(NamedTuple):
 
     @classmethod
     def decode(cls, raw: bytes, from_robot: bool) -> "Telegram":
-        """The telegram in these bytes, of which the direction is known.
+        """Decode the telegram in these bytes, whose direction is known.
 
         Raises RemoteProtocolError saying which byte is wrong and how.
         """
@@ -62,7 +62,7 @@ class Telegram(NamedTuple):
 
 
 def response(order: Telegram, data: bytes = b"") -> Telegram:
-    """The controller's answer to an order. Assumed: its suffix is 0."""
+    """Return the controller's answer to an order. Assumed: its suffix is 0."""
     return Telegram(order.function, TelegramType.RESPONSE, 0, data, from_robot=True)
 
 
