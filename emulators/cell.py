@@ -256,7 +256,7 @@ class Cell(Generic[Robot, Sensor]):
         return self.ledger.injections
 
     def _moved_otherwise(self, time: float) -> None:
-        """An order has changed the path from this time on, s."""
+        """Note that an order has changed the path from this time on, s."""
         self.on_change(time)
 
     def _changed(self, time: float) -> None:
@@ -303,11 +303,11 @@ class Cell(Generic[Robot, Sensor]):
         self._weight_wrench = (self._weight @ force_to_wrench(rotation, self._moment_of_weight))[:, None]
 
     def true_state(self, time: float) -> TrueState:
-        """The truth at `time`, s."""
+        """Return the truth at `time`, s."""
         return self.true_states((time,))[0]
 
     def true_states(self, times: Sequence[float]) -> list[TrueState]:
-        """The truth at each of these ascending times, s; many at once cost little more than one."""
+        """Return the truth at each of these ascending times, s; many at once cost little more than one."""
         at = np.array(times)
         positions, velocities = self._path.trajectory(at)
         # A copy, because a question for the truth must not change the sensor's samples.
@@ -330,12 +330,13 @@ class Cell(Generic[Robot, Sensor]):
         return self._pushed(self._surface.aside(), times, count=False).force
 
     def _contact_at(self, time: float) -> Vector:
-        """The contact force at a time that has passed, s; of a surface with memory the oldest that is still known."""
+        """Return the contact force at a past time, s; of a surface with memory the oldest that is still known."""
         return _vector(self.contact_forces(np.array([self.truth_available_from(time)]))[0])
 
     def truth_available_from(self, time: float) -> float:
-        """The earliest moment from `time` on, s, of which the truth is still known. A surface with memory has lost all
-        before the newest sample that it was shown.
+        """Return the earliest moment from `time` on, s, of which the truth is still known.
+
+        A surface with memory has lost all before the newest sample that it was shown.
         """
         shown = self._surface.remembered_until
         return time if shown is None else max(time, shown)
@@ -388,7 +389,7 @@ class Cell(Generic[Robot, Sensor]):
         return joined(parts)
 
     def _answered(self, surface: Surface, positions: Floats, velocities: Floats, times: Floats) -> Floats:
-        """Forces of a surface. Raises WrongForce for an answer of another package's that is none."""
+        """Check the forces of a surface. Raises WrongForce for an invalid answer of a plug-in."""
         force: Any = surface.force(positions, velocities, times)
         if self._foreign and not (
             isinstance(force, np.ndarray) and force.shape == positions.shape and np.isfinite(force).all()

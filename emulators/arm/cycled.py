@@ -54,11 +54,11 @@ class CycledPath:
     # --- of the controller
 
     def taken(self) -> None:
-        """The controller has taken another target."""
+        """Note that the controller has taken another target."""
         self.accepted += 1
 
     def begins(self, at: float) -> None:
-        """The motion to the newest target begins at `at`, s; all before it were overtaken."""
+        """Begin the motion to the newest target at `at`, s; earlier targets were overtaken."""
         while self._begun < self.accepted:
             self._begun += 1
             self._begins.append(at if self._begun == self.accepted else math.nan)
@@ -75,7 +75,7 @@ class CycledPath:
         return self._powered_at + number * self._period
 
     def newest_by(self, now: float) -> int:
-        """Number of the newest cycle that begins up to `now`, s, whether it has happened yet or not."""
+        """Return the number of the newest cycle that begins up to `now`, s, whether it has happened yet or not."""
         return math.floor((now + ROUNDING_S - self._powered_at) / self._period)
 
     # --- of readers
@@ -100,7 +100,7 @@ class CycledPath:
         return self.committed_until(now)
 
     def _cycle_of(self, time: float) -> int:
-        """The cycle in which a time lies, as far as it is kept."""
+        """Return the cycle in which a time lies, as far as it is kept."""
         cycle, newest = math.floor((time - self._powered_at) / self._period + ROUNDING_S), self.cycle
         return newest if cycle >= newest else max(cycle, newest - self._size + 1, 0)
 

@@ -60,7 +60,7 @@ class _FollowedServo:
     """Set point and position loops as of one tick: a `Servo` of `emulators.arm.history`."""
 
     def __init__(self, mechanics: _Mechanics, start: Pose) -> None:
-        """The arm stands still at this pose."""
+        """Start with the arm stationary at this pose."""
         self.mechanics = mechanics
         self.tick = 0
         self.begins: tuple[float, ...] = ()
@@ -102,7 +102,7 @@ class _FollowedServo:
         return self.mechanics.loop.factors(self._input, self._error, self._velocity)
 
     def _begin_newest(self) -> None:
-        """The motion to the newest target begins with this tick's set point; those before it were overtaken."""
+        """Begin the motion to the newest target with this tick's set point; earlier targets were overtaken."""
         if self.waiting:
             ticks = self.mechanics.ticks
             begins = ticks.powered_at + self.tick * ticks.period + ticks.delay
@@ -127,7 +127,7 @@ class _FollowedServo:
             )
 
     def _carry(self) -> None:
-        """The three axes over one tick to their new set points."""
+        """Carry the three axes over one tick to their new set points."""
         a, b, c, d = self.mechanics.over_a_tick
         before = zip(self.at, self._input, self._error, self._velocity, strict=True)
         self._input, self._error, self._velocity = [], [], []

@@ -45,7 +45,7 @@ class Servo(Protocol):
         """Whether nothing moves and nothing is to be done."""
 
     def after_tick(self) -> Self:
-        """The servo at the next tick."""
+        """Return the servo at the next tick."""
 
     def copy(self) -> Self:
         """Another one like it, to be changed."""
@@ -95,12 +95,12 @@ class History(Generic[S]):
     # --- orders
 
     def at_tick(self, now: float) -> S:
-        """The servo as of the last tick up to `now`; not to be changed."""
+        """Return the servo as of the last tick up to `now`; not to be changed."""
         self.advance(now)
         return self._servo
 
     def changing(self, now: float) -> S:
-        """The servo that is to be changed at `now`; nothing that was computed behind it holds any more."""
+        """Return the servo that is to be changed at `now`; everything computed after it is dropped."""
         self.advance(now)
         if self._ahead:
             self._ahead.clear()
@@ -147,12 +147,12 @@ class History(Generic[S]):
         return self.committed_until(now) + self._look_ahead
 
     def at(self, now: float) -> tuple[S, float]:
-        """The servo whose set point the loops have at `now`, and the time since they took it, s."""
+        """Return the servo whose set point the loops have at `now`, and the time since they took it, s."""
         tick, since = self._tick_at(now)
         return self._servos[tick % self._size], since
 
     def _tick_at(self, now: float) -> tuple[int, float]:
-        """The tick whose set point the loops have at `now`, and the time since they took it, s."""
+        """Return the tick whose set point the loops have at `now`, and the time since they took it, s."""
         newest = self._look_to(now - self._delay)
         since = now - (self._powered_at + self._delay)
         tick = math.floor(since / self._period)
@@ -176,7 +176,7 @@ class History(Generic[S]):
         return Pose((x, y, z), self._servos[row].turned)
 
     def trajectory(self, times: Floats) -> tuple[Floats, Floats]:
-        """True positions (n, 3), m, and velocities (n, 3), m/s, base frame, at ascending `times` (n,).
+        """Return true positions (n, 3), m, and velocities (n, 3), m/s, base frame, at ascending `times` (n,).
 
         Times before the history answer as its first moment.
         """
@@ -217,11 +217,11 @@ class History(Generic[S]):
         return min(max(first, oldest), newest), min(max(last, oldest), newest)
 
     def _oldest(self) -> int:
-        """The first tick that the history still holds."""
+        """Return the first tick that the history still holds."""
         return max(self._servo.tick - self._kept + 1, self._newest - self._size + 1, 0)
 
     def _stretches(self, first: int, last: int, since: Floats) -> list[tuple[int, slice]]:
-        """The ticks from `first` to `last`, each with the part of `since` that it holds for."""
+        """Return the ticks from `first` to `last`, each with the part of `since` that it holds for."""
         if first == last:
             return [(first, slice(0, len(since)))]
         ticks = range(first, last + 1)

@@ -89,7 +89,7 @@ class PositionLoop:
     def response(self, tau: Floats) -> tuple[Floats, Floats]: ...
 
     def response(self, tau: Floats | float) -> tuple[Floats | float, Floats | float]:
-        """a and b of the class docstring at times `tau` in s, (n,) or one."""
+        """Return a and b of the class docstring at times `tau` in s, (n,) or one."""
         decay_rate, split = self.drag / 2.0, self._split
         if split == 0.0:
             even: Floats | float = np.exp(-decay_rate * tau)
@@ -175,7 +175,7 @@ class Loops:
     __slots__ = ("_error", "_input", "_mechanics", "_velocity", "offset", "reported", "resting", "set_point")
 
     def __init__(self, mechanics: Mechanics, position: Vector) -> None:
-        """The loops stand still at this position."""
+        """Start with the loops stationary at this position."""
         self._mechanics = mechanics
         self.set_point = [round(p / mechanics.step) for p in position]
         """Resolution steps."""
@@ -203,7 +203,7 @@ class Loops:
         ]
 
     def taking(self, at: Vector, jump: Vector = NOTHING) -> "Loops":
-        """The loops one tick later, when they take the set point nearest to `at`, m, and the measured position
+        """Return the loops one tick later, when they take the set point nearest to `at`, m, and the measured position
         jumps by `jump`, m.
         """
         mechanics = self._mechanics

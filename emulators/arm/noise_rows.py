@@ -21,7 +21,7 @@ class NoiseRows:
         self._rows: list[Wrench] = []
 
     def row(self, number: int) -> Wrench:
-        """The row of a number, 0 or more."""
+        """Return the row of a number, 0 or more."""
         block, place = divmod(number, _ROWS)
         if block != self._block:
             samples = np.zeros((6, _ROWS))

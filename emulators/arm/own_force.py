@@ -114,11 +114,11 @@ class OwnForce:
         }
 
     def feel(self, contact: ContactSource) -> None:
-        """The force comes from here."""
+        """Set the source of the force."""
         self._contact = contact
 
     def at(self, now: float, moving: bool = False, flange: Quaternion | None = None) -> Wrench:
-        """The force as it is told at `now`, s, which does not run backwards; `flange` is its orientation."""
+        """Return the reported force at `now`, s, which does not run backwards; `flange` is its orientation."""
         if now - self._looked_at >= EVERY_S - _PASSED_S:
             self._look(now)
         offset = rotate(flange, self._offset) if flange and self._errors.turns else self._offset
@@ -173,7 +173,7 @@ class OwnForce:
         self._offset = x, y, z
 
     def _wrong(self, now: float, offset: Vector) -> tuple[Vector, bool]:
-        """The force with the faults that are under way, and whether it is noisy."""
+        """Return the force with the active faults, and whether it is noisy."""
         holds, felt = self._own.under_way, self._felt
         if holds("nan", now):
             return (math.nan, math.nan, math.nan), False

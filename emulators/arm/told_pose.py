@@ -88,7 +88,7 @@ class ToldPose:
         return bool(self._wrong)
 
     def told(self, pose: Pose, now: float) -> Pose | None:
-        """The measured pose of `now`, s, as it is told; None where it is not."""
+        """Return the measured pose of `now`, s, as it is reported; None if it is not."""
         if not self._wrong:
             return pose
         self._wrong = [wrong for wrong in self._wrong if wrong.injection.ended_at is None]

@@ -58,7 +58,7 @@ class _WaypointServo:
     """Interpolator and position loops as of one tick: a `Servo` of `emulators.arm.history`."""
 
     def __init__(self, mechanics: Mechanics, start: Pose, joints: Joints) -> None:
-        """The interpolator stands still and has no target."""
+        """Start with a stationary interpolator without a target."""
         self.mechanics = mechanics
         self.tick = 0
         self.queue: tuple[Waypoint, ...] = ()
@@ -203,7 +203,7 @@ class WaypointArm:
         return x, y, z
 
     def waiting(self, now: float) -> int:
-        """Number of points not reached by the interpolator, the one it is moving to included."""
+        """Return the number of points not reached by the interpolator, including the one it is moving to."""
         return len(self.path.at_tick(now).queue)
 
     def goal(self, now: float) -> tuple[Vector, Quaternion, Joints]:

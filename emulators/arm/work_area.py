@@ -30,7 +30,7 @@ class WorkArea:
         self._arm = Arm(profile, tool_length)
 
     def joints(self, position: Vector, quaternion: Quaternion, near: Joints | None = None) -> Joints:
-        """The posture nearest to `near`, by default to the middle of the ranges. Raises OutsideWorkArea."""
+        """Return the posture nearest to `near`, by default to the middle of the ranges. Raises OutsideWorkArea."""
         joints = self._arm.nearest(position, quaternion, near or self._arm.middles)
         if joints is None:
             raise OutsideWorkArea("no joint angles within axis_ranges_deg reach the pose")
@@ -44,7 +44,7 @@ class WorkArea:
         end: Vector,
         end_quaternion: Quaternion,
     ) -> Route:
-        """The joints along the line between two poses, from the posture of its start nearest to `near`.
+        """Return the joints along the line between two poses, from the posture of its start nearest to `near`.
 
         Raises OutsideWorkArea where the line leaves the ranges or would need a jump to another posture.
         """

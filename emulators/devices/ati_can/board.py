@@ -106,7 +106,7 @@ class AtiCanBoard:
                 self._answers.append((now + self.profile.turnaround_s, answer))
 
     def next_event(self) -> None:
-        """A board tells nothing."""
+        """Return None: a board has no events."""
 
     def data_to_send(self, now: float) -> Sequence[CanFrame]:
         """Answers whose time has come."""
@@ -166,7 +166,7 @@ class AtiCanBoard:
         return (CanFrame(identifier(self._base, op), data),)
 
     def _counts(self, kind: str, now: float) -> int:
-        """Counts for a unit, as it tells them."""
+        """Return the counts for a unit, as the board reports them."""
         counts, wrong = self.profile.counts_per_unit, self._faults.under_way("wrong-scales", now)
         if wrong is None or wrong.values["of"] not in ("all", kind):
             return counts
@@ -189,7 +189,7 @@ class AtiCanBoard:
     # --- faults
 
     def _other_host(self, injection: Injection) -> None:
-        """The question of another host, and the board's answer to it: both are on the bus."""
+        """Put the question of another host, and the board's answer to it, on the bus."""
         slot, at = int(injection.number("slot")), injection.injected_at
         self._slot = slot
         asked = CanFrame(identifier(self._base, Op.SLOT), bytes((slot,)))

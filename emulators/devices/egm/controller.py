@@ -159,7 +159,7 @@ class EgmController:
         self._move(at)
 
     def _act(self, message: Answer, at: float) -> None:
-        """A message has come through to the motion."""
+        """Apply a message that has reached the motion."""
         profile = self._profile
         self.motion.take(message)
         moves = self.session.state is State.GUIDING
@@ -252,7 +252,7 @@ class EgmController:
             self.session.enter(self.stops.state, now)
 
     def _end_stop(self, name: str, now: float) -> None:
-        """The robot goes on, as far as nothing else stops it."""
+        """Continue the motion, unless something else stops it."""
         self.stops.names.remove(name)
         if self.session.state not in STOPPED:
             return

@@ -41,7 +41,7 @@ class ArmJoints:
         """Farthest that the tool is from axis 2, m."""
 
     def holding(self, pose: Pose, near: Joints = _AT_HAND) -> Joints | None:
-        """The joints nearest to others that hold a pose, rad; None where none do."""
+        """Return the joints nearest to others that hold a pose, rad; None where none do."""
         return self._arm.nearest(pose.position, product(pose.quaternion, _HALF_TURN), near)
 
     def pose(self, joints: Joints) -> Pose:
@@ -81,7 +81,7 @@ class GuidedMotion:
     # --- the run of the guidance
 
     def begin(self, now: float) -> None:
-        """The guidance begins, or begins again, at the set point as it is."""
+        """Begin the guidance, or begin it again, at the present set point."""
         self.begun_at = now
         self.start, self._start_joints = self.pose, self.joints
         self.moves = False
@@ -93,7 +93,7 @@ class GuidedMotion:
         self.forget()
 
     def resume(self, now: float) -> None:
-        """The guidance goes on after a stop, from standstill and with its ramp; the reference is kept [A]."""
+        """Continue the guidance after a stop, from standstill and with its ramp; the reference is kept [A]."""
         self.begun_at = now
         self.stand()
 
@@ -104,7 +104,7 @@ class GuidedMotion:
         self._offset: Vector = (0.0, 0.0, 0.0)
 
     def holding(self, pose: Pose) -> Joints | None:
-        """The joints nearest to the set point that hold a pose, rad; None where none do."""
+        """Return the joints nearest to the set point that hold a pose, rad; None where none do."""
         return self._kinematics.holding(pose, self.joints)
 
     @property
@@ -223,7 +223,7 @@ class GuidedMotion:
         return pose, self.holding(pose)
 
     def _moved(self, velocity: Axes) -> tuple[Pose, Joints | None]:
-        """The set point after a cycle at this speed."""
+        """Return the set point after a cycle at this speed."""
         if velocity == STILL:
             return self.pose, self.joints
         by = tuple([part * self._period for part in velocity])
@@ -275,7 +275,7 @@ def _unit(v: Vector) -> Vector:
 
 
 def mechanics(profile: EgmProfile) -> FollowedProfile:
-    """The arm behind the set point; the set point itself is one cycle on its way."""
+    """Return the arm after the set point; the set point itself is delayed by one cycle."""
     arm = profile.arm
     return FollowedProfile(
         cycle_ms=profile.cycle_ms,

@@ -37,12 +37,12 @@ class MessageQueue:
         return True
 
     def take(self) -> Answer | None:
-        """The message that acts in this cycle, which takes the next one from the queue; None for none."""
+        """Return the message that acts in this cycle, and take the next one from the queue; None for none."""
         self._delayed.append(self._messages.popleft() if self._messages else None)
         return self._delayed.popleft() if len(self._delayed) > self._profile.ref_delay_cycles else None
 
     def note_begin(self, at: float) -> None:
-        """The motion to the next message begins at a time, s; NaN for never."""
+        """Note when the motion to the next message begins, s; NaN for never."""
         self._begun += 1
         self._begins.append(at)
 

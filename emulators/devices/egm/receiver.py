@@ -48,7 +48,7 @@ class Receiver:
         self._newest, self.received_at = None, now
 
     def accept(self, datagram: bytes, now: float) -> Answer | None:
-        """The message in a datagram for the controller's queue; None where there is none."""
+        """Return the message in a datagram for the controller's queue; None if there is none."""
         try:
             message = decode_answer(datagram)
             self._check(message)
@@ -91,7 +91,7 @@ class Receiver:
             raise RemoteProtocolError("a quaternion without unit length")
 
     def read_order(self, datagram: bytes, now: float, taken: bool) -> HeardOrder:
-        """A message as an order, whatever the state makes of it. `taken` says whether the robot acts by it now."""
+        """Return a message as an order, whatever the state makes of it. `taken`: the robot acts on it now."""
         try:
             message = decode_answer(datagram)
             if other := self._other_mode(message):
@@ -116,7 +116,7 @@ class Receiver:
         return order._replace(moves=speed, speed=tool_speed)
 
     def _other_mode(self, message: Answer) -> str:
-        """The order in a message that only another mode takes, in words; empty for one of this mode."""
+        """Describe the order in a message that only another mode accepts; empty for one of this mode."""
         mode = self._profile.mode
         if isinstance(message, PathCorrection):
             return "" if mode == "path" else "a correction of the path"
@@ -140,7 +140,7 @@ class Receiver:
         return Reach(profile.sample_ms * 1e-3, speed, turn)
 
     def _breach_of(self, message: Answer) -> str:
-        """A number that is not larger than the one before, as EGM's header asks for; 0 begins anew."""
+        """Describe a number that is not larger than the one before, as EGM's header requires; 0 starts again."""
         numbered = self._number, message.seqno
         self._number = message.seqno
         last, number = numbered

@@ -47,11 +47,11 @@ class Reporter:
         self._seqno = 0
 
     def begin_session(self) -> None:
-        """Number datagrams from 0 on."""
+        """Restart the numbers of datagrams at 0."""
         self._seqno = 0
 
     def make_datagram(self, measured: Pose, at: float, session: Session) -> bytes:
-        """The next datagram, with the pose that is measured at a time, s."""
+        """Return the next datagram, with the pose measured at a time, s."""
         motion, profile = self._motion, self._profile
         if measured != self.measured[0]:
             self.measured = measured, motion.holding(measured) or motion.joints
@@ -83,7 +83,7 @@ class Reporter:
         return tuple(joints) if self._profile.joints_in == "radians" else tuple(map(math.degrees, joints))
 
     def _altered(self, message: RobotMessage, at: float) -> RobotMessage:
-        """A message with the faults that are active."""
+        """Return a message with the faults that are active."""
         if (wrong := self._faults.under_way(_NUMBER, at)) is not None:
             message = message._replace(seqno=message.seqno + int(wrong.number("by")))
         if self._faults.under_way(_NO_OWN_FORCE, at) is not None:

@@ -92,12 +92,12 @@ class Session:
         self._counters["sessions"] += 1
 
     def enter(self, state: State, now: float) -> None:
-        """The guidance ends, or stops, in this state."""
+        """End or stop the guidance in this state."""
         self.state, self.since, self.end_sent = state, now, False
         self._counters[f"ended: {state.name}"] += 1
 
     def resume(self, now: float) -> None:
-        """The guidance goes on."""
+        """Continue the guidance."""
         self.state, self._converged_since = State.GUIDING, now
 
     def has_converged(self, converged: bool, now: float) -> bool:

@@ -28,7 +28,7 @@ class Item(NamedTuple):
 
 
 def write_xhtml(items: Sequence[Item], part: str = "state") -> bytes:
-    """A document of these items; `part` is the class of its block: state or status."""
+    """Return a document of these items; `part` is the class of its block: state or status."""
     rows = "".join(map(_row, items))
     return (
         '<?xml version="1.0" encoding="UTF-8"?>'
@@ -45,7 +45,7 @@ def _row(item: Item) -> str:
 
 
 def write_json(items: Sequence[Item]) -> bytes:
-    """The same as JSON."""
+    """Return the same as JSON."""
     return json.dumps({"_embedded": {"_state": [_tree(item) for item in items]}}).encode()
 
 

@@ -76,7 +76,7 @@ class WebServices:
         self.subscriptions = Subscriptions(self._find_event)
 
     def answer(self, method: str, target: str, body: str, now: float) -> WebAnswer:
-        """The answer to a request of a client that has logged in; `target` is path and query, `body` a form."""
+        """Answer a request of a client that has logged in; `target` is path and query, `body` a form."""
         try:
             return self._answer(method, target, body, now)
         except _Refusal as refusal:
@@ -124,7 +124,7 @@ class WebServices:
         return [self._live(path)]
 
     def _live(self, path: str) -> Item:
-        """A resource that can be read and subscribed. Raises _Refusal for another path."""
+        """Return a resource that can be read and subscribed. Raises _Refusal for another path."""
         low = path.lower()
         if low == "/rw/panel/ctrlstate":
             return Item("pnl-ctrlstate", "ctrlstate", {"ctrlstate": self._controller_state()}, (), path)
@@ -240,7 +240,7 @@ class WebServices:
             raise _Refusal(400, f"there is no action {action!r} here"[:VALUE_MAX])
 
     def _operate(self, act: Callable[[], object]) -> None:
-        """An act that in a manual mode belongs to a person at the robot."""
+        """Carry out an act that in a manual mode belongs to the operator at the robot."""
         if self._controller.desk.key is not Key.AUTO:
             raise _Refusal(403, "the controller is in manual mode")
         try:
@@ -322,7 +322,7 @@ class WebServices:
         return WebAnswer(201, b"", XHTML, {"Location": f"/poll/{number}"})
 
     def _find_event(self, resource: str) -> Item:
-        """The event that tells the present value of a resource such as `/rw/panel/ctrlstate;ctrlstate`."""
+        """Return the event with the present value of a resource such as `/rw/panel/ctrlstate;ctrlstate`."""
         path, _, _ = resource.partition(";")
         item = self._live(unquote(path))
         kind = {

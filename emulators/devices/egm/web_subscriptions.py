@@ -40,7 +40,7 @@ class Subscriptions:
         return number in self._groups
 
     def news(self, number: str) -> bytes:
-        """The document of what has changed since it was told last; empty where nothing has."""
+        """Return the document of what has changed since the last one; empty if nothing has."""
         told = self._groups.get(number, {})
         changed = [event for one in told if (event := self._look(one)) != told[one]]
         told |= {event.href: event for event in changed}

@@ -59,7 +59,7 @@ _REMEMBERED = 4096
 def measured_counts(
     profile: Ft300Profile, source: WrenchSource, powered_at: float, seed: int
 ) -> MeasuredWrench:
-    """The counts that the sensor measures, with its errors."""
+    """Return the counts that the sensor measures, with its errors."""
     per_unit = 1.0 / np.array(SCALES)
     noise = np.array((*per_axis(profile.noise_n), *per_axis(profile.noise_nm))) * per_unit
     high = np.full(6, float(COUNT_END))  # assumed: it clips
@@ -142,7 +142,7 @@ class Ft300:
                 self._answer(frame, now)
 
     def next_event(self) -> None:
-        """A sensor tells nothing."""
+        """Return None: a sensor has no events."""
 
     def data_to_send(self, now: float) -> bytes:
         """Bytes whose time has come."""
@@ -172,7 +172,7 @@ class Ft300:
         self._tell(encode_message(self._sample(number)), now)
 
     def _sample(self, number: int) -> list[int]:
-        """Counts of a sample, which is told now."""
+        """Return the counts of a sample that is sent now."""
         self._read = max(number, self._read)
         self._count += 1
         self._told_at.append((self._count, self._read * PERIOD_S))
@@ -194,7 +194,7 @@ class Ft300:
         return None
 
     def _frame(self) -> bytes | None:
-        """The next question that is complete, whether its check fits or not; None while there is none."""
+        """Return the next complete question, whether its check is valid or not; None if there is none."""
         begin = self._question.find(SLAVE)
         self._question = self._question[begin:] if begin >= 0 else b""
         size = request_size(self._question)

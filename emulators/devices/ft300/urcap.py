@@ -67,22 +67,22 @@ class UrcapServer:
         return next((at for number, at in reversed(self._told_at) if number == counter), None)
 
     def begin(self) -> None:
-        """A client is served from now on: its texts count from 1."""
+        """Begin to serve a client: its texts count from 1."""
         self._count = 0
         self._told_at.clear()
 
     def _boot(self, now: float) -> None:
-        """The sensor begins again: no message comes until the URCap has given it up and found it."""
+        """Restart the sensor: no message comes until the URCap has detected the loss and found it again."""
         given_up = now + max(0, self.profile.urcap_repeats - self._repeated) * self.profile.urcap_period_s
         self._alive_from = max(now + self.profile.boot_s, given_up) + self.profile.urcap_search_s
 
     # --- endpoint
 
     def receive(self, data: bytes, now: float) -> None:
-        """The URCap reads nothing on this port."""
+        """Ignore what arrives: the URCap reads nothing on this port."""
 
     def next_event(self) -> None:
-        """It tells nothing."""
+        """Return None: there are no events."""
 
     def data_to_send(self, now: float) -> bytes:
         """Texts whose time has come."""
@@ -118,7 +118,7 @@ class UrcapServer:
         self._out += encode_text((counts.astype(np.float32) / _DIVISORS).tolist())
 
     def _newest(self, now: float) -> int:
-        """Number of the newest sample whose message the URCap has received; the one before where there is none."""
+        """Return the number of the newest sample whose message the URCap has received, or of the one before."""
         if now < self._alive_from or self._faults.under_way("unplugged", now):
             return self._sample
         newest = self._measured.number_at(now - self.profile.latency_s - _LINE_S)

@@ -93,11 +93,11 @@ class _FrozenCounters:
         self._counters: dict[Injection, int | None] = {}
 
     def begin(self, injection: Injection) -> None:
-        """A fault begins."""
+        """Begin a fault."""
         self._counters[injection] = None
 
     def apply(self, counter: int, at: float) -> int:
-        """The counter as it is told at a time, s."""
+        """Return the counter as reported at a time, s."""
         for injection, frozen in self._counters.items():
             if injection.holds(at):
                 if frozen is None:
@@ -259,7 +259,7 @@ class Firmware:
         self._filtered, self._offset = np.zeros(6), np.zeros(6)
 
     def zero(self, now: float) -> None:
-        """The next sample becomes the origin, also when it is taken only after a start."""
+        """Make the next sample the origin, also when it is taken only after a start."""
         self._take_samples(now)
         self._zero_requested = True
 
@@ -273,16 +273,16 @@ class Firmware:
     # --- samples
 
     def sample(self, at: float) -> Sample | None:
-        """The newest sample, or None while stopped."""
+        """Return the newest sample, or None while stopped."""
         return None if self._sampling is None else self._newest(self._sampling, at)
 
     def due_samples(self, now: float) -> Iterator[Sample]:
-        """Samples of the stream to be sent now: their time has come, and their delay has passed."""
+        """Return samples of the stream that are due: their time has come, and their delay has passed."""
         samples = self._stream_samples(now)
         return samples if self._late is None else self._late.arrived(samples, now)
 
     def _stream_samples(self, now: float) -> Iterator[Sample]:
-        """Samples of the stream whose time has come, each as it was at its time."""
+        """Return samples of the stream whose time has come, each as it was at its time."""
         stream, sampling = self._stream, self._sampling
         while stream is not None and sampling is not None and not stream.ends and stream.due <= now:
             yield self._newest(sampling, stream.due)
@@ -302,7 +302,7 @@ class Firmware:
         return (max(asked + overhead, shortest) - max(asked, shortest)) * 1e-6
 
     def sampled_at(self, counter: int) -> float | None:
-        """The truth: when the sensor measured the newest sample with this frame counter, s; None where there is no
+        """Return when the sensor really measured the newest sample with this frame counter, s; None where there is no
         such sample since the start.
         """
         sampling = self._sampling
@@ -316,7 +316,7 @@ class Firmware:
         )
 
     def next_deadline(self) -> float | None:
-        """The next frame of the stream, a late one included, or the next block of samples."""
+        """Return the time of the stream's next frame, a late one included, or of the next block of samples."""
         due = self._own_deadline()
         return due if self._late is None else self._late.next_deadline(due)
 
@@ -373,7 +373,7 @@ class Firmware:
         sampling.ahead = np.concatenate((rest, counts.take(numbers - first, axis=0)))
 
     def _invalidate(self, first: int) -> None:
-        """The sensor's samples from this number on will be others."""
+        """Drop the sensor's samples from this number on: they will change."""
         sampling = self._sampling
         if sampling is None:
             return

@@ -42,7 +42,7 @@ class AnyGateway(Generic[Data]):
         self._firmware.plug_in(now)
 
     def steps_of(self, order: str) -> tuple[Step, ...] | None:
-        """Steps of a command of this name; None where it is answered at once, since the gateway is not initialised."""
+        """Return the steps of a command of this name; None if it is answered at once by an uninitialised gateway."""
         if not (self._firmware.initialised or (self._blocks and order == "RESET")):
             return None
         before = self._firmware.before_stream
@@ -50,8 +50,8 @@ class AnyGateway(Generic[Data]):
         return steps.get(order, ())
 
     def sampled_at(self, counter: int) -> float | None:
-        """The truth: when the sensor measured the newest sample sent with this counter, s; None if there is none."""
+        """Return when the sensor really measured the newest sample sent with this counter, s; None if there is none."""
         return self._firmware.sampled_at(counter)
 
     def next_event(self) -> None:
-        """A gateway tells nothing."""
+        """Return None: a gateway has no events."""

@@ -27,15 +27,15 @@ BoardFactory: TypeAlias = Callable[[WrenchSource, float, int], Board]
 
 
 def make_gateway(sensor: SensorProfile, gateway: GatewayProfile) -> GatewayFactory:
-    """A factory of sensors behind a CAN gateway: `emulators.seams.SensorFactory`."""
+    """Return a factory of sensors behind a CAN gateway: `emulators.seams.SensorFactory`."""
     return lambda source, now, seed: Gateway(gateway, Jr3Sensor(sensor, source, seed), now, seed)
 
 
 def make_uart(sensor: SensorProfile, gateway: UartGatewayProfile) -> UartFactory:
-    """The same behind a UART gateway."""
+    """Return a factory of sensors behind a UART gateway."""
     return lambda source, now, seed: UartGateway(gateway, Jr3Sensor(sensor, source, seed), now, seed)
 
 
 def make_board(sensor: SensorProfile, board: BoardProfile, filter_number: int = 0) -> BoardFactory:
-    """The same behind a receiver board, of which a client reads the filter of this number, 0 … 6."""
+    """Return a factory of sensors behind a receiver board, of which a client reads the filter of this number, 0 … 6."""
     return lambda source, now, seed: Board(board, Jr3Sensor(sensor, source, seed), now, filter_number)

@@ -23,7 +23,7 @@ class WrongScales:
         return bool(self._faults)
 
     def told(self, words: Sequence[int]) -> tuple[int, ...]:
-        """The falsified full scales, forces first, for all or the first of the true ones."""
+        """Return the falsified full scales, forces first, for all or the first of the true ones."""
         told = tuple(words)
         for injection in self._faults:
             which, before = injection.values["of"], told

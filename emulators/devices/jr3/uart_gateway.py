@@ -101,7 +101,7 @@ class UartGateway(AnyGateway[bytes]):
         return data
 
     def next_deadline(self) -> float | None:
-        """The end of what it does now, the next frame of the stream, or the next block of samples."""
+        """Return the end of the present action, or the time of the next frame or block of samples."""
         due = self._firmware.next_deadline()
         until = self._ends_at()
         return until if due is None else due if until is None else min(until, due)

@@ -163,10 +163,10 @@ class NetBox:
                 self.unmodelled.touch(f"command {request.command:#06x}", "dropped")
 
     def next_event(self) -> None:
-        """A box tells nothing."""
+        """Return None: a box has no events."""
 
     def data_to_send(self, now: float) -> Sequence[bytes]:
-        """Records whose time has come."""
+        """Return the records that are due."""
         out, self._out = self._out, []
         return out
 
@@ -232,7 +232,7 @@ class NetBox:
         return self._every * output_step(self.rate_hz, self._family.rate_hz / self._every)
 
     def newest(self, now: float) -> int:
-        """Number of the newest sample."""
+        """Return the number of the newest sample."""
         return self._measured.number_at(now)
 
     @property
@@ -241,7 +241,7 @@ class NetBox:
         return tuple(self._counts_of(self.filter.output or [0.0] * 6))
 
     def status(self, number: int, now: float) -> int:
-        """The status word with the sample of this number."""
+        """Return the status word with the sample of this number."""
         faulty, status = self._faults.any, 0
         if faulty and self._faults.under_way("unplugged", now):
             return self._family.unplugged
@@ -290,7 +290,7 @@ class NetBox:
             self._stop(now)
 
     def _counts_of(self, state: Sequence[float]) -> list[int]:
-        """An output of the filter as the counts of a record: less the bias, within the ends of a word."""
+        """Return an output of the filter as the counts of a record: less the bias, within the range of a word."""
         counts = [*map(round, map(sub, state, self.bias.tolist()))]
         if max(counts) > _COUNT_END or min(counts) < -_COUNT_END:
             counts = [max(-_COUNT_END, min(_COUNT_END, count)) for count in counts]

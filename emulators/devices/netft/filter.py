@@ -37,7 +37,7 @@ class SampleFilter:
         self.restart(0)
 
     def restart(self, first: int) -> None:
-        """The power came: the sample `first` is the next one. Sample 0 is the one behind the power-up."""
+        """Restart at power-up: the sample `first` is the next one. Sample 0 is the first after it."""
         self.newest = first - 1
         """Number of the newest sample that was read."""
         self.output: list[float] | None = None
@@ -75,6 +75,6 @@ class SampleFilter:
         return ahead.popleft()[1]
 
     def _forget(self, number: int) -> None:
-        """The outputs from this number on are others than were read."""
+        """Drop the outputs from this number on: they differ from those read."""
         while self._ahead and self._ahead[-1][0] >= number:
             self._ahead.pop()

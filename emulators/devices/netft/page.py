@@ -147,15 +147,15 @@ class PageEndpoint:
         self._answer(now)
 
     def next_event(self) -> None:
-        """It tells nothing."""
+        """Return None: there are no events."""
 
     def data_to_send(self, now: float) -> bytes:
-        """The answer, once."""
+        """Return the answer, once."""
         out, self._out = self._out, b""
         return out
 
     def next_deadline(self) -> float | None:
-        """It waits for nothing."""
+        """Return None: there is no deadline."""
         return None
 
     def handle_deadline(self, now: float) -> None:

@@ -21,7 +21,7 @@ class CorrectedArm:
     """An arm that goes where its corrections lead. Axes are in degrees."""
 
     def __init__(self, profile: RsiProfile, start: StartPose, now: float) -> None:
-        """Raises ValueError for a start that the axes cannot hold."""
+        """Raise ValueError for a start that the axes cannot hold."""
         self._arm = FollowedArm(profile.arm, Pose(start.position, start.quaternion), now)
         self.path, self.pose, self.hold = self._arm.path, self._arm.pose, self._arm.hold
         self.set_point = self._arm.set_point
@@ -45,19 +45,19 @@ class CorrectedArm:
         return self._ordered[0]
 
     def joints_holding(self, pose: Pose) -> Joints | None:
-        """The axes of a pose, rad; None where none hold it."""
+        """Return the axes of a pose, rad; None if none hold it."""
         axes = self.kinematics.holding(pose, self._reported[1])
         return None if axes is None else tuple(map(math.radians, axes))
 
     def axes_of(self, pose: Pose) -> Axes:
-        """The axes of a pose, next to those that were reported last; those where no axes hold it."""
+        """Return the axes of a pose, next to those reported last; those themselves if no axes hold it."""
         if pose != self._reported[0]:
             axes = self.kinematics.holding(pose, self._reported[1])
             self._reported = pose, axes or self._reported[1]
         return self._reported[1]
 
     def feel(self, contact: ContactSource) -> None:
-        """The force at the tool comes from here."""
+        """Set the source of the force at the tool."""
         self._contact = contact
 
     def torques(self, now: float) -> Joints | None:

@@ -16,7 +16,7 @@ class Clock:
         self.restart()
 
     def restart(self) -> None:
-        """Number the next telegram as the first."""
+        """Restart the numbers of telegrams."""
         self.ipoc = self._profile.ipoc_start - self._profile.cycle_ms
         """IPOC of the newest telegram, ms."""
 

@@ -140,7 +140,7 @@ class RsiController:
         return self.state in (State.ON, State.MOVECORR)
 
     def _cycle(self, now: float) -> None:
-        """The end of a cycle, and the begin of the next."""
+        """End a cycle and begin the next."""
         if now >= self._session.restart_at and not self.desk.hindrance:
             self._begin(now)
         if self._sending and self._session.sent:
@@ -213,7 +213,7 @@ class RsiController:
         return not (self.desk.hindrance or self._faults.holds(_EMERGENCY_STOP, now))
 
     def _begin(self, now: float) -> None:
-        """The program is reset and begun anew, up to RSI_ON."""
+        """Reset the program and run it up to RSI_ON."""
         self.desk.to_confirm = False
         self.state, self.error = State.ON, ""
         self._session = self._make_session(now)
@@ -221,7 +221,7 @@ class RsiController:
             self._clock.restart()
 
     def _make_session(self, now: float) -> Session:
-        """A session that corrects from where the robot stands."""
+        """Return a session that corrects from the robot's present pose."""
         programmed = self._arm.set_point(now)
         axes = self._arm.axes_of(programmed)
         self._reader.begin_session()
@@ -234,7 +234,7 @@ class RsiController:
         )
 
     def _fail(self, error: str, now: float) -> None:
-        """An error ends RSI: the robot stops on its path."""
+        """End RSI with an error: the robot stops on its path."""
         self.state, self.error = State.ERROR, error
         self._arm.hold(now)
         self._restart_later(now)

@@ -52,7 +52,7 @@ class Correction:
         return error
 
     def narrow(self, margin_mm: float | None) -> None:
-        """A fault: the correction may grow no farther than this beyond where it was first; None without it."""
+        """Limit, as a fault, how far the correction may grow beyond its present value; None removes the limit."""
         if margin_mm is None:
             self._margin_mm = math.inf
         elif self._margin_mm == math.inf:
@@ -64,11 +64,11 @@ class Correction:
         return self.applied_to(self.programmed)
 
     def applied_to(self, pose: Pose) -> Pose:
-        """This pose, corrected."""
+        """Return this pose, corrected."""
         return self.corrected(pose, self.total)
 
     def corrected(self, pose: Pose, total: Total) -> Pose:
-        """A pose with this total correction."""
+        """Return a pose with this total correction."""
         (x, y, z), start = pose
         dx, dy, dz, *angles = total
         a, b, c = angles
@@ -124,7 +124,7 @@ class AxisCorrection:
         self._margin_deg, self._margin_at = math.inf, NOTHING
 
     def narrow(self, margin_deg: float | None) -> None:
-        """A fault: no axis may turn farther than this beyond where it was first; None without it."""
+        """Limit, as a fault, how far an axis may turn beyond its present value; None removes the limit."""
         if margin_deg is None:
             self._margin_deg = math.inf
         elif self._margin_deg == math.inf:

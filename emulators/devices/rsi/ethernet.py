@@ -73,7 +73,7 @@ class Ethernet:
         return ""
 
     def read(self, raw: bytes) -> Telegram:
-        """The telegram in an answer, without a declaration or NUL characters where the controller takes them. Raises
+        """Read the telegram in an answer, without a declaration or NUL characters where the controller accepts them. Raises
         RemoteProtocolError as `decode`.
         """
         if raw.endswith(b"\0"):
@@ -85,7 +85,7 @@ class Ethernet:
         return decode(raw)
 
     def _cut(self, raw: bytes, rest: bytes, thing: str, choice: str) -> bytes:
-        """The part of an answer that the controller reads; by `choice` the rest, or an answer that is discarded."""
+        """Return the part of an answer that the controller reads; by `choice` the rest, or a discarded answer."""
         self._unmodelled.touch(thing, "taken, as set" if choice == "take" else "the answer is discarded")
         return rest if choice == "take" else raw
 

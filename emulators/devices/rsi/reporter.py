@@ -32,14 +32,14 @@ class Reporter:
         """The measured pose, altered by faults."""
 
     def make_telegram(self, session: Session, ipoc: int, runs: bool, now: float) -> bytes:
-        """The next telegram of a session; `runs` says whether the program does."""
+        """Return the next telegram of a session; `runs` says whether the program does."""
         empty = self._profile.empty_first and not session.sent
         session.sent += 1
         values = {} if empty else self._values(session, runs, now)
         return encode(Telegram(ROBOT, MAKER, values, ipoc), self._profile.rob_type_attr)
 
     def _values(self, session: Session, runs: bool, now: float) -> dict[str, str]:
-        """The values of the tags that the configuration sends."""
+        """Return the values of the tags that the configuration sends."""
         values = dict(session.values)
         if _ACTUAL[0] in values:
             pose = self.pose.told(self._arm.pose(now), now)
@@ -62,7 +62,7 @@ class Reporter:
         return values
 
     def constant_values(self, programmed: Pose, axes: Axes) -> dict[str, str]:
-        """The values of the tags, in their order, as far as they stay the same in a session."""
+        """Return the values of the tags, in their order, that stay the same in a session."""
         values: dict[str, str] = {}
         for tag in self._profile.send:
             name = tag.removeprefix("DEF_")

@@ -93,7 +93,7 @@ class JointArm:
         self.speeds, self.yielding = self.motion, ZERO
 
     def yield_to(self, before: Joints, path: Joints, joints: Joints) -> None:
-        """A force has led the last cycle to other joints; `path` is where the program alone would have led from
+        """Note that a force moved the arm to other joints in the last cycle; `path` is where the program alone would have led from
         `before`.
         """
         dt = self._period
@@ -104,7 +104,7 @@ class JointArm:
             self.target = joints
 
     def stay(self, joints: Joints) -> None:
-        """It has not moved in the last cycle."""
+        """Note that the arm has not moved in the last cycle."""
         self.joints = self.target = joints
         self.speeds = self.yielding = ZERO
 

@@ -37,7 +37,7 @@ class Server:
             self._inner.is_full = is_full
 
     def close(self, now: float) -> None:
-        """The connection has ended."""
+        """End the connection."""
         self._cable.close(self._wire)
         self._inner.close(now)
 
@@ -61,7 +61,7 @@ class Cable:
         """The same of faults of those that programs have opened."""
 
     def open(self, inner: Inner, now: float) -> Server:
-        """The controller's end of another connection, with the faults that hold now."""
+        """Return the controller's end of another connection, with the faults that are active now."""
         self._opened += 1
         pieces: Pieces[bytes] = PACKAGES if isinstance(inner, Connection) else MESSAGES
         wire = Packets(inner, pieces, f"{self._seed} link {self._opened}")
@@ -73,7 +73,7 @@ class Cable:
         return Server(inner, wire, self)
 
     def close(self, wire: Packets[bytes]) -> None:
-        """The connection has ended."""
+        """End the connection."""
         del self._wires[wire]
 
     def _begin(self, injection: Injection) -> None:

@@ -43,7 +43,7 @@ class Compliance:
         self.reset()
 
     def reset(self) -> None:
-        """A program has ended: force mode and its settings end with it."""
+        """Reset force mode and its settings at the end of a program."""
         self._mode = None
         self.damping = self._profile.force_mode_damping
         """0 … 1, of force_mode_set_damping()."""

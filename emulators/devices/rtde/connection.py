@@ -19,7 +19,7 @@ UNREAD_S = 10.0
 
 
 def has_room() -> bool:
-    """A wire that takes everything is not full."""
+    """Return True: a wire that accepts everything is never full."""
     return False
 
 
@@ -86,7 +86,7 @@ class Connection:
         self._controller.advance(now)
 
     def close(self, now: float) -> None:
-        """The connection has ended: its inputs are free, at once or after a while."""
+        """End the connection: its inputs become free, at once or after a while."""
         self._started = False
         self._disturbance.connections.remove(self)
         controller, names = self._controller, self._claimed
@@ -122,7 +122,7 @@ class Connection:
         return False
 
     def _next(self, cycle: int) -> int:
-        """The next cycle in which data is sent."""
+        """Return the next cycle in which data is sent."""
         return cycle - cycle % self._every + self._every
 
     def _data(self) -> bytes:

@@ -29,7 +29,7 @@ class History:
         self._cycles.append((joints, force))
 
     def forget(self) -> None:
-        """The force has another zero, or another program begins: older cycles tell nothing."""
+        """Forget older cycles: the force has another zero, or another program begins."""
         self._cycles.clear()
 
     def joints_before(self, steps: int) -> Joints | None:

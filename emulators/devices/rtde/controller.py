@@ -37,7 +37,7 @@ class Controller:
     """A controller with its arm, powered up and ready."""
 
     def __init__(self, profile: RtdeProfile, start: StartPose, now: float, seed: int) -> None:
-        """Raises ValueError for a start that its arm cannot hold."""
+        """Raise ValueError for a start that its arm cannot hold."""
         self.profile = profile
         a, b, c, d = map(int, profile.version.split("."))
         self.version = Version(a, b, c, d)
@@ -150,7 +150,7 @@ class Controller:
         self.compliance.history.forget()
 
     def write_inputs(self, names: tuple[str, ...], values: Mapping[str, Value]) -> None:
-        """A package of inputs came; they reset the watchdogs of their names."""
+        """Write a package of inputs; they reset the watchdogs of their names."""
         force = values.get(EXTERNAL_FORCE, _NO_FORCE)
         if isinstance(force, tuple) and not all(map(math.isfinite, force)):
             self.protective_stop("an external force that is no number")
@@ -175,13 +175,16 @@ class Controller:
         return self.snapshots[-1].now
 
     def report_order(self, act: Act, words: str, accepted: bool, moves: bool = True) -> None:
-        """An order that tells no place came."""
+        """Report an order without a position."""
         self.orders.tell(HeardOrder(self.now, act, words, accepted, moves=moves))
 
     # --- orders to programs and to the arm
 
     def start_program(self, make: Callable[[], Program], in_time: bool = True) -> bool:
-        """A complete program came; a running one is stopped first. False, and nothing else, where none is taken."""
+        """Start a complete program; a running one is stopped first.
+
+        Return False, without effect, if none is accepted.
+        """
         if not (in_time and self.state.takes_programs):
             self.counts["programs refused"] += 1
             return False
@@ -193,19 +196,19 @@ class Controller:
         return self.state.may_move and self.player.resume(self.now)
 
     def order(self, order: Order) -> None:
-        """A program orders the arm for this cycle."""
+        """Order the arm for this cycle, by a program."""
         if problem := self.manipulator.take(order):
             self.protective_stop(problem)
 
     def target_taken(self) -> None:
-        """A program goes to another target from this cycle on."""
+        """Note that a program has a new target from this cycle on."""
         self.path.taken()
         self.path.begins(self.now)
 
     # --- stops
 
     def protective_stop(self, why: str) -> None:
-        """The arm stands at once, and what plays is paused or stopped. Nothing in a graver stop."""
+        """Stop the arm at once; pause or stop the program. No effect in a graver stop."""
         if not self.state.begin_protective_stop(why, self.now):
             return
         self.counts[f"protective stop: {why}"] += 1
@@ -214,13 +217,13 @@ class Controller:
         self.arm.take(Hold())
 
     def emergency_stop(self, mode: SafetyMode = SafetyMode.ROBOT_EMERGENCY_STOP, by: str = "a fault") -> None:
-        """The power goes, and the program. It holds until all that have pressed it have released it."""
+        """Remove power and stop the program. The stop holds until everyone who pressed it has released it."""
         self.counts["emergency stop"] += 1
         self.state.press_emergency_stop(mode, by)
         self.power_off()
 
     def open_safeguard(self) -> None:
-        """A safeguard opens: the arm stops, and what plays is paused. Nothing in any other stop."""
+        """Open a safeguard: the arm stops, and the program is paused. No effect in any other stop."""
         if self.state.apply(Stimulus.SAFEGUARD_OPEN):
             self.player.pause()
 

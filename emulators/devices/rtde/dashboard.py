@@ -109,7 +109,7 @@ def _load(controller: Controller, file: str) -> str:
 
 
 def _power_on(controller: Controller) -> str:
-    """It is no failure where the power is on."""
+    """Switch the power on; no failure if it is on already."""
     state = controller.state
     on = state.power_on(controller.now) or state.mode in (
         RobotMode.POWER_ON,
@@ -250,7 +250,7 @@ class Dashboard:
                 self._out.append(answer)
 
     def _answer(self, line: str) -> str | None:
-        """The answer to a command; None where it comes later."""
+        """Return the answer to a command; None if it comes later."""
         command = " ".join(line.lower().split())
         if command == "quit":
             self.closing = True
@@ -291,7 +291,7 @@ class Dashboard:
         self._out.append(_done(started, "play", "Starting program"))
 
     def _known(self, command: str, line: str) -> str | None:
-        """The answer to a command that is known."""
+        """Return the answer to a known command."""
         settings = self._settings
         match command:
             case "getuserrole":
@@ -318,7 +318,7 @@ class Dashboard:
         return "".join(f"{line}\n" for line in out).encode("ascii", "replace")
 
     def next_deadline(self) -> float | None:
-        """The next cycle, while an answer is due."""
+        """Return the next cycle, while an answer is due."""
         path = self._controller.path
         return path.cycle_at(path.cycle + 1) if self._starts else None
 
@@ -326,4 +326,4 @@ class Dashboard:
         self._controller.advance(now)
 
     def close(self, now: float) -> None:
-        """The connection has ended."""
+        """End the connection."""

@@ -67,7 +67,7 @@ class Disturbance:
     # --- begin and end
 
     def _at(self, act: Callable[[], object]) -> Callable[[float], None]:
-        """The act, once the controller has come to the time."""
+        """Return the act, delayed until the controller has reached the time."""
 
         def strike(now: float) -> None:
             self._controller.advance(now)
@@ -102,7 +102,7 @@ class Disturbance:
     # --- effects
 
     def _measured_at(self, time: float) -> Pose:
-        """The pose that it told as of a time that has passed, s, without noise."""
+        """Return the pose reported for a past time, s, without noise."""
         path, manipulator, at = self._controller.path, self._controller.manipulator, np.array([time])
         x, y, z = path.trajectory(at)[0][0].tolist()
         ((_, quaternion),) = path.orientations(at)
@@ -117,7 +117,7 @@ class Disturbance:
         return self._own.under_way(_SILENT, now) is not None
 
     def shown(self, snapshot: Snapshot) -> Snapshot:
-        """The state as it is told."""
+        """Return the state as reported."""
         pose = self._told_pose.told(snapshot.pose, self._controller.now)
         assert pose is not None, "a recipe has it"
         return snapshot if pose is snapshot.pose else snapshot._replace(pose=pose)

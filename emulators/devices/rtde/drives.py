@@ -79,7 +79,7 @@ class Drives:
         return joints
 
     def _wander(self, speeds: list[float]) -> None:
-        """The differences of joints that move change, and those of joints that stand go away."""
+        """Drift the errors of joints that move, and remove those of joints that do not."""
         row = self._noise.row(self._number)
         self._number += 1
         passed = min(1.0, self._period / self._time) if self._time else 1.0

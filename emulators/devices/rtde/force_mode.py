@@ -134,7 +134,7 @@ class ForceMode:
         return min(max(speed, -limit), limit)
 
     def _turn(self, old: Pose, motion: list[float]) -> Quaternion | None:
-        """The axes of the frame in the base frame now; None while no axis is compliant.
+        """Return the axes of the frame in the base frame now; None while no axis is compliant.
 
         The motion, m/s, is the program's: that of a compliant axis would turn a frame of type 3 (assumed).
         """
@@ -151,7 +151,7 @@ class ForceMode:
 
 
 def _pointing(frame: Pose, place: Vector) -> Quaternion | None:
-    """The frame turned by the least angle, so that its y axis points from a place to its origin."""
+    """Return the frame turned by the least angle that makes its y axis point from a place to its origin."""
     to_origin = [a - b for a, b in zip(frame.position, place, strict=True)]
     length = math.hypot(*to_origin)
     if length < _POINT_LEAST:
@@ -169,14 +169,16 @@ def _pointing(frame: Pose, place: Vector) -> Quaternion | None:
 
 
 def _moved(old: Pose, turn: Quaternion, step: list[float]) -> Pose:
-    """A pose after a step along and about the axes of a frame; the turn is about the tool."""
+    """Return a pose after a step along and about the axes of a frame; the turn is about the tool."""
     x, y, z = (a + b for a, b in zip(old.position, rotate(turn, step[:3]), strict=True))
     return Pose((x, y, z), product(turn_by(rotate(turn, step[3:])), old.quaternion))
 
 
 def external_wrench(given: Value | None, turn: Quaternion, tool: Pose) -> Wrench:
-    """A client's forces along the base axes, N and N·m: `given` along those of the flange, whose orientation is `turn`,
-    and about it. Those here are about the tool. None given are none.
+    """Return a client's forces along the base axes, N and N·m:
+
+    `given` along those of the flange, whose orientation is `turn`, and about it. Those here are about the tool.
+    None given are none.
     """
     if not isinstance(given, tuple):
         return (0.0,) * 6
@@ -185,13 +187,13 @@ def external_wrench(given: Value | None, turn: Quaternion, tool: Pose) -> Wrench
 
 
 def about_tool(wrench: Wrench, arm: Vector) -> Wrench:
-    """A wrench whose moments are about the flange, with moments about the tool, which is `arm` away, base axes."""
+    """Convert a wrench with moments about the flange to moments about the tool, which is `arm` away, base axes."""
     (a, b, c, u, v, w), (x, y, z) = wrench, arm
     return a, b, c, u - (y * c - z * b), v - (z * a - x * c), w - (x * b - y * a)
 
 
 def solve_motion(arm: Arm, tcp: Pose, poses: tuple[Pose, Pose], near: Joints) -> Motion | None:
-    """The joints of both poses of a step; None where none hold one of them. `tcp` is the tool in the flange."""
+    """Return the joints of both poses of a step; None if none hold one of them. `tcp` is the tool in the flange."""
     back = invert(tcp)
     path, whole = (nearest(arm, compose(pose, back), near) for pose in poses)
     return None if path is None or whole is None else Motion(path, whole)

@@ -78,7 +78,7 @@ class ForceReading:
         """As told, with moments about the tool."""
 
     def carry(self, mass: float, centre: Vector) -> None:
-        """The flange carries this, kg and m, and its operator has set that for the payload."""
+        """Set the payload at the flange, kg and m, as its operator has set it in the controller."""
         self.load, self.payload = Load(mass, centre), (mass, *centre)
 
     def enable_external(self, enable: bool, now: float) -> None:
@@ -110,7 +110,7 @@ class ForceReading:
         return self._read_own(now, any(manipulator.speeds), tool)
 
     def _read_own(self, now: float, moving: bool, tool: Tool) -> Wrench:
-        """What the own sensor tells, at the time `now`, s. The arm tells no moments of a contact."""
+        """Read the arm's own sensor at the time `now`, s. The arm reports no moments of a contact."""
         own = self.own.at(now, moving, tool.turn)
         arm = rotate(tool.turn, tool.tcp.position)
         left = _minus(self.load.weight(tool.turn), tool.payload.weight(tool.turn))
@@ -123,7 +123,7 @@ class ForceReading:
         return _minus(_plus(own, shown), zeros[0])
 
     def _read_external(self, given: Value | None, tool: Tool) -> Wrench:
-        """What comes of a client's `external_force_torque`, along the flange's axes and about the flange."""
+        """Read a client's `external_force_torque`, along the flange's axes and about the flange."""
         arm = rotate(tool.turn, tool.tcp.position)
         weight = about_tool(tool.payload.weight(tool.turn), arm)
         self.felt = _minus(external_wrench(given, tool.turn, tool.tcp), weight)

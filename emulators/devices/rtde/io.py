@@ -20,7 +20,7 @@ MASKS = frozenset((*(f"{group}_digital_output_mask" for group in _GROUPS), "stan
 
 
 def switch_outputs(inputs: Registers, outputs: Registers) -> Registers:
-    """The outputs after a package of inputs. An analogue value is a share of its range, 0 … 1."""
+    """Return the outputs after a package of inputs. An analogue value is a share of its range, 0 … 1."""
     bits = int(number_in(outputs, _DIGITAL))
     for group, first in _GROUPS.items():
         mask = int(number_in(inputs, f"{group}_digital_output_mask")) << first
@@ -36,7 +36,7 @@ def switch_outputs(inputs: Registers, outputs: Registers) -> Registers:
 
 
 def read_slider(inputs: Registers, slider: float) -> float:
-    """The speed slider after a package with a fraction for it, 0 … 1; `slider` is where it was."""
+    """Return the speed slider after a package with a fraction for it, 0 … 1; `slider` is its previous value."""
     fraction = number_in(inputs, "speed_slider_fraction")
     obeyed = number_in(inputs, "speed_slider_mask") and math.isfinite(fraction)
     return min(max(fraction, 0.0), 1.0) if obeyed else slider
@@ -56,7 +56,7 @@ class RegisterBank:
         """Share of its speed that a motion has from the next cycle on, 0 … 1 (assumed: without a ramp)."""
 
     def write_inputs(self, values: Mapping[str, Value]) -> None:
-        """A package of inputs came; they hold for ever."""
+        """Write a package of inputs; they hold for ever."""
         self.inputs = {**self.inputs, **values}
         if not MASKS.isdisjoint(values):
             self.outputs = switch_outputs(self.inputs, self.outputs)
@@ -64,10 +64,10 @@ class RegisterBank:
             self.slider = read_slider(self.inputs, self.slider)
 
     def write_output(self, name: str, value: float) -> None:
-        """A program writes a register."""
+        """Write a register, by a program."""
         if self.outputs.get(name, 0) != value:
             self.outputs = {**self.outputs, name: value}
 
     def number(self, name: str) -> float:
-        """An input that is a number, 0 where nothing was written."""
+        """Return an input that is a number, 0 if nothing was written."""
         return number_in(self.inputs, name)

@@ -49,7 +49,7 @@ USUAL: Joints = (0.0, -math.pi / 2, -math.pi / 2, -math.pi / 2, math.pi / 2, 0.0
 
 
 def compose(first: Pose, second: Pose) -> Pose:
-    """The second pose, given in the frame of the first, in the first one's own frame."""
+    """Return the second pose, given in the frame of the first, in the first one's own frame."""
     (x, y, z), quaternion = first
     (a, b, c), turned = second
     u, v, t = rotate(quaternion, (a, b, c))
@@ -73,20 +73,20 @@ class ToolPoses:
 
 
 def invert(pose: Pose) -> Pose:
-    """The outer frame in the frame of the pose."""
+    """Return the outer frame in the frame of the pose."""
     back = inverse(pose.quaternion)
     x, y, z = rotate(back, pose.position)
     return Pose((-x, -y, -z), back)
 
 
 def _of_wrist_1(base: float, total: float) -> Quaternion:
-    """Turns about z, a quarter turn about x behind each, multiplied out; angles are halves, rad."""
+    """Multiply turns about z, each followed by a quarter turn about x; angles are halves, rad."""
     c, s, u, v = math.cos(base), math.sin(base), math.cos(total), math.sin(total)
     return -s * v, c * u, s * u, c * v
 
 
 def _of_tool(wrist_2: float, wrist_3: float) -> Quaternion:
-    """Turns about z, a quarter turn back about x between, in the same way."""
+    """Multiply turns about z with a quarter turn back about x between them, in the same way."""
     both, less = wrist_2 + wrist_3, wrist_3 - wrist_2
     return _HALF * math.cos(both), -_HALF * math.cos(less), _HALF * math.sin(less), _HALF * math.sin(both)
 
@@ -146,7 +146,7 @@ def solutions(arm: Arm, pose: Pose, near: Joints) -> Iterator[Joints]:
 
 
 def nearest(arm: Arm, pose: Pose, near: Joints) -> Joints | None:
-    """The solution that takes the least motion from `near`; None where no joints hold the pose."""
+    """Return the solution with the least motion from `near`; None if no joints hold the pose."""
     best, least = None, math.inf
     for joints in solutions(arm, pose, near):
         distance = math.dist(joints, near)
@@ -186,7 +186,7 @@ def _surely_nearest(arm: Arm, joints: Joints) -> float:
 
 
 def _wound(angle: float, near: float) -> float:
-    """The angle, give or take whole turns, next to `near` and inside the range."""
+    """Return the angle, up to whole turns, next to `near` and inside the range."""
     angle += 2.0 * math.pi * round((near - angle) / (2.0 * math.pi))
     if angle > RANGE:
         return angle - 2.0 * math.pi

@@ -26,7 +26,7 @@ class Manipulator:
     """Joints as the controller orders them, as the drives move them, and as the encoders report them."""
 
     def __init__(self, profile: RtdeProfile, start: StartPose, seed: int) -> None:
-        """Raises ValueError for a start that the arm cannot hold."""
+        """Raise ValueError for a start that the arm cannot hold."""
         self._profile = profile
         self.lengths = ARMS[profile.model]
         self.tool = Pose((0.0, 0.0, start.tool_length), (1.0, 0.0, 0.0, 0.0))

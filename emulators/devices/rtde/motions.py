@@ -52,7 +52,7 @@ class Motions:
         """News at the newest motion that was told."""
 
     def hear_package(self, names: tuple[str, ...]) -> None:
-        """A package of inputs has come, with these names."""
+        """Accept a package of inputs with these names."""
         controller = self._controller
         if not self.by_registers or controller.orders.listener is None:
             return
@@ -78,7 +78,7 @@ class Motions:
             self._tell(words, None, self._reach, speed)
 
     def hear_move(self, words: str, goal: Pose) -> None:
-        """A move that is planned before it begins."""
+        """Accept a move that is planned before it begins."""
         if self._listens:
             self._told, self._heard = (words, goal), self.news
             self._tell(words, goal)

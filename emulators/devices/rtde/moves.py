@@ -34,7 +34,7 @@ class Ramp(NamedTuple):
     """s"""
 
     def at(self, t: float) -> float:
-        """The part that is done after a time, s."""
+        """Return the part that is done after a time, s."""
         end = self.total - t
         if not (self.length > 0.0 and end > 0.0):
             return 1.0
@@ -48,7 +48,7 @@ class Ramp(NamedTuple):
 
 
 def plan_ramp(length: float, speed: float, acceleration: float) -> Ramp:
-    """A way that goes no faster than it is asked to, and reaches the speed where it is long enough."""
+    """Plan a motion no faster than requested that reaches the speed if it is long enough."""
     if not length > 0.0:
         return Ramp(0.0, 1.0, 1.0, 0.0)
     speed, acceleration = max(speed, _LEAST), max(acceleration, _LEAST)
@@ -142,7 +142,7 @@ def _dot(a: Vector, b: Vector) -> float:
 
 
 def _along(controller: Controller, at: Callable[[float], Pose], ramp: Ramp) -> Walk:
-    """The joints of a path's poses."""
+    """Return the joints of a path's poses."""
 
     def joints_at(share: float) -> Joints | None:
         joints = controller.manipulator.solve(at(share), controller.arm.joints)

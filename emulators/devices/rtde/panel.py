@@ -23,7 +23,7 @@ _RUNTIME_AT = {
 
 
 def _act(act: Callable[[Controller], object]) -> Move:
-    """The act, once the controller has come to the time."""
+    """Return the act, delayed until the controller has reached the time."""
 
     def move(robot: RtdeRobot, now: float) -> object:
         robot.controller.advance(now)

@@ -30,7 +30,7 @@ class Player:
         self._watchdogs: list[Watchdog] = []
 
     def start(self, make: Callable[[], Program], now: float) -> None:
-        """A complete program came; a running one is stopped first."""
+        """Start a complete program; a running one is stopped first."""
         self._end(now)
         self._starting = now + self._start_delay, make
 
@@ -82,12 +82,12 @@ class Player:
     # --- watchdogs
 
     def watch_input(self, name: str, frequency_hz: float, action: str, now: float) -> None:
-        """A program asks for a watchdog. Counting begins now."""
+        """Start a watchdog that a program requests. Counting begins now."""
         if frequency_hz > 0.0:
             self._watchdogs.append(Watchdog(name, 1.0 / frequency_hz, action, now))
 
     def feed_watchdogs(self, names: tuple[str, ...], now: float) -> None:
-        """Inputs with these names came."""
+        """Feed the watchdogs of inputs with these names."""
         for watchdog in self._watchdogs:
             if watchdog.name in names:
                 watchdog.last = now

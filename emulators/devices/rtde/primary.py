@@ -109,7 +109,7 @@ def _cartesian(controller: Controller, snapshot: Snapshot) -> Values:
 
 
 def _denavit_hartenberg(controller: Controller) -> Mapping[str, Values]:
-    """The arm's lengths and angles by name, joint by joint; those of a real one are calibrated."""
+    """Return the arm's lengths and angles by name, joint by joint; those of a real one are calibrated."""
     arm = controller.manipulator.lengths
     return {
         "theta": (0.0,) * 6,
@@ -160,7 +160,7 @@ _PARTS: Mapping[Part, Callable[[Controller, Snapshot], Values]] = {
 
 
 def encode_state(controller: Controller) -> bytes:
-    """The state of a controller as one packet."""
+    """Encode the state of a controller as one packet."""
     snapshot = controller.snapshots[-1]
     return primary.encode(
         primary.PacketType.STATE,
@@ -194,7 +194,7 @@ class PrimaryPort:
         self._put(MessageKind.VERSION, primary.version_body(controller.version, BUILT))
 
     def hear(self, saying: Saying) -> None:
-        """A program has said something, or something is said about it."""
+        """Queue a message from a program, or about one."""
         match saying.message:
             case Kind.TEXT:
                 self._say(MessageKind.TEXT, saying.text.encode("utf-8", "replace"))
@@ -249,7 +249,7 @@ class PrimaryPort:
         return self._look_at
 
     def handle_deadline(self, now: float) -> None:
-        """A process that was late skips the states that it has missed."""
+        """Send the state that is due; a late process skips the states it has missed."""
         if now < self._look_at:
             return
         controller = self._controller
@@ -262,5 +262,5 @@ class PrimaryPort:
         self._look_at = min(now + LOOK_S, self._state_at)
 
     def close(self, now: float) -> None:
-        """The connection has ended."""
+        """End the connection."""
         self._controller.console.listeners.remove(self)

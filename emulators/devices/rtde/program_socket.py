@@ -71,11 +71,11 @@ class ProgramSocket:
     # --- for the wire
 
     def opened(self) -> None:
-        """The server has taken the connection."""
+        """Note that the server has accepted the connection."""
         self.opening = False
 
     def close(self, now: float) -> None:
-        """The connection has ended, or does not come about. What has come can be read still."""
+        """End the connection, or give it up. What has arrived can still be read."""
         self.opening, self._ended = False, True
 
     def receive(self, data: bytes, now: float) -> None:
@@ -91,7 +91,7 @@ class ProgramSocket:
         self._controller.motions.news += 1
 
     def _hold_back(self) -> None:
-        """A server that sends more than is read waits, as TCP lets it."""
+        """Hold back a server that sends more than is read, as TCP does."""
         if self._held != (len(self._come) >= ENOUGH):
             self._held = not self._held
             self.hold(self._held)
@@ -105,7 +105,7 @@ class ProgramSocket:
         return data
 
     def next_deadline(self) -> float | None:
-        """The next cycle: a program that talks to a server runs also where no client of RTDE drives the controller."""
+        """Return the next cycle: a program that talks to a server runs also without an RTDE client."""
         path = self._controller.path
         return path.cycle_at(path.cycle + 1)
 

@@ -99,7 +99,7 @@ class Script:
 
 
 def run_secondary(controller: Controller, text: bytes) -> None:
-    """A program that runs beside another one, within one cycle, and cannot move the arm."""
+    """Run a program beside another one, within one cycle; it cannot move the arm."""
     controller.counts["secondary programs"] += 1
 
     def work() -> Iterator[None]:

@@ -47,7 +47,7 @@ class RealtimePort:
         return self._controller.path.cycle_at(self._due)
 
     def handle_deadline(self, now: float) -> None:
-        """A process that was late skips the states that it has missed."""
+        """Send the state that is due; a late process skips the states it has missed."""
         self._controller.advance(now)
         cycle = self._controller.path.cycle
         if self._due > cycle:
@@ -60,7 +60,7 @@ class RealtimePort:
         self._out.append(self._layout.encode([value for read in self._getters for value in read(snapshot)]))
 
     def close(self, now: float) -> None:
-        """The connection has ended."""
+        """End the connection."""
 
 
 def _read_nothing(state: Snapshot) -> tuple[float, ...]:

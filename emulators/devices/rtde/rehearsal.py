@@ -81,7 +81,7 @@ class DryHost(ControllerHost):
         return iter((None,))
 
     def set_tcp(self, tcp: Pose) -> None:
-        """The tool stays."""
+        """Keep the tool."""
 
     def set_payload(self, mass: float, centre: tuple[float, ...]) -> None:
         """The payload stays."""

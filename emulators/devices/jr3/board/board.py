@@ -105,7 +105,7 @@ class Board:
         return tuple(self._told(address, words) if self._scales.faulty else words)
 
     def burst(self, address: int, count: int, now: float) -> bytes:
-        """The same words as a wire carries them. Raises RemoteProtocolError outside the memory."""
+        """Return the same words as a wire carries them. Raises RemoteProtocolError outside the memory."""
         check_range(address, count)
         self._advance(now)
         if self._scales.faulty:
@@ -222,7 +222,7 @@ class Board:
     # --- time
 
     def _sample_at(self, time: float) -> int:
-        """Number of the newest sample at a time."""
+        """Return the number of the newest sample at a time."""
         return math.floor(time * SENSOR_RATE_HZ + _EPSILON) - self._origin
 
     def _advance(self, now: float) -> None:
@@ -251,7 +251,7 @@ class Board:
         self._processor.sampling.invalidate(first)
 
     def _predicted_sample(self) -> int:
-        """The last sample that can be computed now and will most likely be needed."""
+        """Return the last sample that can be computed now and will most likely be needed."""
         sample = self._sample_at(min(self._sensor.predicted_until(self._now), self._now + _AHEAD_S))
         return min(sample, self._sample_at(min(self._due.values()))) if self._due else sample
 

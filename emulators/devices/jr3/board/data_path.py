@@ -109,7 +109,7 @@ class Block:
         return np.where(since < 0, (since + divisor) % WORD_MODULUS, since % divisor)
 
     def sampled(self, sample: Samples) -> Samples | int:
-        """Number of the newest sample computed up to each of these."""
+        """Return the number of the newest sample computed up to each of these."""
         return self.before.sampled if self.source is None else sample
 
     def after(self) -> PathState:
@@ -131,7 +131,7 @@ class Block:
 
 
 def at_rest() -> PathState:
-    """A path that has seen nothing."""
+    """Return a path without any input yet."""
     return PathState(
         tuple(np.zeros((len(AXES), ORDER)) for _ in range(FILTERS - 1)),
         np.zeros(sum(TRACE_WORDS.values()), np.int16),
@@ -142,7 +142,7 @@ _HELD = Places.of({name: Place(NEVER, 1, where.start, 1, 1) for name, where in N
 
 
 def held(state: PathState, start: int, end: int) -> Block:
-    """Samples that the board lets pass: every word stays."""
+    """Return samples that the board skips: every word keeps its value."""
     return Block(start, end, state, Traces(state.last, start, _HELD), None)
 
 

@@ -64,7 +64,7 @@ _USES = {
 
 
 def use_of(address: int) -> Use:
-    """The way in which the board treats a word that the host writes there."""
+    """Return how the board treats a word that the host writes there."""
     if address >= RAM_WORDS:
         return Use.IGNORE
     found = register_at(address)
@@ -129,7 +129,7 @@ class Memory:
         self.changes += 1
 
     def _live_word(self, at: int, block: Block, sample: Samples) -> float | NDArray[Any]:
-        """A word, after each of these samples, that follows from the number of the sample alone."""
+        """Return a word, after each of these samples, that follows from the number of the sample alone."""
         if at == _RATE_COUNT:
             return block.rate_count(sample)
         if at == _COUNT_X:
@@ -145,7 +145,7 @@ class Memory:
         return register.values(self.words[register.address : register.address + register.count])
 
     def value(self, name: str) -> int:
-        """A register of one word."""
+        """Return a register of one word."""
         return self.get(name)[0]
 
     def put(self, name: str, *values: int) -> None:

@@ -48,7 +48,7 @@ class Plan:
 
 @lru_cache(maxsize=256)
 def plan_of(phase: int, length: int, rate: tuple[int, int], saturated: bool, thresholds: bool) -> Plan:
-    """The plan of `length` samples, the first of which has the number `phase` modulo the slowest filter's step.
+    """Return the plan of `length` samples, the first of which has the number `phase` modulo the slowest filter's step.
 
     `rate` is the sample of the block with its first calculation of the rate, and the step to the next. Words that are
     not calculated, as those of saturation and thresholds may not be, have a column all the same.

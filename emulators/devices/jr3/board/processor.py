@@ -58,7 +58,7 @@ class Order:
 
 
 def default_full_scales(profile: BoardProfile, sensor: SensorProfile) -> tuple[int, ...]:
-    """A sensor's full scales as words in the board's units. Raises ValueError when a word cannot hold one."""
+    """Return a sensor's full scales as words in the board's units. Raises ValueError when a word cannot hold one."""
     unit = UNIT_SCALES[Units(profile.units)]
     forces = [value / unit.force for value in sensor.full_scales_n]
     moments = [value / unit.moment for value in sensor.full_scales_nm]
@@ -106,13 +106,13 @@ class Processor:
     # --- the sensor
 
     def forget_sensor(self) -> None:
-        """A sensor has begun to send, and its calibration is not known yet."""
+        """Forget the calibration: a sensor has begun to send, and its own is not known yet."""
         for name in ("serial_no", "model_no"):
             self.memory.put(name, 0)
         self.memory.put("last_crc", -1)
 
     def identify_sensor(self, second: SecondSensorProfile | None = None) -> None:
-        """The calibration has been read: say whose, with offsets 0 and no peaks; the first sensor's or the second's.
+        """Identify the sensor whose calibration was read, with offsets 0 and no peaks; the first sensor or the second.
 
         A sensor other than the one before is told by `sensor changed`; observed: the same one again is not.
         Assumed: transform and full scales that the host has set go on with another sensor, the filters start
@@ -196,7 +196,7 @@ class Processor:
         self.sampling.resume(state)
 
     def _words(self, name: str) -> tuple[int, ...]:
-        """Computed words of the six axes, with their sign."""
+        """Return the computed words of the six axes, with their sign."""
         register = REGISTERS[name]
         return register.values(self.read(register.address, len(AXES)))
 
@@ -345,7 +345,7 @@ class Processor:
         )
 
     def _envelope(self) -> LoadEnvelope:
-        """The load envelope in use. Assumed: one that cannot be read compares nothing."""
+        """Return the load envelope in use. Assumed: one that cannot be read compares nothing."""
         number = self.memory.value("load_envelope_num")
         if number not in range(SLOTS):
             return LoadEnvelope()

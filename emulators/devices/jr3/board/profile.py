@@ -45,7 +45,7 @@ class SecondSensorProfile:
         self.of(SensorProfile())
 
     def of(self, first: SensorProfile) -> SensorProfile:
-        """The whole sensor, where the first is this. Raises ValueError for one that cannot be."""
+        """Return the complete sensor, given the first. Raises ValueError for an impossible one."""
         return replace(
             first,
             full_scales_n=self.full_scales_n,

@@ -27,7 +27,7 @@ class RawSamples:
         self._kept: Samples = np.empty((0, 6), np.int64)
 
     def take(self, first: int, last: int) -> Samples:
-        """Readings of samples `first` … `last` − 1. Those before are lost."""
+        """Return the readings of samples `first` … `last` − 1. Those before are lost."""
         kept = self._kept[max(0, first - self._first) :]
         if len(kept) >= last - first:
             self._first, self._kept = last, kept[last - first :]
@@ -42,7 +42,7 @@ class RawSamples:
         self._kept = np.concatenate([samples, self._kept])
 
     def invalidate(self, first: int) -> None:
-        """Samples from this number on will be others than were read."""
+        """Drop samples from this number on: they will differ from those read."""
         self._kept = self._kept[: max(0, first - self._first)]
 
 
@@ -90,7 +90,7 @@ class Sampling:
         return state
 
     def invalidate(self, first: int) -> None:
-        """The sensor's samples from this absolute number on will be others; those that a host has seen stay."""
+        """Drop the sensor's samples from this absolute number on; those that a host has read stay."""
         self._end_block(max(first - self._origin, self.sample + 1))
         self._raw.invalidate(first)
 

@@ -58,7 +58,7 @@ class Place:
     """Calculations + 1."""
 
     def moved(self, by: int, pitch: int) -> "Place":
-        """The same elsewhere."""
+        """Return the same, moved elsewhere."""
         return Place(self.first, self.step, by + self.begin, pitch, self.columns)
 
 
@@ -76,7 +76,7 @@ class Places:
 
     @classmethod
     def of(cls, at: Mapping[str, Place]) -> "Places":
-        """The places of the traces, with the facts that follow from them."""
+        """Return the places of the traces, with the facts that follow from them."""
         words = [(at[name], word) for name, words in TRACE_WORDS.items() for word in range(words)]
         return cls(
             at,
@@ -123,7 +123,7 @@ class Traces:
         return _lookup(self._places, address, count, (offset, samples, step))
 
     def without(self, *names: str) -> "Traces":
-        """The same before these were computed."""
+        """Return the same as before these were computed."""
         return Traces(self.words, self._start, self._places, names)
 
 
@@ -160,7 +160,7 @@ class Piece:
 
 @lru_cache(maxsize=512)
 def pieces(address: int, count: int) -> tuple[Piece, ...]:
-    """The computed pieces among `count` words from an address."""
+    """Return the computed pieces among `count` words from an address."""
     found: list[Piece] = []
     for offset in range(min(count, _END - address)):
         name, word = COLUMNS.get(address + offset, ("", 0))

@@ -30,7 +30,7 @@ def _cross(arm: Floats) -> Floats:
 
 
 def _rotation(axis: int, angle: float) -> Floats:
-    """Turns a vector right-handedly about an axis."""
+    """Return the matrix that turns a vector right-handedly about an axis."""
     turned = np.eye(3)
     i, j = (axis + 1) % 3, (axis + 2) % 3
     turned[i, i] = turned[j, j] = math.cos(angle)
@@ -119,7 +119,10 @@ class Scaling:
         return smallest
 
     def offsets_in(self, other: "Scaling", offsets: Sequence[int]) -> list[int]:
-        """The same offsets in the frame and full scales of another scaling. Source: the manual, for transforms."""
+        """Return the same offsets in the frame and full scales of another scaling.
+
+        Source: the manual, for transforms.
+        """
         # Both scalings decouple the same channels, so that the raw reading is what they have in common.
         raw = np.linalg.solve(self.counts_per_raw, np.array(offsets, np.float64))
         moved = np.clip(np.rint(other.counts_per_raw @ raw), -_HALF_RANGE, _LARGEST)

@@ -15,7 +15,7 @@ WATCHED = 8
 def series(
     traces: Traces, constants: Mapping[int, int], address: int, samples: NDArray[np.int64]
 ) -> NDArray[np.int16]:
-    """A word after each of these samples; a word that is not computed keeps its value."""
+    """Return a word after each of these samples; a word that is not computed keeps its value."""
     name, word = COLUMNS.get(address, ("", 0))
     if name in traces:
         return traces[name].at(word, samples)
