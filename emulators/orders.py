@@ -83,7 +83,7 @@ class Orders:
         """Called with each order at once; None while it is not wanted."""
 
     def tell(self, order: HeardOrder) -> None:
-        """An order came; harmless without a listener."""
+        """Report an order; no effect without a listener."""
         if self.listener is not None:
             self.listener(order)
 

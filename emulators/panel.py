@@ -178,7 +178,7 @@ class Panel:
 
 
 def millimetres(position: Sequence[float]) -> tuple[float, ...]:
-    """A position in m, in mm, to the µm."""
+    """Return a position in m, in mm, to the µm."""
     return tuple(round(part * 1000.0, 3) for part in position)
 
 

@@ -8,7 +8,7 @@ from protocol.marks import SettingError
 
 
 def draw(quantiles: Sequence[float], source: random.Random) -> float:
-    """A number of the distribution with these quantiles, straight lines between them; takes one random number."""
+    """Draw from the distribution with these quantiles, interpolated linearly; uses one random number."""
     place = source.random() * (len(quantiles) - 1)
     k = min(int(place), len(quantiles) - 2)
     return quantiles[k] + (quantiles[k + 1] - quantiles[k]) * (place - k)

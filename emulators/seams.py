@@ -64,7 +64,7 @@ class ArmPath(Protocol):
         """Up to when the path may be read, s; as `committed_until` for a path that is never read ahead."""
 
     def trajectory(self, times: Floats) -> tuple[Floats, Floats]:
-        """True positions (n, 3), m, of the tool centre point and its velocities (n, 3), m/s, base frame.
+        """Return true positions (n, 3), m, of the tool centre point and its velocities (n, 3), m/s, base frame.
 
         `times` (n,) ascend, s. They may lie up to ten seconds in the past, and as far ahead as is predicted.
         """
@@ -100,7 +100,7 @@ class EmulatedRobot(Protocol):
         """
 
     def joints_holding(self, pose: Pose, at: float) -> Joints | None:
-        """The joints that hold the true `pose` of the time `at`, s; None where the robot has no kinematics."""
+        """Return the joints that hold the true `pose` of the time `at`, s; None where the robot has no kinematics."""
 
 
 ContactSource: TypeAlias = Callable[[float], Vector]
@@ -112,7 +112,7 @@ class FeelingRobot(Protocol):
     """A robot that feels the contact of its tool by itself. The cell gives it that force when both are there."""
 
     def feel(self, contact: ContactSource) -> None:
-        """The force comes from here."""
+        """Set the source of the force."""
 
 
 @runtime_checkable
@@ -120,7 +120,7 @@ class LoadedRobot(Protocol):
     """A robot that takes the weight of its tool into account. The cell tells it the tool."""
 
     def carry(self, mass: float, centre: Vector) -> None:
-        """The flange carries this mass, kg, whose centre is there in the flange, m."""
+        """Set the mass at the flange, kg, and its centre in the flange, m."""
 
 
 class WrenchSource(Protocol):
@@ -196,7 +196,7 @@ class Surface(Protocol):
         """
 
     def aside(self) -> "Surface":
-        """A copy for questions: they must change neither the memory nor the counts of this one."""
+        """Return a copy for questions: they must change neither the memory nor the counts of this one."""
 
     def rewind(self, time: float) -> None:
         """Go back to before this time, s, as far as is known: the samples from then on are shown again."""

@@ -36,7 +36,7 @@ class Unmodelled:
         return tuple(self._told.values())
 
     def touch(self, thing: str, detail: str) -> None:
-        """A client has used this; `detail` is its treatment here."""
+        """Report that a client has used this; `detail` is its treatment here."""
         thing = "".join(
             sign if sign.isprintable() else "\N{REPLACEMENT CHARACTER}" for sign in thing[:LONGEST]
         )

@@ -48,7 +48,7 @@ class Parameter:
         return f"{self.minimum:g} … {self.maximum:g}{f' {self.unit}' if self.unit else ''}"
 
     def check(self, given: object) -> FaultValue:
-        """The value. Raises ValueError."""
+        """Return the value. Raises ValueError."""
         if self.choices:
             if given not in self.choices:
                 raise ValueError(f"must be {self.range_text}, got {given!r}")

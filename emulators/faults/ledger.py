@@ -61,17 +61,17 @@ class Injection:
         return float(self.values.get("count", 0))
 
     def number(self, key: str) -> float:
-        """A parameter that is a number."""
+        """Return a parameter that is a number."""
         return float(self.values[key])
 
     def strike(self, now: float) -> None:
-        """It has an effect, s; the last of its `count` ends it."""
+        """Note an effect at a time, s; the last of its `count` ends the fault."""
         self.struck += 1
         if 0 < self._count <= self.struck:
             self.finish(now)
 
     def finish(self, now: float) -> None:
-        """It is over; harmless when it was before."""
+        """End the fault. Idempotent."""
         if self.ended_at is None:
             self.ended_at = now
             self.on_end(self)
@@ -207,7 +207,7 @@ def find(table: Mapping[str, Mapping[str, Fault]], target: str, fault: str) -> F
 
 
 def target_of(fault: str, table: Mapping[str, Mapping[str, Fault]]) -> str:
-    """The target of a fault that is named alone. Raises ValueError for none, and for one of several targets."""
+    """Return the target of a fault that is named alone. Raises ValueError for none, and for one of several targets."""
     targets = [target for target, faults in table.items() if fault in faults]
     if len(targets) == 1:
         return targets[0]

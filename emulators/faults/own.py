@@ -17,7 +17,7 @@ class OwnFaults:
         return {name: Handler(partial(self._begin, name)) for name in names}
 
     def ended_by(self, name: str, end: Callable[[float], object]) -> Mapping[str, Handler]:
-        """The same for one whose end the device is told, with the time in s."""
+        """Return the same for one whose end the device is told, with the time in s."""
         return {name: Handler(partial(self._begin, name), lambda injection, now: end(now))}
 
     def striking(self, acts: Mapping[str, Callable[[float], object]]) -> Mapping[str, Handler]:
@@ -30,7 +30,7 @@ class OwnFaults:
         return bool(self._newest)
 
     def under_way(self, name: str, now: float) -> Injection | None:
-        """The injection of a fault that holds now: it has an effect each time that it is asked for."""
+        """Return the injection of a fault that holds now: it has an effect each time that it is asked for."""
         injection = self._newest.get(name)
         if injection is None or not injection.holds(now):
             return None

@@ -129,7 +129,7 @@ DATAGRAMS: Pieces[Sequence[bytes]] = Pieces(
 
 
 def packages(name: str, take_apart: Callable[[bytes], list[bytes]]) -> Pieces[bytes]:
-    """Packages of a protocol over a stream of bytes. `take_apart` gets what one side says at once."""
+    """Return packages of a protocol over a byte stream. `take_apart` gets the bytes of one side."""
     return Pieces(name, take_apart, b"".join, _corrupt_bytes, _garble_bytes, _cut_bytes)
 
 
@@ -170,7 +170,7 @@ class _Way(Generic[Data]):
             self.under_way.append((at, packets))
 
     def arrived(self, now: float) -> Data:
-        """Data that have come through by now."""
+        """Return the data that have arrived by now."""
         packets: list[Any] = []
         while self.under_way and self.under_way[0][0] <= now:
             packets += self.under_way.popleft()[1]
@@ -181,7 +181,7 @@ class _Way(Generic[Data]):
         return any(each.fault == "reordered" and each.holds(now) for each in self.faults)
 
     def _struck(self, packet: Any, injection: Injection, now: float) -> Sequence[Any]:
-        """The data that come in the place of a packet."""
+        """Return the data that come in the place of a packet."""
         pieces, draw = self._pieces, self._draw
         if injection.fault == "reordered" and self._kept_back:
             before, self._kept_back = self._kept_back, []
@@ -229,10 +229,10 @@ class Packets(Generic[Data]):
         self._inner.receive(data, now)
 
     def next_event(self) -> None:
-        """A device tells no events."""
+        """Return None: a device has no events."""
 
     def data_to_send(self, now: float) -> Data:
-        """The data that come out of the wire now, of all that the device sends and has sent."""
+        """Return the data that come out of the wire now, of all that the device sends and has sent."""
         data = self._inner.data_to_send(now)
         if not self._bad:
             return data

@@ -65,24 +65,25 @@ class MeasuredWrench:
         self.signal = Signal(rate_hz, needs, self._samples.invalidate_from)
 
     def number_at(self, time: float) -> int:
-        """Number of the newest sample at a time, s."""
+        """Return the number of the newest sample at a time, s."""
         return math.floor(time * self._rate + 1e-6)  # a millionth keeps rounding from missing one
 
     def first_after(self, time: float) -> int:
-        """Number of the first sample later than a time, s."""
+        """Return the number of the first sample later than a time, s."""
         return self.number_at(time) + 1
 
     def outputs(self, first: int, last: int) -> Floats:
-        """Outputs (n, 6) of the samples from one number to another, whole numbers; numbers do not fall."""
+        """Return outputs (n, 6) of the samples from one number to another, integers; numbers do not decrease."""
         return self._samples.starting(first, last)[: last - first + 1]
 
     def outputs_ahead(self, first: int, last: int) -> Floats:
-        """The same, and those behind as far as they are predicted, for a reader that minds `on_invalidate`."""
+        """Return the same, and those behind as far as they are predicted, for a reader that minds `on_invalidate`."""
         return self._samples.starting(first, last)
 
     def last_at_end(self, first: int, last: int) -> int | None:
-        """Number of the newest sample from one number to another, read before, of which an output is at an end of the
-        converter.
+        """Return the number of the newest sample in a range, read before, with an output at an end of the converter.
+
+        None if there is none.
         """
         if not self._at_end:  # as nearly always
             return None
@@ -121,6 +122,6 @@ class MeasuredWrench:
             self._at_end.extend((first + np.flatnonzero(at_end.any(axis=0))).tolist())
 
     def _forget_ends(self, first: int) -> None:
-        """The samples from this number on are made anew."""
+        """Make the samples from this number on again."""
         while self._at_end and self._at_end[-1] >= first:
             self._at_end.pop()

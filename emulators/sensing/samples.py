@@ -62,7 +62,7 @@ class Samples:
         source.on_change = self.invalidate
 
     def starting(self, first: int, last: int) -> Floats:
-        """Samples from number `first` on: to `last`, the newest at present, and on behind it as far as they are
+        """Return samples from number `first` on: to `last`, the newest at present, and on behind it as far as they are
         predicted; see `on_invalidate`.
         """
         ready = self._ready
@@ -84,11 +84,11 @@ class Samples:
         return ready[first - begin :]
 
     def invalidate(self, time: float) -> None:
-        """Samples from this time on, s, are others than could be read."""
+        """Drop samples from this time on, s: they will differ from those read."""
         self.invalidate_from(math.floor(time * self._rate))
 
     def invalidate_from(self, number: int) -> None:
-        """Samples from this number on are others than could be read."""
+        """Drop samples from this number on: they will differ from those read."""
         if self._ready is not None:
             self._ready = self._ready[: max(number - self._ready_from, 0)]
         for tell in self.on_invalidate:
@@ -115,7 +115,7 @@ class Draws:
         self._random = np.random.Generator(self._bits)
 
     def chunk(self, number: int, shape: tuple[int, ...]) -> Floats:
-        """The numbers of this chunk, of variance 1."""
+        """Return the numbers of this chunk, of variance 1."""
         self._begin["state"]["counter"][2] = number % 2**64
         self._bits.state = self._begin
         return self._random.standard_normal(shape)
@@ -168,7 +168,7 @@ class NoisyWrench:
         """The same as arrays (n, 6)."""
 
     def number_at(self, time: float) -> int:
-        """Number of the newest sample at a time, s."""
+        """Return the number of the newest sample at a time, s."""
         return math.floor(time * self._rate + 1e-6)  # a millionth keeps rounding from missing one
 
     def sample(self, number: int) -> Wrench:

@@ -82,12 +82,12 @@ def check_errors(profile: Any) -> None:
 
 
 def per_axis(value: PerAxis) -> Vector:
-    """The values of all three axes."""
+    """Return the values of all three axes."""
     return value if isinstance(value, tuple) else (value, value, value)
 
 
 def unrest(profile: UnrestSettings, powered_at: float) -> Unrest:
-    """The errors of a sensor that is powered up at a time, s, in SI units."""
+    """Return the errors of a sensor that is powered up at a time, s, in SI units."""
     x, y, z = per_axis(profile.slope_n_min)
     return Unrest(
         since=powered_at,

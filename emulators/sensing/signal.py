@@ -48,7 +48,7 @@ class Signal:
         return bool(self._faults)
 
     def wrench(self, wrench: Floats, first: int) -> Floats:
-        """The falsified wrench for the true one (6, n) of the samples from number `first` on."""
+        """Return the falsified wrench for the true one (6, n) of the samples from number `first` on."""
         wrench = wrench.copy()
         for injection, part in self._parts(first, wrench.shape[1]):
             if injection.fault in _CHANGES:
@@ -62,7 +62,7 @@ class Signal:
         return wrench
 
     def noise(self, noise: Floats, first: int) -> Floats:
-        """The noise (6, n) of the samples from number `first` on."""
+        """Return the noise (6, n) of the samples from number `first` on."""
         noise = noise.copy()
         for injection, part in self._parts(first, noise.shape[1]):
             if injection.fault == _NOISE:
@@ -81,7 +81,7 @@ class Signal:
                 self._replay(injection, counts[:, part], first + part.start)
 
     def _replay(self, injection: Injection, counts: Floats, first: int) -> None:
-        """The first samples of the fault, and later these again, in place."""
+        """Replace samples in place by the first samples of the fault, repeatedly."""
         length = max(round(injection.number("length_s") * self._rate), 1)
         held = self._held.setdefault(injection, np.zeros((len(AXES), length)))
         numbers = np.arange(first, first + counts.shape[1]) - self._number(injection.injected_at)
@@ -101,7 +101,7 @@ class Signal:
                 yield injection, slice(begin - first, min(stop, first + count) - first)
 
     def _number(self, time: float) -> int:
-        """The first sample at or after a time."""
+        """Return the first sample at or after a time."""
         return math.ceil(time * self._rate - _EPSILON)
 
     def _begin(self, injection: Injection) -> None:
@@ -117,7 +117,7 @@ class Signal:
 
 
 def _rows(injection: Injection) -> slice:
-    """The rows of the axes that a fault concerns."""
+    """Return the rows of the axes that a fault concerns."""
     axis = str(injection.values["axis"])
     return slice(0, len(AXES)) if axis == ALL else slice(AXES.index(axis), AXES.index(axis) + 1)
 

@@ -119,7 +119,7 @@ class ZeroWander:
         return zeros
 
     def _walk(self, chunk: int) -> Floats:
-        """The walk (3, 65) at the knots of a chunk and at the first behind it, N."""
+        """Return the walk (3, 65) at the knots of a chunk and at the first behind it, N."""
         while len(self._bases) <= chunk:
             self._bases.append(self._walk(len(self._bases) - 1)[:, -1:])
         steps = self._draws.chunk(chunk, (_FORCES, _KNOTS)) * self._step
@@ -178,7 +178,7 @@ class Mechanics:
             _add_table(wrench[:_FORCES], self._table, first)
 
     def forget(self, number: int) -> None:
-        """The samples from this number on are others than were read."""
+        """Drop the samples from this number on: they differ from those read."""
         while self._knots and self._knots[-1].number * self._per_knot >= number:
             self._knots.pop()
 

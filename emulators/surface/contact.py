@@ -155,7 +155,7 @@ class Contact:
         return np.where(ended[:, None], np.nan, normals + 0.0)  # no minus zero
 
     def aside(self) -> "Contact":
-        """A copy for questions: they change neither the memory nor the counts of this one."""
+        """Return a copy for questions: they change neither the memory nor the counts of this one."""
         twin = copy.copy(self)
         twin._memories, twin._counts = deque(maxlen=1), False
         twin._removal = None if self._removal is None else self._removal.aside()
@@ -266,7 +266,7 @@ class Contact:
         return depth, normal
 
     def _shaped(self, positions: Floats) -> tuple[Floats, Floats]:
-        """The same while nothing has been removed."""
+        """Return the same while nothing has been removed."""
         if self._level is not None:
             depth_of_origin, normal = self._level
             return depth_of_origin - normal[:, 0] @ positions, normal

@@ -120,7 +120,7 @@ class Face:
         rotation_of: Callable[[Quaternion], Floats],
         turning: Floats | None = None,
     ) -> Spread:
-        """The contact points for positions and velocities (n, 3) of the tool centre point.
+        """Return the contact points for positions and velocities (n, 3) of the tool centre point.
 
         `orientations` are stretches that cover the n moments; `rotation_of` gives the matrix (3, 3) of one. `turning`
         (3, n) is the angular velocity, base frame, rad/s; None for none.
@@ -138,7 +138,7 @@ class Face:
         return Spread(places.T, speeds.T, arms)
 
     def gathered(self, forces: Floats, arms: Floats) -> Pushed:
-        """The sum of forces (n·points, 3), each as if its point bore all; each bears the same share."""
+        """Return the sum of forces (n·points, 3), each as if its point bore all; each bears the same share."""
         fx, fy, fz = shared = forces.T.reshape(arms.shape) / self.count
         ax, ay, az = arms
         moment = np.stack((ay * fz - az * fy, az * fx - ax * fz, ax * fy - ay * fx))

@@ -79,7 +79,7 @@ class MaterialProfile:
         check_settings(self)
 
     def law(self, stiffness: float, damping: float) -> "Material":
-        """The material with a stiffness in N/m and a damping in N·s/m; only a linear one has the latter."""
+        """Return the material with a stiffness in N/m and a damping in N·s/m; only a linear one has the latter."""
         match self.kind:
             case MaterialKind.LINEAR:
                 return Linear(stiffness, damping)
@@ -118,7 +118,7 @@ class Material(Protocol):
     def press(
         self, depth: Floats, approach: Floats, factor: Floats | float, times: Floats | None, memory: Memory
     ) -> tuple[Floats, Memory]:
-        """Forces (n,), N, for depth, m, and its rate of change, m/s; `factor` scales the stiffness.
+        """Return forces (n,), N, for depth, m, and its rate of change, m/s; `factor` scales the stiffness.
 
         `times` (n,) ascend, s. Raises ValueError when they are missing and the material has a memory.
         """
@@ -182,7 +182,7 @@ class HuntCrossley:
 
 
 def _require_times(times: Floats | None) -> Floats:
-    """The times of the samples. Raises ValueError where there are none."""
+    """Return the times of the samples. Raises ValueError where there are none."""
     if times is None:
         raise ValueError("a material with memory must be told the times of the samples")
     return times

@@ -147,7 +147,7 @@ class SurfaceProfile:
             raise SettingError("height_map_file", "is empty; name the file of the heights")
 
     def shape(self) -> Shape:
-        """The surface in m and rad. Raises ValueError for a file of heights that cannot be read."""
+        """Return the surface in m and rad. Raises ValueError for a file of heights that cannot be read."""
         height, amplitude, radius = (
             millimetres / 1000.0 for millimetres in (self.height_mm, self.amplitude_mm, self.radius_mm)
         )

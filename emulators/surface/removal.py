@@ -131,7 +131,7 @@ class Removal:
     """The map, and what waits to come into it."""
 
     def __init__(self, profile: RemovalProfile, points: int, area: float | None) -> None:
-        """A tool with so many contact points on a face of this area, m²; None for a tool without a face.
+        """Create a map for a tool with this many contact points on a face of this area, m²; None without a face.
 
         Raises ValueError for a map that is too fine for the tool.
         """
@@ -183,7 +183,7 @@ class Removal:
             self._forgotten += 1
 
     def aside(self) -> "Removal":
-        """A copy for questions, which cannot go back."""
+        """Return a copy for questions, which cannot go back."""
         twin = copy.copy(self)
         twin._changes = deque()
         twin._forgotten = 0
@@ -198,8 +198,9 @@ class Removal:
         return self._time
 
     def steps(self, times: Floats) -> Iterator[slice]:
-        """The parts of ascending `times` (n,) that lie in one step each; before a part is handed out, all that was
-        removed in earlier steps comes into the map.
+        """Return the parts of ascending `times` (n,) that lie in one step each.
+
+        Before it returns a part, it enters into the map everything that was removed in earlier steps.
         """
         # Samples are numbered; a millionth keeps rounding from moving one into another step.
         numbers = np.floor(times * _STEPS_HZ + 1e-6)
@@ -211,7 +212,7 @@ class Removal:
             yield slice(begin, end)
 
     def depth(self, along: Floats, across: Floats) -> Floats:
-        """Removed depth at places (n,), m; nothing beyond the map."""
+        """Return the removed depth at places (n,), m; nothing beyond the map."""
         rows, columns = self._depths.shape
         row, row_share, in_rows = _cell_of(along / self.spacing, rows)
         column, column_share, in_columns = _cell_of(across / self.spacing, columns)

@@ -153,7 +153,9 @@ class Jr3Sensor:
         return self.signal.wrench(wrench, first) if self.signal.faulty else wrench
 
     def raw(self, first: int, stop: int) -> NDArray[np.int64]:
-        """Return the converter readings (n, 6) of raw channels 1 … 6 of the samples from number `first` to before `stop`.
+        """Return the converter readings (n, 6) of raw channels 1 … 6.
+
+        They belong to the samples from number `first` to before `stop`.
 
         Left-justified in 16 bits, so that they rise in steps of 2^(16 − bits). Assumed: twice full scale of an
         axis is the converter's range, and the noise of an axis is that of its channel before conversion.

@@ -73,7 +73,9 @@ class Ethernet:
         return ""
 
     def read(self, raw: bytes) -> Telegram:
-        """Read the telegram in an answer, without a declaration or NUL characters where the controller accepts them. Raises
+        """Read the telegram in an answer.
+
+        A declaration and NUL characters are skipped where the controller accepts them. Raises
         RemoteProtocolError as `decode`.
         """
         if raw.endswith(b"\0"):

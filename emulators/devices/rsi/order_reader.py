@@ -26,7 +26,10 @@ class OrderReader:
         self._sum = NOTHING * 2
 
     def read(self, raw: bytes, now: float, session: Session, ipoc: int, acts: bool) -> HeardOrder:
-        """Read an answer as an order; `ipoc` is the clock of the newest telegram, `acts` whether the robot moves by it."""
+        """Read an answer as an order.
+
+        `ipoc` is the clock of the newest telegram, `acts` whether the robot moves by it.
+        """
         try:
             telegram = session.ethernet.read(raw)
             *values, _ = self._values_of(telegram)

@@ -93,8 +93,9 @@ class JointArm:
         self.speeds, self.yielding = self.motion, ZERO
 
     def yield_to(self, before: Joints, path: Joints, joints: Joints) -> None:
-        """Note that a force moved the arm to other joints in the last cycle; `path` is where the program alone would have led from
-        `before`.
+        """Note that a force moved the arm to other joints in the last cycle.
+
+        `path` is where the program alone would have led from `before`.
         """
         dt = self._period
         self.speeds = _six([(b - a) / dt for a, b in zip(before, path, strict=True)])

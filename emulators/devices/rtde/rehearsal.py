@@ -84,10 +84,10 @@ class DryHost(ControllerHost):
         """Keep the tool."""
 
     def set_payload(self, mass: float, centre: tuple[float, ...]) -> None:
-        """The payload stays."""
+        """Keep the payload."""
 
     def zero_force(self) -> None:
-        """The zero stays."""
+        """Keep the zero."""
 
     def force_mode(
         self, frame: Pose, compliant: tuple[bool, ...], wrench: Joints, kind: int, limits: Joints
@@ -101,13 +101,13 @@ class DryHost(ControllerHost):
         """Not ended."""
 
     def set_damping(self, damping: float) -> None:
-        """It stays."""
+        """Keep the damping."""
 
     def set_gain_scaling(self, scaling: float) -> None:
-        """It stays."""
+        """Keep the gain."""
 
     def enable_external_force(self, enable: bool) -> None:
-        """The sensor stays."""
+        """Keep the sensor."""
 
     def protective_stop(self, why: str) -> None:
         """There is no arm to stop."""
@@ -126,7 +126,7 @@ class Rehearsal:
         """News when it began."""
 
     def cycle(self) -> None:
-        """A cycle of the controller. It begins anew at each stop, with the inputs of then."""
+        """Run a cycle. The rehearsal restarts after each stop, with the inputs of that time."""
         motions = self._controller.motions
         if self._controller.plays:
             self._machine = None

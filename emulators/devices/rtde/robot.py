@@ -26,7 +26,7 @@ class RtdeRobot:
     """An `EmulatedRobot` whose wires are connections, as many as clients come."""
 
     def __init__(self, profile: RtdeProfile, start: StartPose, now: float, seed: int) -> None:
-        """Raises ValueError for a start that its arm cannot hold."""
+        """Raise ValueError for a start that its arm cannot hold."""
         self.controller = controller = Controller(profile, start, now, seed)
         self._cable = Cable(seed)
         self._disturbance = Disturbance(controller, self._cable.handlers, self._cable.program_handlers)
@@ -52,7 +52,7 @@ class RtdeRobot:
         return self.controller.manipulator.joints_holding(pose)
 
     def connect(self, port: Port, now: float) -> Server | None:
-        """A client comes to a port; None where it has too many."""
+        """Return a client comes to a port; None where it has too many."""
         limit = self.controller.profile.max_clients if port is Port.RTDE else 0
         if self._open[port] >= (limit or CLIENTS_MAX):
             self.controller.counts["clients refused"] += 1
@@ -62,12 +62,12 @@ class RtdeRobot:
         return self._served(port, now)
 
     def connect_program(self, now: float) -> tuple[Server, ProgramSocket]:
-        """A program opens a connection: its end behind the cable, and the same as the program knows it."""
+        """Return a program opens a connection: its end behind the cable, and the same as the program knows it."""
         inner = ProgramSocket(self.controller)
         return self._cable.open(inner, now), inner
 
     def leave(self, port: Port, server: Server, now: float) -> None:
-        """The connection has ended."""
+        """End the connection."""
         self._open[port] -= 1
         server.close(now)
 
@@ -89,7 +89,7 @@ class RtdeRobot:
 
 
 def make_robot(profile: RtdeProfile, programs: Mapping[str, bytes] | None = None) -> RobotFactory:
-    """A factory of robots with these settings and stored programs."""
+    """Return a factory of robots with these settings and stored programs."""
 
     def make(start: StartPose, now: float, seed: int) -> RtdeRobot:
         robot = RtdeRobot(profile, start, now, seed)

@@ -18,7 +18,7 @@ class Program(Protocol):
         """Act for one cycle; False once it has ended."""
 
     def close(self) -> None:
-        """It is stopped."""
+        """Stop the program."""
 
 
 class Watchdog:
@@ -58,7 +58,7 @@ class Listener(Protocol):
     """Hears each message at once."""
 
     def hear(self, saying: Saying) -> None:
-        """A program says something, or something is said about it."""
+        """Report a message of a program, or about one."""
 
     def hear_safety(self, mode: SafetyMode) -> None:
         """Another safety mode holds."""
@@ -82,7 +82,7 @@ class Console:
         self._safety = SafetyMode.NORMAL
 
     def tell(self, saying: Saying) -> None:
-        """A program says something, or something is said about it."""
+        """Report a message of a program, or about one."""
         self.sayings.append(saying)
         if saying.message in (Message.POPUP, Message.STOPPED):
             self.popup_open = saying.message is Message.POPUP
@@ -90,7 +90,7 @@ class Console:
             listener.hear(saying)
 
     def tell_safety(self, mode: SafetyMode) -> None:
-        """The safety mode of this cycle; listeners hear it where it is another than before."""
+        """Report the safety mode of this cycle to listeners, if it has changed."""
         if mode == self._safety:
             return
         self._safety = mode

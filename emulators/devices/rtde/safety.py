@@ -85,7 +85,7 @@ class RobotState:
         return True
 
     def begin_protective_stop(self, reason: str, now: float) -> bool:
-        """False, and nothing else, in any other stop."""
+        """Begin a protective stop. Return False, without effect, in any other stop."""
         if not self.apply(Stimulus.PROTECTIVE_STOP):
             return False
         self.stop_reason, self._stopped_at = reason, now
@@ -97,12 +97,12 @@ class RobotState:
         return not early and self.apply(Stimulus.UNLOCK)
 
     def press_emergency_stop(self, mode: SafetyMode, by: str) -> None:
-        """It holds until all that have pressed it have released it."""
+        """Press the emergency stop. It holds until everyone who pressed it has released it."""
         self._emergency_stops.add(by)
         self.safety = mode
 
     def release_emergency_stop(self, by: str = "a fault") -> None:
-        """The button is pulled; power and brakes stay as they are."""
+        """Release the emergency stop; power and brakes stay as they are."""
         self._emergency_stops.discard(by)
         if not self._emergency_stops:
             self.apply(Stimulus.EMERGENCY_RELEASE)
@@ -115,14 +115,14 @@ class RobotState:
         self.mode = RobotMode.POWER_OFF
 
     def power_on(self, now: float) -> bool:
-        """It takes a while until it is idle. False where it is on, or stopped."""
+        """Begin to switch the power on, which takes a while. Return False if it is on, or stopped."""
         if self.mode != RobotMode.POWER_OFF or self.safety in STOPPED_MODES:
             return False
         self._enter_later(RobotMode.IDLE, now + self._power_s)
         return True
 
     def release_brakes(self, now: float) -> bool:
-        """It takes a while until it runs, and to be powered before. False where it is neither idle nor off."""
+        """Begin to release the brakes, powering up first. Return False if the arm is neither idle nor off."""
         off = self.mode == RobotMode.POWER_OFF
         if (off and not self.power_on(now)) or not (off or self.mode == RobotMode.IDLE):
             return False

@@ -103,7 +103,7 @@ class ScriptPort:
             self._start(name, text, secondary)
 
     def _take_statement(self, line: bytes) -> None:
-        """A program of one statement, or an order that is none."""
+        """Accept a program of one statement; refuse an invalid one."""
         if not line or line.startswith(b"#"):
             return
         controller = self._controller
@@ -143,4 +143,4 @@ class ScriptPort:
         """There is none."""
 
     def close(self, now: float) -> None:
-        """The connection has ended."""
+        """End the connection."""

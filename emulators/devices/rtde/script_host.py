@@ -84,7 +84,7 @@ class ControllerHost:
         self._controller.io.write_output(name, value)
 
     def read_whole(self, name: str) -> float:
-        """An output that is a number, 0 where nothing was written."""
+        """Return an output that is a number, 0 where nothing was written."""
         return number_in(self._controller.io.outputs, name)
 
     def watch_input(self, name: str, frequency_hz: float, action: str) -> None:
@@ -159,7 +159,7 @@ class ControllerHost:
         return self._controller.manipulator.forward(joints, tcp)
 
     def solve(self, pose: Pose, near: Joints | None = None, tcp: Pose | None = None) -> Joints | None:
-        """The newest answer is kept: a program asks whether there are joints, and then which."""
+        """Return the newest answer is kept: a program asks whether there are joints, and then which."""
         controller = self._controller
         question = pose, near or controller.arm.target, tcp or controller.manipulator.tcp
         if question != self._solved[0]:
@@ -294,7 +294,7 @@ class ControllerHost:
 
 @lru_cache(maxsize=1024)
 def _register(direction: str, kind: str, number: int) -> tuple[str, int | None]:
-    """The name of a register among the fields of RTDE, and the bit in it; None for a whole one."""
+    """Return the name of a register among the fields of RTDE, and the bit in it; None for a whole one."""
     if kind == "bit":
         if not 0 <= number < 128:
             raise ScriptError(f"there is no boolean register {number}")

@@ -101,19 +101,19 @@ _FIRST_OUTPUT_TYPE = 2
 
 
 def number_in(registers: Registers, name: str) -> float:
-    """A register that is a number, 0 where nothing was written."""
+    """Return a register that is a number, 0 where nothing was written."""
     value = registers.get(name, 0)
     assert not isinstance(value, tuple), "a number"
     return value
 
 
 def _bits(state: Snapshot, first: int, count: int) -> int:
-    """Some of the digital outputs."""
+    """Return some of the digital outputs."""
     return int(number_in(state.outputs, "actual_digital_output_bits")) >> first & (1 << count) - 1
 
 
 def _analog(state: Snapshot, number: int) -> float:
-    """An analogue output: 0 to 10 V, or 4 to 20 mA. Source: Universal Robots' user manuals."""
+    """Return an analogue output: 0 to 10 V, or 4 to 20 mA. Source: Universal Robots' user manuals."""
     share = number_in(state.outputs, f"standard_analog_output{number}")
     voltage = int(number_in(state.outputs, ANALOG_TYPES)) >> (_FIRST_OUTPUT_TYPE + number) & 1
     return 10.0 * share if voltage else 0.004 + 0.016 * share
@@ -179,7 +179,7 @@ _CONSTANT = (
 
 
 def not_modelled(name: str) -> str:
-    """The treatment of a variable that has no meaning here; empty for one that has."""
+    """Return the treatment of a variable that has no meaning here; empty for one that has."""
     if name in _CONSTANT:
         return "always the same"
     if name in _NOISE_ALONE:
@@ -188,7 +188,7 @@ def not_modelled(name: str) -> str:
 
 
 def getter(name: str) -> Callable[[Snapshot], tuple[float, ...]]:
-    """A function for the laid-out numbers of an output."""
+    """Return a function for the laid-out numbers of an output."""
     kind = OUTPUTS[name].type
     nothing: Value = _NONE if kind.startswith("VECTOR6") else (0.0,) * 3 if kind == "VECTOR3D" else 0
     if name in FIELDS:

@@ -22,7 +22,7 @@ def problem_of_start(model: str, start: Pose, tool: Pose) -> str:
 
 
 def _reach(arm: Arm) -> float:
-    """A bound of how far the flange is from any axis, m."""
+    """Return a bound of how far the flange is from any axis, m."""
     return arm.d1 - arm.a2 - arm.a3 + arm.d4 + arm.d5 + arm.d6
 
 

@@ -176,14 +176,14 @@ class S3Controller:
         self._take_messages(now)
 
     def next_event(self) -> None:
-        """A controller tells no events."""
+        """Return None: a controller has no events."""
 
     def data_to_send(self, now: float) -> bytes:
         """Bytes for the line."""
         return self._line.data_to_send(now)
 
     def next_deadline(self) -> float | None:
-        """The link's next time-out, when the oldest order or the program is next looked at, or the start-up ends."""
+        """Return the next time-out of the link, the oldest order, the program or the start-up."""
         due = self._line.next_deadline()
         order = self._orders[0].due if self._orders else None
         for at in (order, self._executive.next_deadline(), self._ready_at):
@@ -296,7 +296,7 @@ class S3Controller:
         press: Callable[["S3Controller", float], object],
         release: Callable[["S3Controller", float], object] | None = None,
     ) -> Handler:
-        """An act of a person at the panel; it has an effect where it changes the state."""
+        """Return an act of the operator at the panel; it has an effect if it changes the state."""
 
         def begin(injection: Injection) -> None:
             before, now = self.state, injection.injected_at
@@ -408,7 +408,7 @@ class S3Controller:
         return profile.turnaround_ms + self._random.uniform(-spread, spread)
 
     def _answer(self, order: Order, now: float) -> Telegram | None:
-        """The answer to an order, or None while its time has not come."""
+        """Return the answer to an order, or None while its time has not come."""
         answer: Telegram | int | None
         refuse = self._refuse
         if refuse is not None and refuse.number("function") in (0, order.function):

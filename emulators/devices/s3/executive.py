@@ -135,7 +135,7 @@ class Executive:
         return self.joints_holding(Pose((x, y, z), self.motion.path.orientation(now)), now)
 
     def joints_holding(self, pose: Pose, at: float) -> Joints:
-        """The same for a true tool pose of the time `at`, s, that is known already; a unit quaternion."""
+        """Return the same for a true tool pose of the time `at`, s, that is known already; a unit quaternion."""
         set_point = self.motion.joints(at)
         try:
             return self._work_area.joints(pose.position, pose.quaternion, set_point)
@@ -153,7 +153,7 @@ class Executive:
             self.run = None
 
     def status(self, now: float) -> Status:
-        """The answer to read status."""
+        """Return the answer to read status."""
         run = self.run
         status = Status(
             position_words(self.motion.reported(now)),
@@ -246,7 +246,7 @@ class Executive:
         return response(telegram)
 
     def _receive_program(self, order: Order, telegram: Telegram, now: float) -> Answer:
-        """A program of which only the number is given has no contents to send."""
+        """Return a program of which only the number is given has no contents to send."""
         number = int.from_bytes(telegram.data[:2], "big")
         if number not in self._site.programs:
             return RefusalCode.NO_SUCH_PROGRAM
@@ -257,7 +257,7 @@ class Executive:
         return function in _REAL and self._site.orders.of_function(function) is None
 
     def move_of(self, telegram: Telegram) -> Move | None:
-        """The move of an order; None for one that cannot be read."""
+        """Return the move of an order; None for one that cannot be read."""
         try:
             return Move.from_telegram(telegram, self._move_lengths)
         except RemoteProtocolError:
@@ -295,7 +295,7 @@ class Executive:
         return response(telegram)
 
     def _waypoint(self, position: Vector, quaternion: Quaternion, speed: float, now: float) -> Waypoint:
-        """A point with the line to it from the last point accepted. Raises OutsideWorkArea."""
+        """Return a point with the line to it from the last point accepted. Raises OutsideWorkArea."""
         route = self._work_area.route(*self.motion.goal(now), position, normalise(quaternion))
         return Waypoint(position, quaternion, speed, route)
 
@@ -307,7 +307,7 @@ def _usable(move: Move) -> bool:
 
 
 def _read_programs(profile: S3Profile, site: S3Site) -> dict[int, tuple[Step, ...]]:
-    """Steps by program number. Raises ValueError that names the program and the line."""
+    """Return steps by program number. Raises ValueError that names the program and the line."""
     programs: dict[int, tuple[Step, ...]] = {}
     for number in (*profile.programs, *site.programs):
         try:

@@ -93,7 +93,7 @@ class FaultyLine:
         self._link.receive(self._damaged(data, now) if Strike.DAMAGE_BLOCK in self._armed else data, now)
 
     def next_event(self) -> LinkEvent | None:
-        """The link's oldest event not yet taken, or None."""
+        """Return the link's oldest event not yet taken, or None."""
         return self._link.next_event()
 
     def data_to_send(self, now: float) -> bytes:
@@ -116,7 +116,7 @@ class FaultyLine:
         return data
 
     def next_deadline(self) -> float | None:
-        """The link's next time-out, s."""
+        """Return the link's next time-out, s."""
         return self._link.next_deadline()
 
     def handle_deadline(self, now: float) -> None:
@@ -145,14 +145,14 @@ class FaultyLine:
         self._offs.append(injection)
 
     def switch_on(self, injection: Injection, now: float) -> None:
-        """A fault in which nothing got through is over; others may last."""
+        """End a fault in which nothing got through; others may last."""
         self._offs = [other for other in self._offs if other.holds(now)]
         if self._off_until == injection.ends_at:
             ends = (other.ends_at for other in self._offs if other.ends_at is not None)
             self._off_until = max(ends, default=now)
 
     def hold_in_break(self, injection: Injection) -> None:
-        """A break on the line until the fault ends."""
+        """Hold a break on the line until the fault ends."""
         self._extra += _BREAK
         injection.struck += len(_BREAK)
         self.switch_off(injection)

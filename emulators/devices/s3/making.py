@@ -11,5 +11,5 @@ from emulators.seams import StartPose
 def make_robot(
     profiles: S3Profiles, site: S3Site = EMPTY_SITE
 ) -> Callable[[StartPose, float, int], S3Controller]:
-    """A factory of S3 controllers with their arms: `emulators.seams.RobotFactory`."""
+    """Return a factory of S3 controllers with their arms: `emulators.seams.RobotFactory`."""
     return lambda start, now, seed: S3Controller(profiles, start, now, seed, site)

@@ -44,7 +44,7 @@ Step: TypeAlias = MoveStep | WaitStep
 
 
 def read_steps(content: bytes) -> tuple[Step, ...] | None:
-    """The steps of a program, or None for one that is not written for the emulator.
+    """Return the steps of a program, or None for one that is not written for the emulator.
 
     Raises ValueError that names the line.
     """

@@ -27,7 +27,7 @@ class Reporting:
         self.mode_handlers: Mapping[str, Handler] = self._own.held((_STANDBY,))
 
     def falsified(self, status: Status, now: float) -> Status:
-        """The status that is told instead of a true one."""
+        """Return the status that is told instead of a true one."""
         if self._pose.wrong:
             pose = self._pose.told(self._measured(now), now)
             assert pose is not None, "a status always tells a pose"

@@ -35,7 +35,7 @@ class SiteOrders:
         self._places: dict[_Place, dict[str, Value]] = {}
 
     def answer(self, definition: OrderDefinition, order: Telegram) -> Telegram | RefusalCode:
-        """The answer to an order that is long enough.
+        """Return the answer to an order that is long enough.
 
         Assumed: 10 refuses one place more than is kept, 31 a value that the answer cannot hold.
         """
@@ -58,7 +58,7 @@ class SiteOrders:
             return RefusalCode.NOT_POSSIBLE
 
     def extend(self, order: Telegram, answer: Telegram) -> Telegram | RefusalCode:
-        """The answer to an order with a known payload, with the fields that the site adds to it."""
+        """Return the answer to an order with a known payload, with the fields that the site adds to it."""
         extension = self._book.extension_of(order.function)
         if extension is None:
             return answer

@@ -132,12 +132,12 @@ MODE_ORDERS: Mapping[Mode, Stimulus] = {
 
 
 def initial(profile: S3Profile) -> State:
-    """A controller found running: powered up with this profile, with nothing pressed or turned."""
+    """Return a controller found running: powered up with this profile, with nothing pressed or turned."""
     return State(Mode(profile.power_up_mode), profile.link_control)
 
 
 def after(state: State, stimulus: Stimulus, profile: S3Profile) -> State:
-    """The state that follows. Buttons, keys and plugs stay as they are over a power-up."""
+    """Return the state that follows. Buttons, keys and plugs stay as they are over a power-up."""
     if stimulus is Stimulus.POWER_UP:
         state = replace(state, mode=Mode(profile.power_up_mode), link_control=profile.link_control)
     return replace(state, **CHANGES[stimulus].values)
@@ -201,7 +201,7 @@ REFUSALS: tuple[RefusalRule, ...] = (
 
 
 def refusal(state: State, function: int, suffix: int, profile: S3Profile, taken: bool = False) -> int | None:
-    """The code that refuses an order in this state, or None. `taken`: a point that was accepted already."""
+    """Return the code that refuses an order in this state, or None. `taken`: a point that was accepted already."""
     for rule in REFUSALS:
         concerned = function in rule.functions if rule.functions else function != FunctionCode.READ_STATUS
         if not concerned or (rule.suffixes and suffix not in rule.suffixes) or (taken and not rule.taken_too):

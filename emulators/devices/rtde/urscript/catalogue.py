@@ -99,5 +99,5 @@ FUNCTIONS: Functions = by_name(
 
 @lru_cache(maxsize=16)
 def functions_of(version: tuple[int, ...]) -> Functions:
-    """The functions of a controller of this version."""
+    """Return the functions of a controller of this version."""
     return {name: function for name, function in FUNCTIONS.items() if function.is_in(version)}

@@ -57,7 +57,7 @@ class Expressions:
         self._depth = 0
 
     def value(self, node: Any) -> Part:
-        """The expression of a node. Raises ScriptSyntaxError for one that means nothing."""
+        """Compile the expression of a node. Raises ScriptSyntaxError for an invalid one."""
         self._depth += 1
         if self._depth > DEPTH_MAX:
             raise node.misplaced("the program is nested too deeply")
@@ -155,7 +155,7 @@ class Expressions:
         return self._code.find(name.children[0]) is None
 
     def signal(self, function: str, index: Any, *values: Any) -> Part:
-        """A call for an element of an array of signals."""
+        """Compile a call for an element of an array of signals."""
         if index.kind != "index" or len(index.children) != 1:
             raise index.refused("a signal has one number")
         parts = [self.value(child) for child in (*index.children, *values)]
@@ -173,7 +173,7 @@ class Expressions:
             parts = [self.value(child) for child in trailer.children[1]]
 
             def refuse(frame: Frame, *given: Value) -> Any:
-                """A server of `rpc_factory` has any method, so that no text is refused for one."""
+                """Return a part for any method of a server of `rpc_factory`, so that no text is refused for one."""
                 frame[1].tell_tagged(f"rpc_factory().{name}")
                 raise ScriptError(f"there is no method {name}")
 
@@ -190,7 +190,7 @@ class Expressions:
         return combined([part, *arguments], ask)
 
     def _named(self, node: Node) -> Part:
-        """An argument with a name, at a method."""
+        """Refuse a named argument of a method."""
         raise node.refused(f"an argument of a method has no name, and {node.children[0]} is one")
 
     # --- operators
@@ -286,7 +286,7 @@ class Expressions:
         parameters: Sequence[str],
         defaults: Mapping[str, Any],
     ) -> list[Part]:
-        """The arguments of a call in the order of the parameters. Raises ScriptSyntaxError for wrong ones."""
+        """Compile the arguments of a call in the order of the parameters. Raises ScriptSyntaxError for wrong ones."""
         given: dict[str, Part] = {}
         positions, known = iter(parameters), frozenset(parameters)
         for child in node.children[1]:
@@ -311,7 +311,7 @@ class Expressions:
         return [given[parameter] for parameter in parameters]
 
     def _own_arguments(self, code: Code, node: Node) -> list[Part]:
-        """The arguments of a call of the program's own function; its defaults are seen from where it stands."""
+        """Compile the arguments of a call of an own function; its defaults are evaluated where it is defined."""
         assert code.parent is not None, "a function is inside something"
         hops = self._code.hops_to(code.parent)
 
@@ -357,7 +357,7 @@ class Expressions:
         return Part(True, wait)
 
     def _entering(self, code: Code) -> Callable[[Frame, Sequence[Value]], Frame]:
-        """Makes the frame of a call, and takes its steps."""
+        """Return a function that makes the frame of a call and takes its steps."""
         assert code.parent is not None, "a function is inside something"
         hops, count, outer = self._code.hops_to(code.parent), len(code.parameters), code
 
@@ -377,7 +377,7 @@ class Expressions:
         return enter
 
     def _run(self, node: Node) -> Part:
-        """A thread begins; its handle is the value."""
+        """Compile the start of a thread, whose handle is the value."""
         name = node.children[0]
         code = self._code.find_function(name)
         if code is None:
@@ -413,7 +413,7 @@ class Expressions:
 
 
 def _default(value: Any) -> Part:
-    """A value of the table, or a compiled expression of the program's own function."""
+    """Return a value of the table, or a compiled expression of the program's own function."""
     return value if isinstance(value, Part) else Part(False, lambda frame: value)
 
 

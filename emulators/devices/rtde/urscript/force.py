@@ -52,7 +52,7 @@ def _teach(task: Any) -> None:
 
 
 def _contact(task: Any, direction: Value, threshold: Value) -> Value:
-    """A threshold of 0 is the controller's own."""
+    """Return whether there is contact; a threshold of 0 is the controller's own."""
     x, y, z, *_ = finite_six(direction)
     least = number(threshold)
     if not (math.isfinite(least) and least >= 0.0):

@@ -73,17 +73,17 @@ class Host(Protocol):
     # --- messages
 
     def tell(self, message: Message, text: str, title: str = "") -> None:
-        """The program says something; `title` is that of a pop-up."""
+        """Show a message of the program; `title` is that of a pop-up."""
 
     @property
     def popup_open(self) -> bool:
         """Whether a pop-up stands on the pendant."""
 
     def tell_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
-        """The program has ended, or did not begin."""
+        """Report a program that failed, or did not start."""
 
     def tell_tagged(self, function: str, detail: str) -> None:
-        """The program calls a function that has no effect here; `detail` is its treatment."""
+        """Report a call of a function without an effect here; `detail` is its treatment."""
 
     # --- time and registers
 
@@ -91,38 +91,38 @@ class Host(Protocol):
         """Since the controller started, s."""
 
     def random(self) -> float:
-        """A number, 0 … 1."""
+        """Return a random number, 0 … 1."""
 
     def read_register(self, direction: str, kind: str, number: int) -> float:
         """`direction` is input or output, `kind` int, double or bit. Raises ScriptError for a number of none."""
 
     def write_register(self, kind: str, number: int, value: float) -> None:
-        """An output. Raises ScriptError for a number of none."""
+        """Write a register. Raises ScriptError for a number without a register."""
 
     def watch_input(self, name: str, frequency_hz: float, action: str) -> None:
-        """An input must come so often."""
+        """Require an input to arrive at this rate."""
 
     def read_digital(self, direction: str, number: int) -> bool:
         """0 to 7 standard, 8 to 15 configurable, 16 and 17 the tool's."""
 
     def write_digital(self, number: int, on: bool) -> None:
-        """An output, numbered as `read_digital`."""
+        """Write a digital output, numbered as in `read_digital`."""
 
     def read_analog(self, direction: str, number: int) -> float:
         """0 or 1; a share of its range, 0 … 1."""
 
     def write_analog(self, number: int, share: float) -> None:
-        """An output."""
+        """Write an analogue output."""
 
     @property
     def flags(self) -> Set[int]:
         """Numbers of the flags that are set."""
 
     def set_flag(self, number: int, on: bool) -> None:
-        """Flags outlive their program."""
+        """Set a flag. Flags outlive their program."""
 
     def open_socket(self, address: str, port: int) -> Socket | None:
-        """A connection to a server, which comes about in later cycles; None where none is to be had."""
+        """Open a connection to a server, which is made in later cycles; None if none is available."""
 
     # --- the arm
 
@@ -165,7 +165,7 @@ class Host(Protocol):
         """Joints that hold a tool in a pose; None where there are none."""
 
     def output(self, name: str) -> tuple[float, ...]:
-        """An output of RTDE as it is told now. Raises ScriptError for a name of none."""
+        """Return an output of RTDE as it is sent now. Raises ScriptError for an unknown name."""
 
     def servo(self, joints: Six, time: float, lookahead: float, gain: float) -> int:
         """servoj; for how many cycles it holds. It may be refused by a protective stop."""
@@ -177,30 +177,30 @@ class Host(Protocol):
         """Joints slow down in this cycle, rad/s²."""
 
     def brake_line(self, deceleration: float) -> None:
-        """The same by the tool's deceleration, m/s²."""
+        """Brake in the same way, by the tool's deceleration, m/s²."""
 
     def speed_line(self, velocity: Six, acceleration: float) -> bool:
-        """The tool's velocity, base axes, for this cycle; False where no joints follow."""
+        """Set the tool's velocity, base axes, for this cycle; False if no joints follow."""
 
     def line(self, goal: Pose, profile: Profile) -> Iterator[object] | None:
-        """A move along a line: one turn a cycle. None where its values are no numbers."""
+        """Return a motion along a line, one item a cycle; None if its values are not numbers."""
 
     def swing(self, goal: Six, profile: Profile) -> Iterator[object] | None:
-        """The same straight in joints."""
+        """Return the same motion, straight in joints."""
 
     def arc(self, via: Pose, goal: Pose, profile: Profile) -> Iterator[object] | None:
-        """The same along a circle through three places."""
+        """Return the same motion along a circle through three places."""
 
     def set_tcp(self, tcp: Pose) -> None:
-        """The tool in the flange from now on."""
+        """Set the tool in the flange."""
 
     def set_payload(self, mass: float, centre: tuple[float, ...]) -> None:
-        """The payload from now on."""
+        """Set the payload."""
 
     # --- force and stops
 
     def zero_force(self) -> None:
-        """The force of now is the zero from now on."""
+        """Take the present force as zero."""
 
     def enable_external_force(self, enable: bool) -> None:
         """Take `external_force_torque` for the force sensor, or the arm's own."""
@@ -213,10 +213,10 @@ class Host(Protocol):
         """
 
     def freedrive(self, frame: Pose, free: tuple[bool, ...]) -> None:
-        """The axes of a frame yield to the force on the tool."""
+        """Let the axes of a frame yield to the force on the tool."""
 
     def end_force_mode(self, freedrive: bool) -> None:
-        """The end of force mode, or of freedrive."""
+        """End force mode, or freedrive."""
 
     @property
     def damping(self) -> float:
@@ -239,7 +239,7 @@ class Host(Protocol):
         """Joints of so many cycles ago, as far as they are kept."""
 
     def protective_stop(self, why: str) -> None:
-        """The arm stands at once."""
+        """Stop the arm at once."""
 
     def power_off(self) -> None:
-        """The arm loses its power."""
+        """Remove the arm's power."""

@@ -56,7 +56,7 @@ class Task:
             raise ScriptError("a thread runs too long without waiting: an infinite loop?")
 
     def tell_tagged(self, function: str, detail: str = NO_EFFECT) -> None:
-        """The program calls a function that has no effect here; `detail` is its treatment."""
+        """Report a call of a function without an effect here; `detail` is its treatment."""
         self.machine.tell_tagged(function, detail)
 
 
@@ -68,7 +68,7 @@ class Machine:
     """One program that runs."""
 
     def __init__(self, program: CompiledProgram, host: Host, steps: int) -> None:
-        """`steps` is how many a thread may take in a cycle."""
+        """Limit the steps of a thread in a cycle to `steps`."""
         self.host, self.name = host, program.name
         self._steps = steps
         self._tasks: list[Task] = []
@@ -99,7 +99,7 @@ class Machine:
         return task
 
     def start(self, code: Code, outer: Any, given: list[Any]) -> int:
-        """A thread begins in this cycle, with its variables; its handle."""
+        """Start a thread in this cycle, with its variables, and return its handle."""
         task = self._add(code.name)
         task.kept.append([outer, task, *given])
         task.turns = _turns(code, task.kept[0])
@@ -110,7 +110,7 @@ class Machine:
         return any(task.handle == handle for task in self._tasks)
 
     def kill(self, handle: Value) -> None:
-        """A thread ends; nothing happens for a handle of none."""
+        """End a thread; an unknown handle has no effect."""
         for task in self._tasks:
             if task.handle == handle:
                 if task.handle == _MAIN:
@@ -145,7 +145,7 @@ class Machine:
         return bool(self._tasks)
 
     def close(self) -> None:
-        """The program has ended, or is stopped: its connections end."""
+        """End the program's connections after its end or stop."""
         for socket in self.sockets.values():
             socket.hang_up()
         self.sockets.clear()
@@ -165,7 +165,7 @@ class Machine:
         return ran
 
     def _look_at_memory(self) -> None:
-        """Raises ScriptError for a program that keeps too much. It is looked at each so many steps."""
+        """Raise ScriptError for a program that uses too much memory. Checked once in this many steps."""
         self._not_looked += self._used
         if self._not_looked < MEMORY_LOOK_STEPS:
             return
@@ -203,7 +203,7 @@ class Machine:
 
 
 def _turns(code: Code, frame: Any) -> Turns:
-    """A thread of this code; one that never waits runs at once."""
+    """Return a thread of this code; one that never waits runs at once."""
     frame[1].spend(code.weight)
     signal = code.run(frame)
     if code.waits:

@@ -49,7 +49,7 @@ def _joints(host: Host, value: Value, near: Six | None = None) -> Six:
 
 
 def _pose(host: Host, value: Value) -> Pose:
-    """A pose, or that of joints."""
+    """Return a pose, or that of joints."""
     return pose(value) if isinstance(value, PoseValue) else host.forward(finite_six(value))
 
 
@@ -130,7 +130,7 @@ def _speedj(task: Any, speeds: Value, acceleration: Value, time: Value) -> Wait:
 
 
 def _speedl(task: Any, velocity: Value, acceleration: Value, time: Value, turning: Value) -> Wait:
-    """`turning` is the acceleration of the turn, which follows the other one (assumed)."""
+    """Move at this velocity; `turning` is the acceleration of the rotation, after the other one (assumed)."""
     host, wanted = task.host, finite_six(velocity)
     (a,) = _finite(acceleration)
     for _ in _turns(host, time, None):
@@ -184,7 +184,7 @@ def _has_inverse(task: Any, x: Value, near: Value, *given: Value) -> Value:
 
 
 def _solved(task: Any, x: Value, near: Value, tcp: Value) -> Six | None:
-    """The joints of a pose, by another tool where one is given."""
+    """Return the joints of a pose, by another tool if one is given."""
     task.spend(SOLVE_STEPS)
     host: Host = task.host
     wanted, start = _numbers_or_stop(host, x), None if near is None else finite_six(near)
@@ -194,7 +194,7 @@ def _solved(task: Any, x: Value, near: Value, tcp: Value) -> Six | None:
 
 
 def _numbers_or_stop(host: Host, x: Value) -> Pose | None:
-    """The pose; a value that is no number makes a protective stop."""
+    """Return the pose; a value that is not a number makes a protective stop."""
     if all(map(math.isfinite, vector(x, 6))):
         return pose(x)
     host.protective_stop("a target that is no number")

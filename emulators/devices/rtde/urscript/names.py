@@ -33,11 +33,11 @@ class Node:
         return self.token[2]
 
     def refused(self, text: str, function: str = "") -> ScriptSyntaxError:
-        """The error of a text that does not compile here; `function` is not known."""
+        """Return the error of a text that does not compile here; `function` is not known."""
         return ScriptSyntaxError(SyntaxFailure(self.token[2], self.token[3], text, function))
 
     def misplaced(self, text: str) -> ScriptSyntaxError:
-        """The error of a line that does not compile."""
+        """Return the error of a line that does not compile."""
         return ScriptSyntaxError(SyntaxFailure(self.line, 1, text))
 
 
@@ -66,7 +66,7 @@ class Code:
         self.run: Callable[[list[Any]], Any] = _not_compiled
 
     def slot(self, name: str) -> int:
-        """The place of a variable of its own."""
+        """Return the index of a variable of its own."""
         return self.slots.setdefault(name, FIRST + len(self.slots))
 
     def find(self, name: str) -> tuple[int, int] | None:
@@ -81,7 +81,7 @@ class Code:
         return hops, code.slots[name]
 
     def find_function(self, name: str) -> "Code | None":
-        """The function of a name, seen from here."""
+        """Return the function of a name, visible from here."""
         code: Code | None = self
         while code is not None and name not in code.functions:
             code = code.parent
@@ -113,7 +113,7 @@ def resolve(root: Code, functions: Functions) -> list[Code]:
 
 
 def assigned(place: Any) -> str | None:
-    """The variable that an assignment to a place changes, also in part."""
+    """Return the variable that an assignment changes, completely or in part."""
     while place.kind == "place":
         place = place.children[0]
     return place.children[0] if place.kind == "name" else None

@@ -41,7 +41,7 @@ _FLOATS = (float,)
 
 
 def binary(sign: str, left: Part, right: Part) -> Part:
-    """An operation on two values. Two floats, and two numbers that are compared, take Python's own at once."""
+    """Compile an operation on two values. Two floats, and two numbers that are compared, use Python's own at once."""
     operation, direct = _OPERATIONS[sign], _DIRECT[sign]
     kinds = NUMBERS if sign in _COMPARISONS or sign == "/" else _FLOATS
 
@@ -70,7 +70,7 @@ def binary(sign: str, left: Part, right: Part) -> Part:
 
 
 def _work(a: Value, b: Value) -> int:
-    """Steps of an operation on lists, matrices, structs or strings."""
+    """Return the steps of an operation on lists, matrices, structs or strings."""
     sizes = [values.size_of(value) for value in (a, b) if isinstance(value, (tuple, str, values.Struct))]
     if not values.is_matrix(a):
         return max(sizes)

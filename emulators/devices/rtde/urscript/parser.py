@@ -39,7 +39,7 @@ Item = TypeVar("Item")
 
 
 def parse(text: str) -> Generator[None, None, Code]:
-    """The functions of a text; a step is a statement. Raises ScriptSyntaxError for a text that is no program."""
+    """Parse the functions of a text, one statement a step. Raises ScriptSyntaxError for an invalid program."""
     parser = _Parser(text)
     root = parser.code
     root.body = yield from parser.block()
@@ -158,7 +158,7 @@ class _Parser:
         return node
 
     def _assignment(self) -> Node:
-        """An assignment, or an expression as a statement."""
+        """Parse an assignment, or an expression as a statement."""
         place = self._place()
         if self._kind != "=":
             return self._node("expression", place.token, place)
@@ -182,12 +182,12 @@ class _Parser:
         return node
 
     def _word(self) -> Node:
-        """A statement of one word."""
+        """Parse a statement of one word."""
         token = self._advance()
         return self._node(token[0], token)
 
     def _order(self) -> Node:
-        """An order about a thread."""
+        """Parse an order about a thread."""
         token = self._advance()
         self.code.waits = self.code.waits or token[1] == "join"
         return self._node(token[1], token, self._value())
@@ -207,7 +207,7 @@ class _Parser:
     # --- expressions
 
     def _value(self, limit: int = 0) -> Node:
-        """A value, up to an operator that does not bind more strongly than `limit`."""
+        """Parse a value, up to an operator that does not bind more strongly than `limit`."""
         node = self._negation() if self._kind == "not" and limit < _POWERS[COMPARE] else self._unary()
         while (power := _POWERS.get(self._kind, 0)) > limit:
             node = self._node(_CHAINS[power], node.token, node)
@@ -236,7 +236,7 @@ class _Parser:
         return node
 
     def _place(self) -> Node:
-        """An atom, and what follows it: elements, members, methods."""
+        """Parse an atom, and what follows it: elements, members, methods."""
         node = self._atom()
         if self._kind not in _TRAILERS:
             return node

@@ -23,7 +23,7 @@ SIZED = (tuple, PoseValue, str, Struct)
 
 
 def combined(parts: Sequence[Part], apply: Callable[..., Any]) -> Part:
-    """An expression of others: `apply(frame, *values)`."""
+    """Combine expressions: `apply(frame, *values)`."""
     runs = tuple(part.run for part in parts)
     if any(part.waits for part in parts):
 
@@ -42,7 +42,7 @@ def combined(parts: Sequence[Part], apply: Callable[..., Any]) -> Part:
 
 
 def found_by(parts: Sequence[Part], frame: Frame) -> Any:
-    """The values of parts that may wait, in order."""
+    """Return the values of parts that may wait, in order."""
     found: list[Any] = [None] * len(parts)
     kept = frame[1].kept
     kept.append(found)
@@ -62,12 +62,12 @@ def charge(frame: Frame, given: Sequence[Value]) -> None:
 
 
 def always(value: Value) -> Part:
-    """A part that gives one value."""
+    """Return a part with a constant value."""
     return Part(False, lambda frame: value, value)
 
 
 def answer(parts: Sequence[Part], call: Callable[..., Any]) -> Part:
-    """A function of the table that does not wait."""
+    """Return a part that calls a function of the table that does not wait."""
 
     def act(frame: Frame, *given: Value) -> Any:
         charge(frame, given)

@@ -11,7 +11,7 @@ from protocol.geometry import Pose, Quaternion, inverse, product, rotate, rotati
 
 
 def pose(value: Value) -> Pose:
-    """A pose; a list of six counts as one. Raises ScriptError for anything else, or what is no number."""
+    """Return a pose; a list of six counts as one. Raises ScriptError for anything else, and for invalid numbers."""
     six = vector(value, 6)
     if not all(map(math.isfinite, six)):
         raise ScriptError("a pose with a value that is no number")
@@ -19,7 +19,7 @@ def pose(value: Value) -> Pose:
 
 
 def value_of(given: Pose) -> PoseValue:
-    """A pose as a program has it."""
+    """Convert a pose to a value of a program."""
     return PoseValue(six_of(given))
 
 
@@ -60,7 +60,7 @@ def _distance(start: Value, end: Value) -> Value:
 
 
 def _wrench_trans(frame: Value, wrench: Value) -> Value:
-    """A wrench of the outer frame in the inner one: the force turns, and the moment loses its lever arm."""
+    """Convert a wrench of the outer frame to the inner one: the force turns, and the moment loses its lever arm."""
     at, (f1, f2, f3, m1, m2, m3) = pose(frame), vector(wrench, 6)
     (x, y, z), back = at.position, inverse(at.quaternion)
     moment = m1 - (y * f3 - z * f2), m2 - (z * f1 - x * f3), m3 - (x * f2 - y * f1)

@@ -52,7 +52,7 @@ class CompiledProgram(NamedTuple):
 
 
 def compile_program(text: str, functions: Functions) -> CompiledProgram:
-    """The program of a text. Raises ScriptSyntaxError."""
+    """Compile the program of a text. Raises ScriptSyntaxError."""
     steps = compile_in_steps(text, functions)
     while True:
         try:
@@ -123,7 +123,7 @@ class Statements:
         self._loops = 0
 
     def block(self, node: Node) -> Steps:
-        """A row of statements; a step is one of them."""
+        """Compile a row of statements; a step is one of them."""
         parts, lines = [], []
         for child in node.children:
             if child.kind not in ("def", "thread", "sec", "label"):
@@ -370,7 +370,7 @@ class Statements:
 
 
 def _failed(error: Exception, line: int) -> ScriptError:
-    """The program's fault, with the line of the innermost statement."""
+    """Return the program's error, with the line of the innermost statement."""
     if isinstance(error, ScriptError):
         error.line = error.line or line
         return error
@@ -381,7 +381,7 @@ def _failed(error: Exception, line: int) -> ScriptError:
 
 
 def _changed(old: Value, path: Sequence[str | None], keys: Sequence[Value], new: Value) -> Value:
-    """The value with another one at the end of the path."""
+    """Return the value with another one at the end of the path."""
     if not path:
         return new
     name, *rest = path
@@ -393,5 +393,5 @@ def _changed(old: Value, path: Sequence[str | None], keys: Sequence[Value], new:
 
 
 def frame_of(code: Code, outer: Any, task: Any) -> Frame:
-    """An empty frame."""
+    """Return an empty frame."""
     return [outer, task, *[UNSET] * len(code.slots)]

@@ -45,7 +45,7 @@ def _message(task: Any, first: Value, second: Value) -> None:
 
 
 def _popup(task: Any, text: Value, title: Value, *kinds: Value) -> Generator[None, None, None]:
-    """A pop-up that blocks waits until it is closed: by the dashboard, or at the panel."""
+    """Show a pop-up; a blocking one waits until it is closed by the dashboard or at the panel."""
     task.host.tell(Message.POPUP, _text(text)[:STRING_MAX], _text(title)[:STRING_MAX])
     while truth(kinds[2]) and task.host.popup_open:
         yield
@@ -168,7 +168,7 @@ _MODES: tuple[Function, ...] = (
 
 
 def _open(task: Any, address: Value, port: Value, name: Value) -> Generator[None, None, Value]:
-    """A server that does not answer is given up after two seconds (source: the script manual)."""
+    """Connect to a server, giving up after two seconds (source: the script manual)."""
     sockets: dict[str, Socket] = task.machine.sockets
     key = string(name)
     _close(task, key)
@@ -214,7 +214,7 @@ def _whole(value: Value) -> int:
 
 
 def _wait_for(task: Any, name: Value, timeout: Value, ask: Any) -> Generator[None, None, bytes | None]:
-    """The answer to a question to a socket, or None after a time. 0 or less waits for ever."""
+    """Wait for the answer to a question to a socket; None after a time. 0 or less waits for ever."""
     seconds, waited = number(timeout), 0.0
     if task.reads >= READS_MAX:
         yield
@@ -241,7 +241,7 @@ def _count(value: Value) -> int:
 
 
 def _read_integers(task: Any, count: Value, name: Value, timeout: Value) -> Generator[None, None, Value]:
-    """A list: how many have come, then they."""
+    """Read a list: the number of received integers, then the integers."""
     size = _count(count)
     task.spend(size)
     data = yield from _wait_for(task, name, timeout, lambda socket: socket.take(4 * size))

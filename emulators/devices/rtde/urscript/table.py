@@ -60,22 +60,22 @@ Functions = Mapping[str, Function]
 
 
 def pure(signature: str, call: Callable[..., Value]) -> Function:
-    """A function of its values alone."""
+    """Declare a function that depends only on its values."""
     return _made(signature, lambda task, *values: call(*values), Support.MODELLED, False)
 
 
 def modelled(signature: str, call: Callable[..., Value]) -> Function:
-    """A function of its task, for one cycle."""
+    """Declare a function of its task, for one cycle."""
     return _made(signature, call, Support.MODELLED, False)
 
 
 def waiting(signature: str, call: Callable[..., Any]) -> Function:
-    """A function that may let cycles pass: a generator function of its task."""
+    """Declare a function that may wait: a generator function of its task."""
     return _made(signature, call, Support.MODELLED, True)
 
 
 def tagged(signature: str, answer: Value = None, detail: str = "") -> Function:
-    """A function that is accepted, has no effect, and answers always the same. `detail` names its treatment."""
+    """Declare a function that is accepted without effect, with a constant answer. `detail` names its treatment."""
     name = signature.partition("(")[0]
     detail = detail or (NO_EFFECT if answer is None else SAME_ANSWER)
 
@@ -87,7 +87,7 @@ def tagged(signature: str, answer: Value = None, detail: str = "") -> Function:
 
 
 def by_name(functions: Iterable[Function]) -> Functions:
-    """A table of functions, each name once."""
+    """Return a table of functions, each name once."""
     table: dict[str, Function] = {}
     for function in functions:
         assert function.name not in table, function.name
@@ -109,7 +109,7 @@ def _made(signature: str, call: Callable[..., Any], support: Support, waits: boo
 
 
 def _parts(text: str) -> list[str]:
-    """A list's parts; commas in brackets separate none."""
+    """Split a list; commas in brackets do not separate."""
     parts, depth, part = [], 0, ""
     for character in text:
         depth += (character in "[(") - (character in "])")

@@ -66,7 +66,7 @@ _CONTINUES = frozenset({OR, "and", "not", COMPARE, SIGN, TIMES, "=", ",", ":"})
 
 
 def tokens_of(text: str) -> Iterator[Token]:
-    """The tokens of a text, then `END` for ever. Raises ScriptSyntaxError for a text beyond the bounds."""
+    """Return the tokens of a text, then `END` for ever. Raises ScriptSyntaxError for a text beyond the bounds."""
     if len(text) > TEXT_MAX:
         raise ScriptSyntaxError(SyntaxFailure(1, 1, "the program is too long"))
     brackets = blocks = line_begin = 0

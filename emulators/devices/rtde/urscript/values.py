@@ -41,7 +41,7 @@ class Struct:
 
 
 def kind(value: Value) -> str:
-    """The name of a value's type, for messages."""
+    """Return the name of a value's type, for messages."""
     match value:
         case bool():
             return "a boolean"
@@ -63,7 +63,7 @@ def kind(value: Value) -> str:
 
 
 def checked(value: Value) -> Value:
-    """A new list or struct, if it is small enough."""
+    """Return a new list or struct, if it is small enough."""
     _measure(value, 0, 0)
     return value
 
@@ -102,7 +102,7 @@ def size_of(value: "tuple[Value, ...] | str | Struct") -> int:
 
 
 def checked_string(text: str) -> str:
-    """A new string, if it is short enough."""
+    """Return a new string, if it is short enough."""
     if len(text) > STRING_MAX:
         raise ScriptError("a string is too long")
     return text
@@ -112,14 +112,14 @@ def checked_string(text: str) -> str:
 
 
 def number(value: Value) -> int | float:
-    """A number; a boolean is none."""
+    """Return a number; a boolean is not a number."""
     if value.__class__ is float or value.__class__ is int:
         return value
     raise ScriptError(f"a number is needed, not {kind(value)}")
 
 
 def integer(value: Value) -> int:
-    """A whole number; a float without a fraction is one."""
+    """Return an integer; a float without a fraction is one."""
     found = number(value)
     if isinstance(found, int):
         return found
@@ -135,14 +135,14 @@ def string(value: Value) -> str:
 
 
 def array(value: Value) -> tuple[Value, ...]:
-    """A list or a pose."""
+    """Return a list or a pose."""
     if isinstance(value, tuple):
         return value
     raise ScriptError(f"a list is needed, not {kind(value)}")
 
 
 def vector(value: Value, size: int) -> tuple[float, ...]:
-    """A list of so many numbers."""
+    """Return a list of this many numbers."""
     found = array(value)
     if len(found) != size:
         raise ScriptError(f"a list of {size} numbers is needed, not of {len(found)}")
@@ -217,7 +217,7 @@ def modulo(a: Value, b: Value) -> Value:
 
 
 def quotient(a: float, b: float) -> float:
-    """Raises ScriptError for a division by zero."""
+    """Divide. Raises ScriptError for a division by zero."""
     if b == 0:
         raise ScriptError("a division by zero")
     return a / b
@@ -238,7 +238,7 @@ def negate(a: Value) -> Value:
 
 
 def _each(operation: Callable[[float, float], float], a: Value, b: Value) -> Value:
-    """An operation on numbers, on lists of one length element by element, and on a list and a number."""
+    """Apply an operation to numbers, to lists of one length element by element, or to a list and a number."""
     if isinstance(a, tuple):
         if isinstance(b, tuple):
             if len(a) != len(b):
@@ -264,7 +264,7 @@ def is_matrix(value: Value) -> bool:
 
 
 def rows(value: Value) -> list[list[float]]:
-    """The numbers of a matrix."""
+    """Return the numbers of a matrix."""
     found = [[number(part) for part in array(row)] for row in array(value)]
     if not found or any(len(row) != len(found[0]) for row in found):
         raise ScriptError("a matrix has rows of one length")
@@ -304,7 +304,7 @@ def compare(operation: Callable[[float, float], bool], a: Value, b: Value) -> bo
 
 
 def element(value: Value, place: Value) -> Value:
-    """An element of a list, a pose or a string."""
+    """Return an element of a list, a pose or a string."""
     found = array(value)
     at = integer(place)
     if not 0 <= at < len(found):
@@ -313,7 +313,7 @@ def element(value: Value, place: Value) -> Value:
 
 
 def with_element(value: Value, place: Value, new: Value) -> Value:
-    """The list with another element. A list keeps its length."""
+    """Return the list with another element. A list keeps its length."""
     found = array(value)
     at = integer(place)
     if not 0 <= at < len(found):
@@ -323,14 +323,14 @@ def with_element(value: Value, place: Value, new: Value) -> Value:
 
 
 def member(value: Value, name: str) -> Value:
-    """A member of a struct."""
+    """Return a member of a struct."""
     if not isinstance(value, Struct) or name not in value.members:
         raise ScriptError(f"there is no member {name} in {kind(value)}")
     return value.members[name]
 
 
 def with_member(value: Value, name: str, new: Value) -> Value:
-    """The struct with another value of a member that it has."""
+    """Return the struct with another value of an existing member."""
     member(value, name)
     assert isinstance(value, Struct), "it has a member"
     return checked(Struct({**value.members, name: new}))
