@@ -182,7 +182,7 @@ def measured(job: Job) -> Times:
                 await running.finished()
             finally:
                 watching.cancel()
-                watch.look()
+                watch.sample()
         return running, watch, began
 
     running, watch, began = run_virtual(main)

@@ -1,1 +1,1 @@
-"""Many runs: campaigns, tuning, the paper's experiments, clients judged, and the processes that work them off."""
+"""Batches of runs: campaigns, tuning, identification, conformance tests, experiments of the paper, process pool."""

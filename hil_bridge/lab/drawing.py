@@ -1,4 +1,4 @@
-"""Pictures of the lab as files: panels of lines in one look, and bytes that repeat."""
+"""Line charts of the lab as files: panels in one style, reproducible byte for byte."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -10,11 +10,11 @@ from hil_bridge.show.picture_files import drawing_library, save_figure
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Okabe-Ito colours: told apart with every common kind of colour blindness.
+# Okabe-Ito colours: distinguishable with every common kind of colour blindness.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31", "#808080")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", ".")
 _WIDTH, _HEIGHT = 4.6, 3.4
-"""Of one panel, in. Chosen."""
+"""Size of one panel, in. Chosen."""
 _STYLE: dict[Any, Any] = {
     **STYLE,
     "axes.titlesize": 10.5,
@@ -30,7 +30,7 @@ class Line(NamedTuple):
     label: str
     rows: Sequence[Mapping[str, Any]]
     joined: bool = True
-    """Points are joined; else each stands alone."""
+    """Whether a line joins the points."""
 
 
 class Panel(NamedTuple):
@@ -38,24 +38,24 @@ class Panel(NamedTuple):
 
     title: str
     x: tuple[str, str]
-    """Column of every line, and its label."""
+    """Column of the x values of every line, and the label of the axis."""
     y_label: str
     lines: Sequence[Line]
     target: float | None = None
-    """A dashed line at this value of y."""
+    """Value of y marked by a dashed line."""
     log: bool = False
-    """Both axes are logarithmic."""
+    """Whether both axes are logarithmic."""
 
 
 def lines_by(rows: Sequence[Mapping[str, Any]], key: str, column: str, label: str = "{}") -> list[Line]:
-    """A line of this column for each value of another; `label` is a format of that value."""
+    """Return one line of `column` for each value of `key`; `label` is a format string for that value."""
     values = dict.fromkeys(row[key] for row in rows)
     return [Line(column, label.format(value), [row for row in rows if row[key] == value]) for value in values]
 
 
 def draw(panels: Sequence[Panel], columns: int, kind: str = "png") -> bytes:
-    """The panels in so many columns, as `png`, `pdf` or `svg`. The same ones give the same bytes with the same version
-    of matplotlib.
+    """Draw the panels in `columns` columns, as `png`, `pdf` or `svg`. With the same version of matplotlib, the same
+    panels give the same bytes.
     """
     matplotlib = drawing_library()  # late: the command line imports this package
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -78,7 +78,7 @@ def draw(panels: Sequence[Panel], columns: int, kind: str = "png") -> bytes:
 
 
 def _with_palette(png: bytes) -> bytes:
-    """The same picture at a third of the size: line drawings are kept beside the documentation."""
+    """Reduce a PNG to a palette, a third of its size: line charts are stored with the documentation."""
     from PIL import Image  # comes with matplotlib
 
     buffer = io.BytesIO()

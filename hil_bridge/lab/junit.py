@@ -1,4 +1,4 @@
-"""JUnit XML, which build servers show as results of tests."""
+"""JUnit XML, which build servers display as test results."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,13 +8,13 @@ from xml.etree import ElementTree
 
 _NOT_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 REQUIREMENT, RECORDING = "hil_requirement", "hil_recording"
-"""Properties of a test case, as the plug-in of pytest writes them too: a requirement that it shows, and a recording of
-it. Each may stand several times.
+"""Properties of a test case, also written by the pytest plug-in: a requirement that it verifies, and a recording of it.
+Each may occur several times.
 """
 
 
 class Verdict(StrEnum):
-    """Verdict on a case; the values are the elements of JUnit."""
+    """Verdict on a case; the values are JUnit element names."""
 
     PASSED = "passed"
     FAILED = "failure"
@@ -27,20 +27,20 @@ class JunitCase:
     """One test case."""
 
     group: str
-    """Its class, as JUnit calls it: build servers sort by it."""
+    """JUnit class name, by which build servers group cases."""
     name: str
     seconds: float
     verdict: Verdict = Verdict.PASSED
     message: str = ""
-    """Why it did not pass, in a line."""
+    """Why it did not pass, in one line."""
     details: str = ""
-    """The same at length; empty for the message alone."""
+    """The full text; empty for the message alone."""
     properties: Sequence[tuple[str, str]] = field(default=())
     output: str = ""
 
 
 def encode_junit(suite: str, cases: Sequence[JunitCase], properties: Iterable[tuple[str, str]] = ()) -> bytes:
-    """One suite of cases as a file. Characters that XML does not have are replaced."""
+    """Encode a suite of cases as a JUnit file. Characters that XML does not allow are replaced."""
     counts = {
         "tests": str(len(cases)),
         "failures": str(sum(one.verdict is Verdict.FAILED for one in cases)),
@@ -56,18 +56,18 @@ def encode_junit(suite: str, cases: Sequence[JunitCase], properties: Iterable[tu
         case = _element(parent, "testcase", attributes)
         _properties(case, one.properties)
         if one.verdict is not Verdict.PASSED:
-            told = _element(case, one.verdict, {"message": one.message})
+            element = _element(case, one.verdict, {"message": one.message})
             if one.verdict is not Verdict.SKIPPED:
-                told.text = _xml(one.details or one.message)
+                element.text = _xml(one.details or one.message)
         if one.output:
             _element(case, "system-out", {}).text = _xml(one.output)
     ElementTree.indent(root)
-    written: str = ElementTree.tostring(root, encoding="unicode")
-    return f'<?xml version="1.0" encoding="utf-8"?>\n{written}\n'.encode()
+    text: str = ElementTree.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'.encode()
 
 
 def attachment(path: str) -> str:
-    """A line of a case's output by which build servers find a file that belongs to it."""
+    """Return the output line by which build servers attach a file to a case."""
     return f"[[ATTACHMENT|{path}]]"
 
 
@@ -83,5 +83,5 @@ def _properties(parent: ElementTree.Element, named: Iterable[tuple[str, str]]) -
 
 
 def _xml(text: str) -> str:
-    """Text without characters that XML does not have."""
+    """Replace the characters that XML does not allow."""
     return _NOT_XML.sub("\ufffd", text)

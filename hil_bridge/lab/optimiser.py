@@ -1,4 +1,4 @@
-"""The optimiser of searches and hunts: that of SciPy, an extra."""
+"""Optimiser of tuning searches and fault hunts, from SciPy, an optional dependency."""
 
 from collections.abc import Callable
 
@@ -7,10 +7,10 @@ from hil_bridge.errors.extras import install_command
 
 
 def optimiser() -> Callable[..., object]:
-    """SciPy's differential evolution. Raises ConfigError where SciPy is not installed."""
+    """Return SciPy's differential evolution. Raises ConfigError if SciPy is not installed."""
     try:
         from scipy.optimize import differential_evolution
     except ImportError as error:
         raise ConfigError(f"an optimiser needs the package scipy; {install_command('tune')}") from error
-    found: Callable[..., object] = differential_evolution
-    return found
+    function: Callable[..., object] = differential_evolution
+    return function

@@ -1,9 +1,9 @@
-"""The one pool: jobs in many processes, some at a time, with results as they come or in the order of the jobs.
+"""Process pool: jobs in chunks, with results as they complete or in the order of the jobs.
 
     with own_processes(workers, len(jobs)) as pool:
         results = in_order(pool, work, jobs, advance)
 
-A pool stays warm as long as its context is open. One process means this one: nothing is started then.
+The processes live as long as the context is open. With one worker, the jobs run in this process.
 """
 
 import multiprocessing
@@ -22,40 +22,40 @@ from typing import Generic, NamedTuple, NoReturn, TypeVar
 from hil_bridge.errors import BridgeError
 
 CHUNK = 4
-"""Jobs handed to a process at once. Chosen: a second or a few of work; so much is lost when the power fails."""
+"""Jobs handed to a process at once. Chosen: a few seconds of work, which is what a power failure loses."""
 WAITING = 2
-"""Chunks that wait for each process. Chosen: enough that none is ever idle."""
+"""Chunks queued for each process. Chosen: enough to keep every process busy."""
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-"""Environment variables that the libraries below numpy read when they are loaded."""
+"""Environment variables that numpy's linear algebra libraries read when they are loaded."""
 
 Item = TypeVar("Item")
-Made = TypeVar("Made")
+Outcome = TypeVar("Outcome")
 
 
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """Processes that take work, on this machine or on others."""
+    """Worker processes on this or other machines."""
 
     executor: Executor | None
-    """None: this process does the work."""
+    """None: the jobs run in this process."""
     count: Callable[[], int]
-    """Number of processes at present."""
+    """Return the current number of processes."""
 
 
-class Chunk(NamedTuple, Generic[Item, Made]):
-    """Jobs that have ended together, with their results."""
+class Chunk(NamedTuple, Generic[Item, Outcome]):
+    """Jobs that completed together, with their results."""
 
     first: int
-    """Place of its first job among all."""
+    """Index of its first job among all."""
     items: Sequence[Item]
-    results: Sequence[Made]
+    results: Sequence[Outcome]
 
 
 @contextmanager
 def own_processes(count: int | None = None, jobs: int | None = None) -> Iterator[Workers]:
-    """So many processes on this machine, by default one a core, and no more than `jobs` keep busy.
+    """Run a pool of `count` processes on this machine, by default one per core, and no more than `jobs` keep busy.
 
-    Inside, an exception, Ctrl-C or SIGTERM ends them at once. Raises BridgeError when one was ended from outside.
+    An exception, Ctrl-C or SIGTERM in the context ends them at once. Raises BridgeError if one was killed externally.
     """
     count = count or os.cpu_count() or 1
     if jobs is not None:
@@ -63,35 +63,35 @@ def own_processes(count: int | None = None, jobs: int | None = None) -> Iterator
     if count == 1:
         yield Workers(None, lambda: 1)
         return
-    # Spawned, not forked: the same on every platform, and no thread's lock is copied while it is held.
+    # Spawned, not forked: the same on every platform, and no lock is copied while a thread holds it.
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
     with _ending_by_sigterm(), one_thread_each(), ProcessPoolExecutor(count, context, begin_worker) as pool:
         try:
             yield Workers(pool, lambda: count)
         except BaseException as error:
-            # Else leaving the pool waits for their present jobs. The pool sees them go and drops what is waiting; to
-            # shut it down without waiting here would let its thread meet the end of the interpreter.
+            # Otherwise leaving the pool waits for their current jobs. The pool notices that they ended and drops the
+            # queue. Shutting it down here without waiting would leave its thread running at interpreter exit.
             for worker in set(multiprocessing.active_children()) - others:
                 worker.terminate()
             if isinstance(error, BrokenProcessPool):
                 raise BridgeError(
-                    "a worker process was ended from outside",
-                    remedy="give the same command again, with fewer --workers where memory was short",
+                    "a worker process was killed externally",
+                    remedy="run the same command again, with fewer --workers if memory was short",
                 ) from error
             raise
 
 
 def as_completed(
-    workers: Workers, work: Callable[[Item], Made], items: Iterable[Item], chunk: int = CHUNK
-) -> Iterator[Chunk[Item, Made]]:
-    """Each chunk of items with what `work` makes of them, in the order in which they end. Raises what `work` raises."""
+    workers: Workers, work: Callable[[Item], Outcome], items: Iterable[Item], chunk: int = CHUNK
+) -> Iterator[Chunk[Item, Outcome]]:
+    """Yield each chunk of items with the results of `work`, in the order of completion. Raises what `work` raises."""
     chunks = _in_chunks(items, chunk)
     if workers.executor is None:
         for first, some in chunks:
             yield Chunk(first, some, _do(work, some))
         return
-    waiting: dict[Future[list[Made]], tuple[int, list[Item]]] = {}
+    waiting: dict[Future[list[Outcome]], tuple[int, list[Item]]] = {}
     while True:
         room = max(workers.count(), 1) * (1 + WAITING) - len(waiting)
         for first, some in islice(chunks, max(room, 0)):
@@ -105,13 +105,13 @@ def as_completed(
 
 def in_order(
     workers: Workers,
-    work: Callable[[Item], Made],
+    work: Callable[[Item], Outcome],
     items: Sequence[Item],
     advance: Callable[[int], object] = lambda count: None,
     chunk: int = CHUNK,
-) -> list[Made]:
-    """The results of `work`, in the order of the items. `advance` is told how many have ended since."""
-    results: dict[int, Made] = {}
+) -> list[Outcome]:
+    """Return the results of `work` in the order of the items. `advance` receives the number of newly ended items."""
+    results: dict[int, Outcome] = {}
     alone = workers.executor is None
     for ended in as_completed(workers, work, items, 1 if alone else chunk):
         results.update(enumerate(ended.results, ended.first))
@@ -119,12 +119,12 @@ def in_order(
     return [results[place] for place in range(len(items))]
 
 
-def _do(work: Callable[[Item], Made], items: Sequence[Item]) -> list[Made]:
+def _do(work: Callable[[Item], Outcome], items: Sequence[Item]) -> list[Outcome]:
     return [work(item) for item in items]
 
 
 def _in_chunks(items: Iterable[Item], size: int) -> Iterator[tuple[int, list[Item]]]:
-    """Place of the first item, and the items, so many at a time."""
+    """Yield chunks of `size` items, each with the index of its first item."""
     left, first = iter(items), 0
     while chunk := list(islice(left, size)):
         yield first, chunk
@@ -132,8 +132,8 @@ def _in_chunks(items: Iterable[Item], size: int) -> Iterator[tuple[int, list[Ite
 
 
 def begin_worker() -> None:
-    """A worker begins. Ctrl-C reaches every process of a terminal; only the first is to answer it. A worker whose
-    parent was killed ends, instead of waiting for ever.
+    """Initialise a worker. Ctrl-C reaches every process of a terminal, but only the parent handles it. A worker whose
+    parent was killed exits instead of waiting forever.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
@@ -148,9 +148,9 @@ def begin_worker() -> None:
 
 @contextmanager
 def _ending_by_sigterm() -> Iterator[None]:
-    """SIGTERM ends this process the way Ctrl-C does, with its workers; by itself it would leave them behind.
+    """End this process and its workers on SIGTERM, as on Ctrl-C; by default the workers would be left running.
 
-    A handler that is set already stays.
+    A handler that is already installed is kept.
     """
     in_main_thread = threading.current_thread() is threading.main_thread()  # only there may handlers be set
     if not in_main_thread or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
@@ -169,7 +169,7 @@ def _ending_by_sigterm() -> Iterator[None]:
 
 @contextmanager
 def one_thread_each() -> Iterator[None]:
-    """Processes that start meanwhile leave their linear algebra in one thread. Theirs are matrices of three rows, for
+    """Limit the linear algebra of processes started in this context to one thread. Their matrices have three rows, for
     which waking a thread on every core takes longer than the product.
     """
     before = {name: os.environ.get(name) for name in THREAD_VARIABLES}

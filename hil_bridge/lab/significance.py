@@ -1,7 +1,7 @@
-"""Tests of significance for counts and for figures, exact where samples are small.
+"""Significance tests for counts and figures, exact for small samples.
 
-Own formulas: SciPy has 100 MB, and a comparison has to run on a build server that installed no extra. Tests hold them
-against SciPy and against every permutation.
+Implemented here because SciPy takes 100 MB and a comparison must run on a build server without extras. The test suite
+compares them with SciPy and with every permutation.
 """
 
 import math
@@ -15,14 +15,15 @@ LEVEL = 0.05
 EXACT_PAIRS = 400
 """Product of the two sizes up to which the rank sum is exact. Chosen: two samples of 20."""
 _SAME = 1e-7
-"""Relative difference of two probabilities that are the same but for rounding. Source: SciPy, `fisher_exact`."""
+"""Relative difference below which two probabilities are equal up to rounding. Source: SciPy, `fisher_exact`."""
 
 
 def fisher_exact(first: tuple[int, int], second: tuple[int, int]) -> float:
-    """Probability of counts that differ at least so much where both samples have one rate; two-sided, 1 without counts.
+    """Return the two-sided probability of counts at least as different if both samples have the same rate; 1 without
+    counts.
 
     Each sample is its number of runs that passed and of those that did not. The probability is the sum over all tables
-    with the same margins that are not more likely than the one found.
+    with the same margins that are at most as likely as the observed one.
     """
     passed, size, total = first[0] + second[0], sum(first), sum(first) + sum(second)
     least, most = max(0, passed + size - total), min(passed, size)
@@ -39,10 +40,10 @@ def fisher_exact(first: tuple[int, int], second: tuple[int, int]) -> float:
 
 
 def rank_sum(first: Sequence[float], second: Sequence[float]) -> float:
-    """Probability of ranks that differ at least so much where both samples have one distribution: the two-sided test of
-    Mann, Whitney and Wilcoxon. Ties share their rank; infinite values rank too. 1 where a sample is empty.
+    """Return the two-sided probability of the Mann-Whitney-Wilcoxon rank sum test if both samples have the same
+    distribution. Ties share their rank; infinite values rank too. 1 if a sample is empty.
 
-    Up to EXACT_PAIRS it counts every permutation, ties included; above by the normal law, corrected for ties and steps.
+    Exact up to EXACT_PAIRS, ties included; above, the normal approximation with tie and continuity correction.
     """
     n, m = len(first), len(second)
     if not n or not m:
@@ -50,10 +51,10 @@ def rank_sum(first: Sequence[float], second: Sequence[float]) -> float:
     ranks, ties = _twice_ranks([*first, *second])
     twice_sum, twice_mean = sum(ranks[:n]), n * (n + m + 1)
     if n * m <= EXACT_PAIRS:
-        ways = _ways(ranks, n)
-        sums = np.arange(len(ways))
+        counts = _rank_sum_counts(ranks, n)
+        sums = np.arange(len(counts))
         far = np.abs(sums - twice_mean) >= abs(twice_sum - twice_mean)
-        return float(ways[far].sum() / ways.sum())
+        return float(counts[far].sum() / counts.sum())
     total = n + m
     variance = n * m / 12.0 * (total + 1 - sum(t**3 - t for t in ties) / (total * (total - 1)))
     if variance <= 0.0:
@@ -63,7 +64,7 @@ def rank_sum(first: Sequence[float], second: Sequence[float]) -> float:
 
 
 def _twice_ranks(values: Sequence[float]) -> tuple[list[int], list[int]]:
-    """Twice the mean rank of each value, from 2 on, and how many values share each rank."""
+    """Return twice the mean rank of each value, from 2 on, and how many values share each rank."""
     counts, ranks, below = Counter(values), {}, 0
     for value in sorted(counts):
         ranks[value] = 2 * below + counts[value] + 1
@@ -71,18 +72,18 @@ def _twice_ranks(values: Sequence[float]) -> tuple[list[int], list[int]]:
     return [ranks[value] for value in values], list(counts.values())
 
 
-def _ways(ranks: Sequence[int], size: int) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
-    """In how many ways so many of the ranks have each sum."""
-    ways = np.zeros((size + 1, sum(ranks) + 1))
-    ways[0, 0] = 1.0
+def _rank_sum_counts(ranks: Sequence[int], size: int) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
+    """Return the number of subsets of `size` ranks with each sum."""
+    counts = np.zeros((size + 1, sum(ranks) + 1))
+    counts[0, 0] = 1.0
     for rank in ranks:
-        ways[1:, rank:] += ways[:-1, : ways.shape[1] - rank].copy()
-    found: np.ndarray[tuple[int], np.dtype[np.float64]] = ways[size]
-    return found
+        counts[1:, rank:] += counts[:-1, : counts.shape[1] - rank].copy()
+    of_size: np.ndarray[tuple[int], np.dtype[np.float64]] = counts[size]
+    return of_size
 
 
 def holm(probabilities: Sequence[float]) -> list[float]:
-    """The probabilities adjusted for their number, after Holm. By chance alone any is below LEVEL as rarely as one."""
+    """Adjust probabilities for their number (Holm): the chance that any falls below LEVEL is that of a single test."""
     order = sorted(range(len(probabilities)), key=probabilities.__getitem__)
     adjusted, largest = [1.0] * len(probabilities), 0.0
     for place, number in enumerate(order):

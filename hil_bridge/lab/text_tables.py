@@ -1,13 +1,13 @@
-"""Tables of plain text: Markdown for build servers and documents, columns for a terminal."""
+"""Plain-text tables: Markdown for build servers and documents, aligned columns for a terminal."""
 
 from collections.abc import Iterator, Sequence
 
 _SPECIAL = str.maketrans({"|": "\\|", "<": "&lt;", "\n": " ", "\r": " "})
-"""Signs that would end a cell of Markdown, or begin HTML in it."""
+"""Characters that would end a Markdown cell, or begin HTML in it."""
 
 
 def markdown_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Texts below titles as Markdown."""
+    """Format rows below their titles as a Markdown table."""
     head, *body = (
         f"| {' | '.join(cell.translate(_SPECIAL) for cell in line)} |" for line in (columns, *rows)
     )
@@ -15,7 +15,7 @@ def markdown_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str
 
 
 def aligned(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Texts below titles, each column as wide as its widest text."""
+    """Yield the lines of a table, each column as wide as its widest text."""
     lines = [columns, *rows]
     widths = [max(len(line[place]) for line in lines) for place in range(len(columns))]
     for line in lines:

@@ -71,9 +71,9 @@ def test_a_bundle_holds_recordings_of_failures_and_of_drawn_seeds(bundle: Path, 
 def test_a_sound_bundle_is_verified(bundle: Path) -> None:
     ended = invoke("campaign", "verify", bundle)
     assert ended.exit_code == 0, ended.output
-    assert "7 files are those of the manifest" in ended.output
+    assert "7 files match the manifest" in ended.output
     assert "4 runs of seed " in ended.output
-    assert ended.output.endswith("4 compared with their recordings\n  the same to the last bit\n")
+    assert ended.output.endswith("4 compared with their recordings\n  identical to the last bit\n")
     told = json.loads(invoke("campaign", "verify", bundle, "--seeds", 2, "--json").stdout)
     assert (told["repeated"], told["runs"], told["recordings"], told["differing"]) == ([1, 2], 8, 6, [])
     assert told["sha256"] == hashlib.sha256(bundle.read_bytes()).hexdigest()
@@ -90,7 +90,7 @@ def test_one_altered_byte_names_its_file(bundle: Path, tmp_path: Path) -> None:
             byte = begin + quarter * entry.compress_size // 4
             place.write_bytes(data[:byte] + bytes([data[byte] ^ 1]) + data[byte + 1 :])
             if entry.filename == "manifest.json":
-                with pytest.raises(ConfigError, match=r"altered\.zip: its manifest\.json is damaged"):
+                with pytest.raises(ConfigError, match=r"altered\.zip: manifest\.json is damaged"):
                     verify(place, 0)
                 continue
             verified = verify(place, 0)
@@ -164,8 +164,10 @@ def test_a_recording_that_cannot_be_read_is_named(bundle: Path, tmp_path: Path) 
     verified = verify(packed_anew(tmp_path / "b.zip", files), None)
     lines = list(verified.lines)
     assert f"{key}: seed {drawn}, " in "\n".join(lines)
-    assert "  differs: its recording, from cycle 0 on" in lines
-    assert lines[-1] == "  another version may decide otherwise; verify with the versions of the bundle"
+    assert "  differs: the recording, from cycle 0 on" in lines
+    assert (
+        lines[-1] == "  other versions may compute different results; verify with the versions of the bundle"
+    )
 
 
 def test_another_version_is_told_and_alone_is_no_failure(bundle: Path, tmp_path: Path) -> None:
@@ -182,7 +184,7 @@ def test_results_that_cannot_be_read_are_told(bundle: Path, tmp_path: Path) -> N
     files = with_manifest({**files_of(bundle), "results.sqlite": b"no database"})
     verified = verify(packed_anew(tmp_path / "b.zip", files), None)
     (problem,) = verified.not_repeated
-    assert problem.startswith("the results cannot be read: ")
+    assert problem.startswith("cannot read the results: ")
     assert not verified.good
 
 
@@ -253,29 +255,29 @@ def longer(size: int) -> bytes:
 @pytest.mark.parametrize(
     ("make", "told"),
     [
-        (lambda: b"", "is no zip file"),
-        (lambda: b"[campaign]\nname = 'x'\n" * 9, "is no zip file"),
-        (lambda: of_entries()[:-1], "is no zip file"),
-        (lambda: of_entries(entry("../results.sqlite")), r"holds '\.\./results\.sqlite'"),
-        (lambda: of_entries(entry("/etc/passwd")), "holds '/etc/passwd'"),
-        (lambda: of_entries(entry("recordings/../../x.mcap")), "holds 'recordings/"),
-        (lambda: of_entries(entry("recordings\\0123456789abcdef.mcap")), "holds 'recordings"),
-        (lambda: of_entries(entry("recordings/0123456789abcdef.mcap\n")), "holds 'recordings"),
-        (lambda: of_entries(entry("other/")), "holds 'other/'"),
-        (lambda: of_entries(entry("notes.txt")), "holds 'notes.txt'"),
-        (lambda: of_entries() + b"more", "is no zip file"),
-        (lambda: of_entries(entry("results.sqlite"), entry("results.sqlite")), "holds a file twice"),
-        (encrypted, r"its manifest\.json is damaged"),
+        (lambda: b"", "is not a zip file"),
+        (lambda: b"[campaign]\nname = 'x'\n" * 9, "is not a zip file"),
+        (lambda: of_entries()[:-1], "is not a zip file"),
+        (lambda: of_entries(entry("../results.sqlite")), r"contains '\.\./results\.sqlite'"),
+        (lambda: of_entries(entry("/etc/passwd")), "contains '/etc/passwd'"),
+        (lambda: of_entries(entry("recordings/../../x.mcap")), "contains 'recordings/"),
+        (lambda: of_entries(entry("recordings\\0123456789abcdef.mcap")), "contains 'recordings"),
+        (lambda: of_entries(entry("recordings/0123456789abcdef.mcap\n")), "contains 'recordings"),
+        (lambda: of_entries(entry("other/")), "contains 'other/'"),
+        (lambda: of_entries(entry("notes.txt")), "contains 'notes.txt'"),
+        (lambda: of_entries() + b"more", "is not a zip file"),
+        (lambda: of_entries(entry("results.sqlite"), entry("results.sqlite")), "contains a file twice"),
+        (encrypted, r"manifest\.json is damaged"),
         (
             lambda: of_entries(entry("results.sqlite", compress_type=zipfile.ZIP_BZIP2)),
-            r"holds 'results\.sqlite', packed in another way",
+            r"contains 'results\.sqlite', compressed by another method",
         ),
-        (lambda: longer(UNPACKED_LIMIT_BYTES + 1), "holds more than 2000 files or 1073741824 bytes"),
+        (lambda: longer(UNPACKED_LIMIT_BYTES + 1), "contains more than 2000 files or 1073741824 bytes"),
         (
             lambda: of_entries()[:-12] + struct.pack("<2H2LH", 65535, 65535, 1 << 30, 0, 0)[2:],
-            "more files than",
+            "more than 2000 files",
         ),
-        (lambda: of_entries(), r"its manifest\.json is none that can be read: "),
+        (lambda: of_entries(), r"cannot read manifest\.json: "),
     ],
 )
 def test_a_file_that_is_no_bundle_is_refused_in_a_line(
@@ -290,7 +292,7 @@ def test_a_file_that_is_no_bundle_is_refused_in_a_line(
 
 
 def test_a_zip_without_manifest_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"holds no manifest\.json"):
+    with pytest.raises(ConfigError, match=r"contains no manifest\.json"):
         verify(packed_anew(tmp_path / "b.zip", {"results.sqlite": b"{}"}), 0)
 
 
@@ -317,7 +319,9 @@ def test_a_bundle_that_another_program_packed_again_is_one(bundle: Path, tmp_pat
 
 def test_the_form_of_a_later_version_is_told(bundle: Path, tmp_path: Path) -> None:
     files = with_manifest(files_of(bundle), format="hil-bridge bundle 9")
-    with pytest.raises(ConfigError, match=r"in the form 'hil-bridge bundle 9', and this version reads '"):
+    with pytest.raises(
+        ConfigError, match=r"has the bundle format 'hil-bridge bundle 9', and this version reads '"
+    ):
         verify(packed_anew(tmp_path / "b.zip", files), 0)
 
 

@@ -164,7 +164,9 @@ def test_no_file_of_this_computer_stands_in_for_one_that_the_bundle_lacks(
     assert (site / "policy.onnx").is_file()  # in the working directory
     verified = verify(place, 2)
     (left,) = verified.not_repeated
-    assert left == "not repeated, 2 runs of seeds 1, 2: policy.onnx is not in the bundle; get the bundle anew"
+    assert (
+        left == "not repeated, 2 runs of seeds 1, 2: policy.onnx is not in the bundle; get the bundle again"
+    )
     assert (verified.runs, verified.good) == (0, False)
     assert verify(place, 0).good
 
@@ -174,12 +176,12 @@ def test_a_policy_that_was_changed_since_is_not_packed_and_is_another_plan(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with Store.open(site / "plan.sqlite") as store:
-        with pytest.raises(ConfigError, match=r"policy\.onnx: No such file.*: put it back$"):
+        with pytest.raises(ConfigError, match=r"policy\.onnx: No such file.*, restore it$"):
             pack(store, tmp_path / "b.zip", 0, overwrite=False)
         TRAIN["write_onnx"]((0.5, 0.0, 0.0), tmp_path / "policy.onnx")
         packed = pack(store, tmp_path / "b.zip", 1, overwrite=False)
         assert (packed.sha256, len(packed.differing)) == ("", 1)
-    with pytest.raises(ConfigError, match="holds another plan"):
+    with pytest.raises(ConfigError, match="contains another plan"):
         Store.begin(site / "plan.sqlite", read_plan(site / "plan.toml"))
 
 
@@ -218,7 +220,7 @@ def test_rules_a_map_of_heights_and_drawn_policies_are_packed(
             if path != place:
                 path.unlink()
         verified = verify(place, 2)
-        assert list(verified.lines)[-1] == "  the same to the last bit"
+        assert list(verified.lines)[-1] == "  identical to the last bit"
         assert (verified.runs, verified.good) == (2, True)
 
 

@@ -157,7 +157,7 @@ def test_drawn_runs_are_kept_and_repeated_by_their_keys(tmp_path: Path) -> None:
         assert store.plan().identity == plan.identity
         text = page(store)
     assert len(runs) == 6
-    assert "Each fault in each phase" in text
+    assert "Faults by phase" in text
     assert "Not injected yet" in text
     assert all("force_bound_n" in done.figures or done.outcome == "refused" for done in runs)
     ended = CliRunner().invoke(campaign, ["rerun", str(place), runs[3].key, "--output", str(tmp_path)])
@@ -308,4 +308,4 @@ def test_the_command_hunts_and_tells_the_worst(tmp_path: Path) -> None:
     assert "the worst:" in ended.output
     assert f"hil-bridge campaign rerun {place} " in ended.output
     with Store.open(place) as store:
-        assert "What the hunt came to" in page(store)
+        assert "Result of the hunt" in page(store)

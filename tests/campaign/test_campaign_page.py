@@ -28,8 +28,8 @@ def test_page_in_the_browser_is_the_saved_one(
     results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is told once, and again when another process has changed the file."""
-    monkeypatch.setattr(live, "LOOK_S", 0.0)
-    monkeypatch.setattr(live, "REST", 0.0)
+    monkeypatch.setattr(live, "POLL_S", 0.0)
+    monkeypatch.setattr(live, "REST_FACTOR", 0.0)
     other = changed(results, tmp_path / "study.sqlite")
     with Store.open(other) as store:
         in_browser = Results(store)
@@ -49,7 +49,7 @@ def test_page_in_the_browser_is_the_saved_one(
         assert broken["trouble"].startswith("cannot read ")
         assert broken["body"] == again["body"]
         assert in_browser.news(in_browser.first()) == broken  # a new page is told all
-        with pytest.raises(ValueError, match="asks for nothing"):
+        with pytest.raises(ValueError, match="accepts no messages"):
             in_browser.asked(seen, {"at": 1})
 
 
@@ -100,10 +100,12 @@ def test_page_tells_cells_worst_runs_and_what_was_never_exercised(results: Path,
     assert text.count("<article>") == 4
     assert "The run was stopped" in text
     assert "Look at: " in text  # the paragraph of `why`
-    assert "and that the plan does not inject: robot: safeguard-stop" in text
+    assert "and the plan does not inject: robot: safeguard-stop" in text
     assert f"hil-bridge campaign rerun study.sqlite {worst}" in text
-    assert "this criterion concerned no run" in text
-    assert "<td>outcome completed</td><td>4</td><td>4</td><td>0</td>" in text  # met, not met, of no concern
+    assert "this criterion applied to no run" in text
+    assert (
+        "<td>outcome completed</td><td>4</td><td>4</td><td>0</td>" in text
+    )  # met, not met, of not applicable
     out = tmp_path / "page.html"
     assert CliRunner().invoke(campaign, ["report", str(results), "--output", str(out)]).exit_code == 0
     linked = _Tags()

@@ -91,14 +91,14 @@ def test_fault_that_some_cells_cannot_have_is_kept_as_impossible(tmp_path: Path)
 @pytest.mark.parametrize(
     ("text", "lines"),
     [
-        ("", ["there must be a table [campaign]"]),
-        (HEAD + "[more]\n", ["more is no table of a campaign, only campaign, config"]),
-        (HEAD.replace("seeds", "seed"), ["campaign.seed is no setting", "campaign.seeds must be a list"]),
+        ("", ["the table [campaign] is missing"]),
+        (HEAD + "[more]\n", ["more is not a table of a campaign; known: campaign, config"]),
+        (HEAD.replace("seeds", "seed"), ["campaign.seed is not a setting", "campaign.seeds must be a list"]),
         (
             HEAD.replace("seeds = [1, 2]\n", ""),
             ["campaign.seeds must be a list of whole numbers from 0, or { from = 1, to = 50 }"],
         ),
-        (HEAD.replace("[1, 2]", "[1, 1]"), ["campaign.seeds holds a seed twice"]),
+        (HEAD.replace("[1, 2]", "[1, 1]"), ["campaign.seeds contains a seed twice"]),
         (
             HEAD.replace("seeds", "cases_per_seed = 2\nseeds"),
             ["campaign.cases_per_seed is more than the 1 cases"],
@@ -107,10 +107,13 @@ def test_fault_that_some_cells_cannot_have_is_kept_as_impossible(tmp_path: Path)
         (HEAD.replace("[1, 2]", "{ from = 3, to = 2 }"), ["campaign.seeds must be a list"]),
         (
             HEAD.replace("outcome", "outcomes"),
-            ["campaign.criteria.outcomes is no figure; choose from outcome"],
+            ["campaign.criteria.outcomes is not a figure; known: outcome"],
         ),
         (HEAD.replace('"completed"', '"done"'), ["campaign.criteria.outcome must be one or a list of"]),
-        (HEAD + "rise_s = { under = 1 }\n", ["campaign.criteria.rise_s has no 'under', only below, above"]),
+        (
+            HEAD + "rise_s = { under = 1 }\n",
+            ["campaign.criteria.rise_s has an unknown key 'under'; known: below, above"],
+        ),
         (
             HEAD + "rise_s = { below = nan }\n",
             ["campaign.criteria.rise_s below must be a number, got nan"],
@@ -119,7 +122,7 @@ def test_fault_that_some_cells_cannot_have_is_kept_as_impossible(tmp_path: Path)
         (HEAD + '[campaign.matrix]\n"task.force" = [1.0]\n', ["task.force is no setting"]),
         (HEAD + '[campaign.matrix]\n"task.force_n" = 1.0\n', ["campaign.matrix.task.force_n must be a list"]),
         (HEAD + '[campaign.matrix]\n"run.seed" = [1]\n', ["campaign.matrix.run.seed cannot be an axis"]),
-        (HEAD + '[config.robot]\nurl = "tcp://host:1"\n', ["robot.url: a campaign runs against"]),
+        (HEAD + '[config.robot]\nurl = "tcp://host:1"\n', ["robot.url: a campaign runs on"]),
         (
             HEAD + STOP.replace("emergency-stop", "hiccup"),
             ["campaign.fault.1: ", "campaign.fault.2: "],
@@ -203,5 +206,5 @@ def test_matrix_that_would_fill_the_memory_is_refused_before_it_is_made(tmp_path
 
 @pytest.mark.parametrize("text", [f"{2**63}", f"0:{10**30}"])
 def test_seeds_beyond_those_of_the_results_are_refused(text: str) -> None:
-    with pytest.raises(ValueError, match="no seeds from"):
+    with pytest.raises(ValueError, match="invalid seeds"):
         seeds_of(text)

@@ -82,7 +82,7 @@ def test_results_of_another_plan_are_not_touched(results: Path, tmp_path: Path) 
         Store.begin(results, other)
     text = tmp_path / "notes.sqlite"
     text.write_text("no database, but long enough to be taken for one " * 100)
-    with pytest.raises(ConfigError, match="cannot keep results"):
+    with pytest.raises(ConfigError, match="cannot write results to"):
         Store.begin(text, other)
     assert text.read_text().startswith("no database")
 
@@ -161,7 +161,7 @@ def test_ctrl_c_ends_every_process_with_one_line(tmp_path: Path) -> None:
     os.killpg(process.pid, signal.SIGINT)  # a terminal tells all its processes
     _, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
-    assert errors.strip() == f"interrupted: {_kept(place)} runs are kept; the same command goes on"
+    assert errors.strip() == f"interrupted: {_kept(place)} runs are kept; the same command resumes"
     deadline = time.monotonic() + PATIENCE_S
     while _is_there(process.pid):
         assert time.monotonic() < deadline
@@ -196,7 +196,7 @@ def test_rerun_gives_the_same_figures_and_the_recording(results: Path, tmp_path:
         CliRunner().invoke(campaign, arguments, catch_exceptions=False)
     by_part = ["rerun", str(results), key[:6], "--output", str(tmp_path), "--overwrite"]
     assert CliRunner().invoke(campaign, by_part, catch_exceptions=False).output == told.output
-    with pytest.raises(ConfigError, match="runs whose keys begin with ; give more of it"):
+    with pytest.raises(ConfigError, match="runs whose keys begin with ; give a longer key"):
         CliRunner().invoke(campaign, ["rerun", str(results), ""], catch_exceptions=False)
     with pytest.raises(ConfigError, match="no run with the key nothing"):
         CliRunner().invoke(campaign, ["rerun", str(results), "nothing"], catch_exceptions=False)
@@ -205,9 +205,9 @@ def test_rerun_gives_the_same_figures_and_the_recording(results: Path, tmp_path:
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["report", "."], "is a folder; name a file of results in it"),
-        (["study.sqlite"], "holds results, no plan; `hil-bridge campaign report"),
-        (["rpt", "study.sqlite"], "no file and no command is called 'rpt'; commands are run, hunt"),
+        (["report", "."], "is a folder; give a results file in it"),
+        (["study.sqlite"], "contains results, not a plan; run `hil-bridge campaign report"),
+        (["rpt", "study.sqlite"], "no such file or command 'rpt'; commands: run, hunt"),
     ],
 )
 def test_what_was_meant_otherwise_is_told(arguments: list[str], told: str) -> None:
@@ -329,7 +329,7 @@ def test_results_of_another_version_are_told_as_such(results: Path, tmp_path: Pa
         results, tmp_path / "older.sqlite", "UPDATE facts SET value = 'form 0' WHERE name = 'format'"
     )
     with pytest.raises(
-        ConfigError, match=r"has results in the form 'form 0' of another version, and this one reads '"
+        ConfigError, match=r"has the format 'form 0' of another version, and this one reads '"
     ):
         Store.open(older)
 

@@ -170,7 +170,7 @@ def test_command_writes_the_page_and_ends_with_1_where_it_is_worse(
         (["before"], "takes the results of 2 to 50 campaigns, not of 1"),
         (["before", "run.mcap"], "either recordings or results of campaigns"),
         (["before", "before"], "given the same file twice"),
-        (["before", "none"], "there is no file"),
+        (["before", "none"], "no such file"),
         (["before", "empty"], "has no run yet; run the campaign first"),
     ],
 )

@@ -23,7 +23,7 @@ def conform(*arguments: str) -> "tuple[int, str]":
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("rtde",), "name the client's command behind --"),
+        (("rtde",), "the client's command is missing; give it after --"),
         (
             ("nope", "--", "true"),
             "there is no robot or sensor 'nope'; choose one of egm, rsi, rtde, s3, ati-can",

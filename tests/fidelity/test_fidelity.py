@@ -20,7 +20,7 @@ from hil_bridge.lab.fidelity.comparing import Comparison, Line
 from hil_bridge.lab.fidelity.emulating import emulate_robot
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES
 from hil_bridge.lab.fidelity.sensing import emulate_sensor, with_load
-from hil_bridge.lab.fidelity.subjects import STANDS, Measured, compare_with
+from hil_bridge.lab.fidelity.subjects import STANDSTILL, Measured, compare_with
 from hil_bridge.lab.fidelity.tables import Table, read_table
 from hil_bridge.lab.fidelity.units import FAMILIES, ROTATION, UNITS, WRENCH
 from hil_bridge.settings.configuration import load_config
@@ -153,15 +153,15 @@ def test_a_robot_without_inputs_stands_and_its_noise_is_compared(tmp_path: Path)
     assert quantity.source == ""
     assert quantity.measured.noise == pytest.approx(0.4, rel=0.25)
     assert quantity.emulated.noise == pytest.approx(0.4, rel=0.25)
-    assert result.left_out == (STANDS,)
+    assert result.left_out == (STANDSTILL,)
 
 
 def test_a_table_that_tells_nothing_of_a_robot_is_refused(tmp_path: Path) -> None:
     mapping = '[time]\ncolumn = "t"\n[columns]\ndepth = { columns = ["q1"], unit = "m" }\n'
     said = ask(tmp_path, "rtde", GOOD, mapping)
-    assert "nothing is left to compare: the emulated rtde does not tell depth" in said
+    assert "nothing to compare: the emulated rtde does not report depth" in said
     said = ask(tmp_path, "rsi", GOOD, "")
-    assert "nothing is left to compare: the emulated rsi does not tell q" in said
+    assert "nothing to compare: the emulated rsi does not report q" in said
 
 
 # --- sensors
@@ -326,7 +326,7 @@ def test_recording_shorter_than_a_cycle_is_refused(tmp_path: Path, kind: str) ->
     )
     told = ask(tmp_path, kind, rows, mapping)
     assert told == (
-        f"the recording lasts 0.000796 s, too short for two samples of the emulated {kind}; is time.unit right?"
+        f"the recording lasts 0.000796 s, too short for two samples of the emulated {kind}; check time.unit"
     )
 
 
@@ -362,17 +362,17 @@ GOOD = [("t", "q1"), *((f"{k / 100}", "1.0") for k in range(60))]
 @pytest.mark.parametrize(
     ("rows", "mapping", "words"),
     [
-        (GOOD[:20], "", "19 rows; at least 50 are compared"),
-        ([*GOOD[:30], GOOD[28], *GOOD[30:]], "", "the time does not rise in line 31"),
-        ([*GOOD[:30], ("0.29", "nan"), *GOOD[31:]], "", "q1 in line 31 is no number: 'nan'"),
-        ([*GOOD[:30], ("0.29", "one"), *GOOD[31:]], "", "q1 in line 31 is no number: 'one'"),
+        (GOOD[:20], "", "19 rows; at least 50 are required"),
+        ([*GOOD[:30], GOOD[28], *GOOD[30:]], "", "the time decreases in line 31"),
+        ([*GOOD[:30], ("0.29", "nan"), *GOOD[31:]], "", "q1 in line 31 is not a number: 'nan'"),
+        ([*GOOD[:30], ("0.29", "one"), *GOOD[31:]], "", "q1 in line 31 is not a number: 'one'"),
         ([*GOOD[:30], ("0.29",), *GOOD[31:]], "", "line 31 has 1 columns, q1 is in column 2"),
         ([("t", "p1"), *GOOD[1:]], "", "has no column 'q1'; its header begins with 't, p1'"),
         (GOOD, '[time]\ncolumn = "t"\nunit = "h"\n[columns]\nq = {}\n', "time.unit must be one of s, ms"),
         (
             GOOD,
             '[time]\ncolumn = "t"\n[columns]\nspin = {}\n',
-            "there is no quantity 'spin'; there are order_q",
+            "unknown quantity 'spin'; known: order_q",
         ),
         (GOOD, '[time]\ncolumn = "t"\n[columns]\ndepth = 3\n', "columns.depth must be a table"),
         (GOOD, '[time]\ncolumn = "t"\n[columns]\nq = { columns = ["q1"] }\n', "must name 6 columns"),
@@ -384,13 +384,13 @@ GOOD = [("t", "q1"), *((f"{k / 100}", "1.0") for k in range(60))]
         (
             GOOD,
             '[time]\ncolumn = "t"\n[columns]\ndepth = { columns = [0], unit = "m" }\n',
-            "columns.depth must be a name of the header, or its number from 1, got 0",
+            "columns.depth must be a column name, or its number from 1, got 0",
         ),
-        (GOOD, "[time]\nrate_hz = 0\n[columns]\nq = {}\n", "time.rate_hz must be above 0"),
+        (GOOD, "[time]\nrate_hz = 0\n[columns]\nq = {}\n", "time.rate_hz must be greater than 0"),
         (GOOD, "[time]\n[columns]\nq = {}\n", "[time] must have either column or rate_hz"),
         (GOOD, "[time]\nrate_hz = 5\n", "must have the sections [time] and [columns]"),
         (GOOD, 'separator = "x"\n', "separator must be one of"),
-        (GOOD, "speed = 3\n", "'speed' is not known here; there are separator"),
+        (GOOD, "speed = 3\n", "unknown key 'speed'; known: separator"),
         (
             [GOOD[0], *((f"{60 * k}", "1.0") for k in range(70))],
             "",
@@ -399,7 +399,7 @@ GOOD = [("t", "q1"), *((f"{k / 100}", "1.0") for k in range(60))]
         (
             [*GOOD[:30], ("0.29", "1e200"), *GOOD[31:]],
             "",
-            "q1 comes to 1e+200 rad: is its unit the right one?",
+            "q1 reaches 1e+200 rad; check its unit",
         ),
     ],
 )
@@ -461,7 +461,7 @@ def test_the_reference_lists_every_family_and_unit() -> None:
 
 
 def test_a_kind_and_a_table_without_a_mapping_are_told(tmp_path: Path) -> None:
-    assert "there is no kind 'lathe'; choose one of egm" in ask(tmp_path, "lathe", GOOD, "")
+    assert "unknown kind 'lathe'; known: egm" in ask(tmp_path, "lathe", GOOD, "")
     assert "its emulator cannot be played" in ask(tmp_path, "s3", GOOD, "")
     result = CliRunner().invoke(cli, ["identify", "fidelity", str(tmp_path / "log.csv"), "--as", "rsi"])
     assert "a table needs --columns" in str(result.exception)

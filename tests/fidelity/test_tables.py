@@ -77,11 +77,11 @@ def test_quoted_decimal_comma_is_read(tmp_path: Path) -> None:
 def test_comma_of_thousands_or_decimals_is_refused(tmp_path: Path) -> None:
     rows = [(str(k), "1,234") for k in range(COUNT)]
     text = text_of("t;f", ";", rows)
-    assert "line 2: press: '1,234': its comma may set off thousands" in refusal(tmp_path, text)
+    assert "line 2: press: '1,234': the comma may be a thousands separator" in refusal(tmp_path, text)
     assert table_of(tmp_path, text, top='decimal = ","').columns["press"][0] == 1.234
-    assert "press in line 2 is no number: '1,234'" in refusal(tmp_path, text, top='decimal = "."')
+    assert "press in line 2 is not a number: '1,234'" in refusal(tmp_path, text, top='decimal = "."')
     mixed = text_of("t;f", ";", [("0.5", "1,5"), *rows])
-    assert "and other cells have a point, as '0.5'" in refusal(tmp_path, mixed)
+    assert "and other cells have a point, such as '0.5'" in refusal(tmp_path, mixed)
 
 
 def test_unquoted_decimal_comma_between_commas_is_refused(tmp_path: Path) -> None:
@@ -91,20 +91,18 @@ def test_unquoted_decimal_comma_between_commas_is_refused(tmp_path: Path) -> Non
 
 def test_quote_that_is_not_closed_is_refused(tmp_path: Path) -> None:
     rows = [(f"{k / 100}", f"{k / 2}", '"ok"' if k != 70 else '"ok') for k in range(150)]
-    assert "line 72: it is no table: a quote is not closed" in refusal(
-        tmp_path, text_of("t,f,note", rows=rows)
-    )
+    assert "line 72: not a table: unclosed quote" in refusal(tmp_path, text_of("t,f,note", rows=rows))
 
 
 def test_value_beyond_all_numbers_is_refused_by_its_quantity(tmp_path: Path) -> None:
     table = table_of(tmp_path, text_of(rows=with_row(4, "0.02", "1e307")), PRESS.replace('"N"', '"kN"'))
-    with pytest.raises(ConfigError, match="press comes to inf N"):
+    with pytest.raises(ConfigError, match="press reaches inf N"):
         table.check()
 
 
 @pytest.mark.parametrize("number", ["1_000", "1e999", "0x10", "--1", "1 5"])
 def test_number_of_python_alone_is_refused(tmp_path: Path, number: str) -> None:
-    assert f"press in line 4 is no number: '{number}'" in refusal(
+    assert f"press in line 4 is not a number: '{number}'" in refusal(
         tmp_path, text_of(rows=with_row(4, "0.02", number))
     )
 
@@ -114,7 +112,7 @@ def test_lines_in_front_of_the_names_are_skipped(tmp_path: Path) -> None:
     check_usual(table_of(tmp_path, front + text_of()))
     check_usual(table_of(tmp_path, "# " + text_of()))
     bad = front + text_of(rows=with_row(4, "0.02", "x"))
-    assert "press in line 8 is no number" in refusal(tmp_path, bad)
+    assert "press in line 8 is not a number" in refusal(tmp_path, bad)
     lines = text_of().split("\n")
     lines[2] = lines[2] + "\n\n"
     check_usual(table_of(tmp_path, "\n".join(lines)))
@@ -126,7 +124,7 @@ def test_lines_in_front_of_the_names_are_skipped(tmp_path: Path) -> None:
 def test_column_of_a_name_that_two_have_is_refused(tmp_path: Path) -> None:
     rows = [(f"{k / 100}", "1", "2") for k in range(COUNT)]
     text = text_of("t,f,f", rows=rows)
-    assert "columns 2 and 3 are both named 'f'; give a number" in refusal(tmp_path, text)
+    assert "columns 2 and 3 are both named 'f'; give the column's number" in refusal(tmp_path, text)
     third = 'press = { columns = [3], unit = "N" }'
     assert table_of(tmp_path, text, third).columns["press"][0] == 2.0
 
@@ -155,11 +153,11 @@ def test_iso_times_across_zones_are_compared_in_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "cell", "words"),
     [
-        (5, "2024-01-20T21:25:03", "line 5: '2024-01-20T21:25:03' stands between times with a zone"),
-        (5, "2024-01-20T21:25:61Z", "line 5: '2024-01-20T21:25:61Z' is no time of ISO 8601"),
-        (5, "0.03", "line 5: '0.03' is no time of ISO 8601"),
-        (2, "20.01.2024 21:25:00", "time in line 2 is no number: '20.01.2024 21:25:00'"),
-        (2, "21:25:00", "time in line 2 is no number: '21:25:00'"),
+        (5, "2024-01-20T21:25:03", "line 5: '2024-01-20T21:25:03' is mixed with times with a zone"),
+        (5, "2024-01-20T21:25:61Z", "line 5: '2024-01-20T21:25:61Z' is not an ISO 8601 time"),
+        (5, "0.03", "line 5: '0.03' is not an ISO 8601 time"),
+        (2, "20.01.2024 21:25:00", "time in line 2 is not a number: '20.01.2024 21:25:00'"),
+        (2, "21:25:00", "time in line 2 is not a number: '21:25:00'"),
     ],
 )
 def test_other_times_among_iso_times_are_refused(tmp_path: Path, line: int, cell: str, words: str) -> None:
@@ -171,7 +169,7 @@ def test_other_times_among_iso_times_are_refused(tmp_path: Path, line: int, cell
 def test_iso_times_with_a_unit_or_another_file_in_numbers_are_refused(tmp_path: Path) -> None:
     rows = [(f"2024-01-20T21:25:{k:02d}Z", "1") for k in range(COUNT)]
     text = text_of(rows=rows)
-    assert "leave time.unit out" in refusal(tmp_path, text, time='column = "t"\nunit = "ms"')
+    assert "remove time.unit" in refusal(tmp_path, text, time='column = "t"\nunit = "ms"')
     (tmp_path / "other.csv").write_text(text_of("t,d"))
     other = PRESS + '\ndepth = { columns = ["d"], unit = "m", file = "other.csv" }'
     assert "other.csv has numbers, and log.csv times with a zone" in refusal(tmp_path, text, other)
@@ -231,7 +229,7 @@ def test_unit_that_header_and_mapping_contradict_is_refused(tmp_path: Path) -> N
     by_number = 'press = { columns = [2], unit = "N" }'
     check_usual(table_of(tmp_path, text_of("t,f [lbf]"), by_number))
     check_usual(table_of(tmp_path, text_of("t,f [sum]"), PRESS))
-    assert "names no unit of press that is known here, got 'f [V]'; give unit" in refusal(
+    assert "names no known unit of press, got 'f [V]'; set unit" in refusal(
         tmp_path, text_of("t,f [V]"), 'press = { columns = ["f"] }'
     )
     assert table_of(tmp_path, text_of("t [ms],f")).times[1] == pytest.approx(1e-5)
@@ -239,8 +237,8 @@ def test_unit_that_header_and_mapping_contradict_is_refused(tmp_path: Path) -> N
 
 def test_counts_need_a_factor(tmp_path: Path) -> None:
     said = refusal(tmp_path, text_of(), 'press = { columns = ["f"], unit = "counts" }')
-    assert 'columns.press is in counts: give unit = "N" and factor = N of one count' in said
-    assert "press is in counts: give" in refusal(
+    assert 'columns.press is in counts; set unit = "N" and factor = N per count' in said
+    assert "press is in counts; set" in refusal(
         tmp_path, text_of("t,f [counts]"), 'press = { columns = ["f"] }'
     )
     scaled = 'press = { columns = ["f"], unit = "mN", factor = 20, sign = -1 }'
@@ -255,7 +253,7 @@ def test_counts_need_a_factor(tmp_path: Path) -> None:
     ):
         mapping = f'press = {{ columns = ["f"], unit = "N", factor = {factor} }}'
         assert words in refusal(tmp_path, text_of(), mapping)
-    assert "factor needs columns.press.unit" in refusal(
+    assert "factor requires columns.press.unit" in refusal(
         tmp_path, text_of(), 'press = { columns = ["f"], factor = 2 }'
     )
 
@@ -268,12 +266,12 @@ def test_rows_with_blank_cells_are_left_out_and_counted(tmp_path: Path) -> None:
     assert 1.5 not in table.columns["press"]
     assert table.times[3] == pytest.approx(0.04)
     assert [note.partition(": ")[2] for note in table.notes] == [
-        "2 of 60 rows left out for blank cells, the first in line 5: time in 1, press in 2"
+        "2 of 60 rows skipped for blank cells, the first in line 5: time in 1, press in 2"
     ]
     even = table_of(tmp_path, text_of(rows=rows), time="rate_hz = 100")
     assert even.times[3] == pytest.approx(0.04)
     empty = [(f"{k / 100}", "") for k in range(COUNT)]
-    assert "60 of 60 rows left out for blank cells" in refusal(tmp_path, text_of(rows=empty))
+    assert "60 of 60 rows skipped for blank cells" in refusal(tmp_path, text_of(rows=empty))
 
 
 def test_first_row_of_equal_times_counts(tmp_path: Path) -> None:
@@ -281,12 +279,10 @@ def test_first_row_of_equal_times_counts(tmp_path: Path) -> None:
     table = table_of(tmp_path, text_of(rows=rows))
     assert 99.0 not in table.columns["press"]
     assert table.columns["press"][2] == 1.0
-    assert "1 of 60 rows left out for a time that the row before has, the first in line 5" in table.notes[0]
+    assert "1 of 60 rows skipped for the same time as the previous row, the first in line 5" in table.notes[0]
     coarse = [(f"{k // 3}", "1") for k in range(90)]
     assert "has 30 different times in 90 rows" in refusal(tmp_path, text_of(rows=coarse))
-    assert "the time does not rise in line 5; sort" in refusal(
-        tmp_path, text_of(rows=with_row(5, "0.01", "1"))
-    )
+    assert "the time decreases in line 5; sort" in refusal(tmp_path, text_of(rows=with_row(5, "0.01", "1")))
 
 
 @pytest.mark.parametrize("names", ["qx,qy,qz,qw", "qw,qx,qy,qz", "o.w,o.z,o.y,o.x"])
@@ -300,7 +296,7 @@ def test_quaternion_becomes_a_rotation(tmp_path: Path, names: str) -> None:
     for k, part in enumerate(ROTATION):
         assert table.columns[part] == pytest.approx(expected[:, k], abs=3e-4)
     rows[3] = (rows[3][0], "0", "0", "0", "0")
-    words = "the quaternion in line 5 is no rotation: its length is not 1"
+    words = "the quaternion in line 5 is invalid: its length is not 1"
     assert words in refusal(
         tmp_path, text_of(f"t,{names}", rows=rows), f"rotation = {{ columns = [{listed}] }}"
     )
@@ -309,7 +305,7 @@ def test_quaternion_becomes_a_rotation(tmp_path: Path, names: str) -> None:
 @pytest.mark.parametrize("columns", ['["q1", "q2", "q3", "q4"]', "[2, 3, 4, 5]", '["ax", "y", "z", "w"]'])
 def test_quaternion_without_an_order_is_refused(tmp_path: Path, columns: str) -> None:
     said = refusal(tmp_path, text_of(), f"rotation = {{ columns = {columns} }}")
-    assert "must have names alike that end in x, y, z and w" in said
+    assert "must have a common name ending in x, y, z and w" in said
 
 
 def test_notes_of_a_table_are_on_standard_error(tmp_path: Path) -> None:
@@ -327,7 +323,7 @@ def test_notes_of_a_table_are_on_standard_error(tmp_path: Path) -> None:
         assert result.exit_code == 0, result.exception
         assert result.stdout.startswith("{")
         assert "by its header target_q1" in result.stderr
-        assert "1 of 400 rows left out for blank cells" in result.stderr
+        assert "1 of 400 rows skipped for blank cells" in result.stderr
 
 
 def test_spellings_of_a_unit_are_one() -> None:

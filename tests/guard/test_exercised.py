@@ -180,7 +180,7 @@ def test_each_criterion_of_the_guards_campaign_can_be_missed() -> None:
 
 
 def test_the_campaign_leaves_no_cell_of_its_matrix_empty() -> None:
-    """Each fault in each phase, each target with each robot and sensor; what is left has a reason."""
+    """Faults by phase, each target with each robot and sensor; what is left has a reason."""
     drawn = balance(exercised.of_plan(exercised.PLAN))
     left = [name for group in (PHASED, TARGETS) for name in drawn.never(group)]
     assert [name for name in left if name not in exercised.EXCEPTIONS] == []

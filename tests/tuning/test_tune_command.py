@@ -62,5 +62,5 @@ def test_a_search_ends_in_a_file_that_runs(tmp_path: Path) -> None:
 def test_a_real_robot_is_refused(tmp_path: Path) -> None:
     cell = tmp_path / "cell.toml"
     cell.write_text('[robot]\nurl = "s3+tcp://127.0.0.1:1"\n', encoding="utf-8")
-    with pytest.raises(ConfigError, match="against the emulated cell alone"):
+    with pytest.raises(ConfigError, match="on the emulated cell only"):
         tune(str(cell), *ARGUMENTS)

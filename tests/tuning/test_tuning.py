@@ -14,11 +14,11 @@ from hil_bridge.control.types import Range
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.criteria import Figures
 from hil_bridge.lab.tuning.comparing import Comparison, Finding, describe_comparison, sentence
-from hil_bridge.lab.tuning.evaluating import Goal, Job, Worth, scales_of, worth
+from hil_bridge.lab.tuning.evaluating import Evaluation, Goal, Job, evaluate, scales_of
 from hil_bridge.lab.tuning.front import front, picture
-from hil_bridge.lab.tuning.preparing import axes_of, limit_of, others, tuned_file, weights_of
+from hil_bridge.lab.tuning.preparing import axes_of, limit_of, load_other_cell, tuned_file, weights_of
 from hil_bridge.lab.tuning.reporting import as_json, describe_parameters, fresh_comparison
-from hil_bridge.lab.tuning.searching import Search, Wanted, begin, search
+from hil_bridge.lab.tuning.searching import Search, SearchPlan, begin, search
 from hil_bridge.lab.tuning.space import space_of
 from hil_bridge.lab.tuning.writing import toml
 from hil_bridge.settings.configuration import Config, load_config
@@ -66,12 +66,12 @@ def test_whole_numbers_stay_whole() -> None:
     ("vary", "words"),
     [
         ("gain=0:1", "pi has no parameter 'gain'"),
-        ("tuned_at_n_m", "pi declares no bounds of it; write tuned_at_n_m=LOW:HIGH"),
-        ("integral=1", "write NAME=LOW:HIGH"),
-        ("integral=0.1:x", "write NAME=LOW:HIGH"),
-        ("integral=1:0.1", "the bounds 1:0.1 are no range"),
-        ("integral=0:1:log", "bounds by factors must be above 0"),
-        ("integral=0:1:lin", "write NAME=LOW:HIGH"),
+        ("tuned_at_n_m", "pi declares no bounds for it; give tuned_at_n_m=LOW:HIGH"),
+        ("integral=1", "must be NAME=LOW:HIGH"),
+        ("integral=0.1:x", "must be NAME=LOW:HIGH"),
+        ("integral=1:0.1", "invalid bounds 1:0.1"),
+        ("integral=0:1:log", "bounds with :log must be greater than 0"),
+        ("integral=0:1:lin", "must be NAME=LOW:HIGH"),
     ],
 )
 def test_wrong_bounds_are_refused(vary: str, words: str) -> None:
@@ -92,8 +92,8 @@ def ended(
 
 def test_defaults_score_one_and_failed_runs_score_above_all() -> None:
     assert GOAL.score(ended(2.0)) == pytest.approx(1.0)
-    assert worth(GOAL, (), [ended(2.0), ended(2.0)]).score == pytest.approx(1.0)
-    one, two = (worth(GOAL, (), [ended(1.0), *[ended(1.0, outcome="stopped")] * k]) for k in (1, 2))
+    assert evaluate(GOAL, (), [ended(2.0), ended(2.0)]).score == pytest.approx(1.0)
+    one, two = (evaluate(GOAL, (), [ended(1.0), *[ended(1.0, outcome="stopped")] * k]) for k in (1, 2))
     assert not one.feasible
     assert 1e3 < one.score < two.score
     assert GOAL.failure(ended(1.0, force=20.1)) == "a true force of 20.1 N"
@@ -102,8 +102,8 @@ def test_defaults_score_one_and_failed_runs_score_above_all() -> None:
 
 
 def test_luck_with_a_seed_is_no_merit() -> None:
-    steady = worth(GOAL, (), [ended(1.0), ended(1.0)])
-    lucky = worth(GOAL, (), [ended(0.5), ended(1.5)])
+    steady = evaluate(GOAL, (), [ended(1.0), ended(1.0)])
+    lucky = evaluate(GOAL, (), [ended(0.5), ended(1.5)])
     assert steady.mean("rise_s") == lucky.mean("rise_s")
     assert steady.score < lucky.score
 
@@ -128,12 +128,12 @@ def bowl(jobs: Sequence[Job]) -> list[Figures]:
     return found
 
 
-def wanted(budget: int = 150) -> Wanted:
-    return Wanted(space_of(pi(), ["integral"]), {"rise_s": 1.0}, 20.0, (1, 2), budget, seed=1)
+def search_plan(budget: int = 150) -> SearchPlan:
+    return SearchPlan(space_of(pi(), ["integral"]), {"rise_s": 1.0}, 20.0, (1, 2), budget, seed=1)
 
 
 def searched(budget: int = 150) -> Search:
-    state = begin([pi()], wanted(budget), bowl)
+    state = begin([pi()], search_plan(budget), bowl)
     search(state, bowl)
     return state
 
@@ -146,7 +146,7 @@ def test_the_search_finds_the_best_and_stays_within_its_budget() -> None:
         runs += len(jobs)
         return bowl(jobs)
 
-    state = begin([pi()], wanted(), counted)
+    state = begin([pi()], search_plan(), counted)
     search(state, counted)
     assert runs <= 150
     assert state.best is not None
@@ -155,7 +155,7 @@ def test_the_search_finds_the_best_and_stays_within_its_budget() -> None:
     comparison = fresh_comparison(state)
     assert comparison is not None
     assert comparison.finding is Finding.BETTER
-    assert not {*state.wanted.seeds} & {*state.wanted.fresh}
+    assert not {*state.plan.seeds} & {*state.plan.fresh}
     assert [one.point for one in searched().tried] == [one.point for one in state.tried]
 
 
@@ -170,27 +170,29 @@ def test_a_point_must_do_in_every_cell() -> None:
             found.append({**figures, "outcome": "stopped"} if hard and too_much else figures)
         return found
 
-    wanted = Wanted(space_of(pi(), ["integral"]), {"rise_s": 1.0}, 20.0, (1, 2), 300, seed=1, cells=2)
+    search_plan = SearchPlan(
+        space_of(pi(), ["integral"]), {"rise_s": 1.0}, 20.0, (1, 2), 300, seed=1, cells=2
+    )
     hard = load_config(None, {"controller.name": "pi", "cell.surface.stiffness_n_m": 10_000.0})
-    state = begin([pi(), hard], wanted, two_cells)
+    state = begin([pi(), hard], search_plan, two_cells)
     search(state, two_cells)
     assert state.best is not None
     assert 0.5 < state.best.point[0] <= 0.6
-    assert len(state.best.runs) == 2 * len(wanted.fresh)
+    assert len(state.best.runs) == 2 * len(search_plan.fresh)
     assert len(state.best.cells) == 2
     assert "In 2 cells at once." in tuned_file({}, pi(), state, None)
 
 
 def test_a_budget_that_makes_no_search_is_refused_before_the_first_run() -> None:
-    with pytest.raises(ConfigError, match=r"--budget 20: with 2 seeds a search takes 28 runs or more"):
-        wanted(20)
+    with pytest.raises(ConfigError, match=r"--budget 20: a search with 2 seeds needs at least 28 runs"):
+        search_plan(20)
 
 
 def test_where_every_point_fails_there_is_no_best() -> None:
     def fails(jobs: Sequence[Job]) -> list[Figures]:
         return [ended(1.0, outcome="stopped" if json.loads(job.parameters) else "completed") for job in jobs]
 
-    state = begin([pi()], wanted(40), fails)
+    state = begin([pi()], search_plan(40), fails)
     search(state, fails)
     assert state.best is None
     assert "no point met the constraints with every seed" in list(describe_parameters(state))
@@ -206,20 +208,20 @@ def test_an_interrupted_search_has_its_best_so_far() -> None:
             raise KeyboardInterrupt
         return bowl(jobs)
 
-    state = begin([pi()], wanted(), interrupted)
+    state = begin([pi()], search_plan(), interrupted)
     with pytest.raises(KeyboardInterrupt):
         search(state, interrupted)
     assert state.best is not None
     text = tuned_file({}, pi(), state, None)
-    assert "interrupted: this point has not met fresh seeds" in text
+    assert "interrupted: this point was not validated on fresh seeds" in text
     assert tomllib.loads(text)["controller"]["parameters"]["integral"] == state.best.point[0]
 
 
 # --- what is made of it
 
 
-def point(x: float, y: float, outcome: str = "completed") -> Worth:
-    return worth(GOAL, (x, y), [ended(x, y, outcome)])
+def point(x: float, y: float, outcome: str = "completed") -> Evaluation:
+    return evaluate(GOAL, (x, y), [ended(x, y, outcome)])
 
 
 def test_the_front_holds_the_points_that_nothing_beats() -> None:
@@ -247,7 +249,7 @@ def test_the_front_holds_the_points_that_nothing_beats() -> None:
 def test_a_difference_counts_where_the_seeds_can_tell(
     tuned: list[Any], defaults: list[Any], finding: Finding
 ) -> None:
-    one, two = (worth(GOAL, (), [ended(rise) for rise in rises]) for rises in (tuned, defaults))
+    one, two = (evaluate(GOAL, (), [ended(rise) for rise in rises]) for rises in (tuned, defaults))
     comparison = Comparison("hard", one, two)
     assert comparison.finding is finding
     assert f"hard, 3 seeds: {finding}" in next(iter(describe_comparison(comparison, ["rise_s"])))
@@ -285,7 +287,7 @@ def test_figures_and_weights_are_checked() -> None:
         with pytest.raises(ConfigError, match="--minimise"):
             weights_of([wrong])
     for limit in (math.nan, math.inf, 0.0, -3.0):
-        with pytest.raises(ConfigError, match="--force-limit: must be a number above 0"):
+        with pytest.raises(ConfigError, match="--force-limit: must be greater than 0"):
             limit_of(pi(), limit)
     with pytest.raises(ConfigError, match="--trade"):
         axes_of("rise_s")
@@ -295,7 +297,7 @@ def test_figures_and_weights_are_checked() -> None:
 def test_the_examples_are_cells_for_the_same_controller() -> None:
     tuned = load_config(EXAMPLES / "cell.toml", {"controller.name": "pi"})
     for place in EXAMPLES.glob("*.toml"):
-        config = others(place, tuned)
+        config = load_other_cell(place, tuned)
         assert (config.controller.name, config.run.duration_s) == ("pi", tuned.run.duration_s)
 
 

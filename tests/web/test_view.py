@@ -102,7 +102,7 @@ def test_files_of_other_kinds_and_a_missing_extra_are_told_in_a_line(
     assert told_by("notes.txt").endswith(
         "neither a recording (.mcap), nor results of a campaign (.sqlite), nor a bag of ROS 2"
     )
-    assert "there is no file" in told_by("none.sqlite")
+    assert "no such file" in told_by("none.sqlite")
     bag = pressed(tmp_path / "press")
     assert "has no topic /gone" in told_by(str(bag), "--topic", "wrench=/gone")
     assert "no file in it ends in .mcap or .db3" in told_by(str(tmp_path))

@@ -1,8 +1,7 @@
-"""A bundle: the results of a campaign in one zip file, with all that another computer needs to verify them.
+"""Bundle: the results of a campaign in one zip file, with everything that another computer needs to verify them.
 
-It holds `results.sqlite` with the configuration of every case; files of data that settings name, such as a policy;
-recordings of the runs that failed and of seeds that are drawn; and `manifest.json`, with the versions and the SHA-256
-of each file.
+It contains `results.sqlite` with the configuration of every case; the data files named by settings, such as a policy;
+recordings of failed runs and of sampled seeds; and `manifest.json`, with the versions and the SHA-256 of each file.
 """
 
 import hashlib
@@ -28,60 +27,60 @@ from hil_bridge.record.files import check_place, write_whole
 
 MANIFEST, RESULTS, RECORDINGS = "manifest.json", "results.sqlite", "recordings"
 FILES_MOST = 2000
-"""Files of a bundle at most. Chosen: more recordings than a person looks at."""
+"""Most files in a bundle. Chosen: more recordings than anyone inspects."""
 UNPACKED_LIMIT_BYTES = 1 << 30
-"""Of all its files, unpacked, and of the bundle itself. Chosen: a thousand recordings of 1 MB."""
+"""Limit for all its files, unpacked, and for the bundle itself. Chosen: a thousand recordings of 1 MB."""
 FORMAT = "hil-bridge bundle 3"
-"""Format of the bundle, for a later version that reads it."""
+"""Format identifier of the bundle."""
 PACKAGES = ("numpy",)
-"""Packages beside this one whose arithmetic a run goes through."""
+"""Other packages whose arithmetic affects a run."""
 _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
-"""Time stamp of every file, so that two bundles of the same files are equal but for the manifest."""
+"""Time stamp of every file: two bundles of the same files differ in the manifest alone."""
 
 MISSING = "none"
 """Version of a package that is not installed."""
 
 Advance = Callable[[int, int], object]
-"""Told how many runs have been repeated since, and how many of them differ."""
+"""Receives the number of runs repeated since the last call, and how many of them differ."""
 
 
 class Manifest(Struct, frozen=True):
-    """All that a bundle tells about itself."""
+    """Content of `manifest.json`."""
 
     format: str
     campaign: str
     packed: str
-    """When, UTC."""
+    """Time of packing, UTC."""
     versions: Mapping[str, str]
-    """Of this package with a hash of its source, of Python and numpy, and the platform."""
+    """Versions of this package (with a hash of its source), Python, numpy and the platform."""
     files: Mapping[str, str]
     """SHA-256 of each other file."""
     drawn: tuple[int, ...]
-    """Seeds that were drawn: their runs were repeated here, and their recordings are in the bundle."""
+    """Sampled seeds: their runs were repeated before packing, and their recordings are in the bundle."""
     inputs: Mapping[str, str] = {}
-    """SHA-256 of the files that settings name, by the path in the settings."""
+    """SHA-256 of the files named by settings, by the path in the settings."""
 
 
 class Packed(Struct, frozen=True):
-    """A bundle that was written, or the runs because of which it was not."""
+    """Summary of a written bundle, or the differing runs that prevented it."""
 
     bundle: str
     """File name."""
     sha256: str
-    """Of the bundle; empty where none was written."""
+    """SHA-256 of the bundle; empty if none was written."""
     runs: int
     drawn: tuple[int, ...]
     recordings: int
     left_out: int
-    """Recordings of failing runs for which there was no room."""
+    """Recordings of failed runs for which there was no room."""
     differing: tuple[RepeatedRun, ...]
-    """Repeated runs whose figures are not those of the results."""
+    """Repeated runs whose figures differ from the results."""
     inputs: int = 0
-    """Files that settings name."""
+    """Number of files named by settings."""
 
     @property
     def lines(self) -> Iterator[str]:
-        """For people."""
+        """Text for the terminal, line by line."""
         if self.differing:
             yield f"not packed: repeated runs differ from the results, {len(self.differing)} of them"
             for run in self.differing:
@@ -98,12 +97,12 @@ class Packed(Struct, frozen=True):
 
 
 def count_words(count: int, word: str) -> str:
-    """A count with its word."""
+    """Format a count with its noun, in the plural if needed."""
     return f"{count} {word}" if count == 1 else f"{count} {word}s"
 
 
 def versions(more: Iterable[str] = ()) -> dict[str, str]:
-    """Versions of all that decides the bits of a run, and those of `more` packages."""
+    """Return the versions of everything that affects the bits of a run, and of `more` packages."""
     return {
         "hil-bridge": code_version(),
         "Python": platform.python_version(),
@@ -120,8 +119,8 @@ def _version(package: str) -> str:
 
 
 def draw_seeds(plan: Plan, runs: Iterable[Done], count: int) -> tuple[int, ...]:
-    """Return so many seeds of these runs, spread over them: the same ones for the same plan, and more of them go on
-    from fewer.
+    """Return a sample of `count` seeds of these runs. It depends on the plan alone; a larger sample contains every
+    smaller one.
     """
 
     def place(seed: int) -> str:
@@ -131,18 +130,18 @@ def draw_seeds(plan: Plan, runs: Iterable[Done], count: int) -> tuple[int, ...]:
 
 
 def pack(
-    store: Store, path: Path, count: int, overwrite: bool, advance: Advance = lambda *told: None
+    store: Store, path: Path, count: int, overwrite: bool, advance: Advance = lambda *counts: None
 ) -> Packed:
-    """Write a bundle of these results. Runs of `count` seeds are repeated first; none may differ.
+    """Write a bundle of these results. The runs of `count` seeds are repeated first; none may differ.
 
-    Raises ConfigError for results of another version of the code, for a file that settings name and that is gone, and
-    where the bundle cannot be written.
+    Raises ConfigError for results of another version of the code, for a missing file named by settings, and if the
+    bundle cannot be written.
     """
     check_place(path, overwrite)
     if (code := store.fact("code")) != code_version():
         raise ConfigError(
-            f"{store.path} has results of version {code}, and this is {code_version()}; pack them with that one, "
-            "or run the campaign anew"
+            f"{store.path} has results of version {code}, and this is {code_version()}; pack them with that version, "
+            "or run the campaign again"
         )
     plan, runs = store.plan(), list(store.runs())
     drawn = draw_seeds(plan, runs, count)
@@ -173,7 +172,7 @@ def pack(
 
 
 def _add_failing(folder: Path, store: Store, runs: Iterable[Done]) -> int:
-    """Take the recordings of failing runs, worst first; the number of those for which there is no room."""
+    """Add the recordings of failed runs, worst first; return the number for which there is no room."""
     size = sum(one.stat().st_size for one in folder.rglob("*") if one.is_file())
     count, left_out = sum(1 for _ in folder.rglob("*")), 0
     for done in worst_first(runs):

@@ -1,4 +1,4 @@
-"""Differences between two campaigns, run by run. `trends` compares their figures and tests significance."""
+"""Run-by-run differences between two campaigns. `trends` compares their figures and tests significance."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -13,15 +13,15 @@ from hil_bridge.record.analysis.figures import JUDGED
 from hil_bridge.show.report.differences import describe_value, flat
 
 LINES = 50
-"""Most runs that are told one by one. Chosen: a screen or two."""
+"""Most runs listed individually. Chosen: a screen or two."""
 _NOTHING = "nothing"
-"""Word for a figure that a run did not show."""
+"""Text for a figure that a run does not have."""
 _Name: TypeAlias = tuple[str, str, str, int]
-"""Cell, fault, phase and seed of a run, in words."""
+"""Cell, fault, phase and seed that identify a run in both campaigns."""
 
 
 class Difference(Struct, frozen=True):
-    """A figure that is not the same in two runs; None where a run does not have it."""
+    """Figure that differs between two runs; None if a run does not have it."""
 
     figure: str
     before: Figure
@@ -29,12 +29,12 @@ class Difference(Struct, frozen=True):
 
     @property
     def text(self) -> str:
-        """In words."""
+        """One line of text."""
         return f"{self.figure} {figure_text(self.before) or _NOTHING} → {figure_text(self.after) or _NOTHING}"
 
 
 class SettingChange(Struct, frozen=True):
-    """A setting that is not the same in two campaigns: all its values in each, "–" where it is missing."""
+    """Setting that differs between two campaigns: all its values in each, "–" where it is missing."""
 
     key: str
     before: str
@@ -42,7 +42,7 @@ class SettingChange(Struct, frozen=True):
 
     @property
     def text(self) -> str:
-        """In words."""
+        """One line of text."""
         return f"setting {self.key}: {self.before} → {self.after}"
 
 
@@ -58,12 +58,12 @@ class Side(Struct, frozen=True):
 
     @property
     def text(self) -> str:
-        """In words."""
+        """One line of text."""
         return f"{self.results}: {self.name}, code {self.code}, {self.runs} runs"
 
 
 class ChangedRun(Struct, frozen=True):
-    """A run that is in both campaigns and differs."""
+    """Run present in both campaigns with different figures."""
 
     cell: str
     fault: str
@@ -73,35 +73,35 @@ class ChangedRun(Struct, frozen=True):
 
     @property
     def text(self) -> str:
-        """In words."""
+        """One line of text."""
         words = "; ".join(one.text for one in self.differences)
         return f"{self.cell} | {self.fault} {self.phase} | seed {self.seed}: {words}"
 
 
 class Compared(Struct, frozen=True):
-    """Two campaigns side by side."""
+    """Comparison of two campaigns."""
 
     before: Side
     after: Side
     settings: tuple[SettingChange, ...]
-    """Settings that differ: what the runs show may be their effect."""
+    """Settings that differ, and may explain differing runs."""
     common: int
-    """Runs that are in both."""
+    """Runs present in both."""
     worse: int
-    """Runs that passed and fail now."""
+    """Runs that passed before and fail now."""
     better: int
-    """Runs that failed and pass now."""
+    """Runs that failed before and pass now."""
     changed: tuple[ChangedRun, ...]
-    """Runs that differ, those with another outcome first."""
+    """Runs that differ, those with a different outcome first."""
 
     @property
     def differing(self) -> int:
-        """Runs that are in both and differ."""
+        """Number of common runs that differ."""
         return len(self.changed)
 
     @property
     def lines(self) -> Iterator[str]:
-        """For people: the settings that differ, the sums, and at most LINES runs."""
+        """Text for the terminal: differing settings, totals, and at most LINES runs."""
         yield self.before.text
         yield self.after.text
         yield from setting_lines(self.settings)
@@ -114,7 +114,7 @@ class Compared(Struct, frozen=True):
 
 
 def differences(before: Figures, after: Figures) -> Iterator[Difference]:
-    """Figures that are not the same."""
+    """Yield the figures that differ."""
     for name in JUDGED:
         old, new = before.get(name), after.get(name)
         if old != new:
@@ -122,7 +122,7 @@ def differences(before: Figures, after: Figures) -> Iterator[Difference]:
 
 
 def setting_changes(first: Store, second: Store) -> Iterator[SettingChange]:
-    """Settings whose values over all cases are not the same in both campaigns, by key."""
+    """Yield the settings whose values over all cases differ between the campaigns, by key."""
     before, after = _settings(first), _settings(second)
     for key in sorted(before | after):
         old, new = (", ".join(sorted(side.get(key, {"–"}))) for side in (before, after))
@@ -131,27 +131,29 @@ def setting_changes(first: Store, second: Store) -> Iterator[SettingChange]:
 
 
 def setting_lines(changes: Sequence[SettingChange]) -> Iterator[str]:
-    """At most LINES settings that differ, for people."""
+    """Yield text lines for at most LINES differing settings."""
     yield from (harmless(one.text) for one in changes[:LINES])
     if len(changes) > LINES:
-        yield f"and {len(changes) - LINES} settings more"
+        yield f"and {len(changes) - LINES} more settings"
 
 
 def _settings(store: Store) -> dict[str, set[str]]:
-    """All values of each setting in the cases of a campaign."""
-    found: dict[str, set[str]] = {}
+    """Return all values of each setting in the cases of a campaign."""
+    values: dict[str, set[str]] = {}
     for config in {case.config for case in store.plan().cases}:
         for key, value in flat(json.loads(config)).items():
-            found.setdefault(key, set()).add(describe_value(value))
-    return found
+            values.setdefault(key, set()).add(describe_value(value))
+    return values
 
 
 def compare_campaigns(first: Store, second: Store) -> Compared:
-    """Runs of the same cell, fault, phase and seed."""
+    """Compare the runs of two campaigns that share cell, fault, phase and seed."""
     old, new = _by_name(first), _by_name(second)
     common = [name for name in old if name in new]
     changed = {
-        name: found for name in common if (found := tuple(differences(old[name].figures, new[name].figures)))
+        name: changes
+        for name in common
+        if (changes := tuple(differences(old[name].figures, new[name].figures)))
     }
     order = sorted(changed, key=lambda name: (old[name].outcome == new[name].outcome, name))
     return Compared(

@@ -1,6 +1,6 @@
-"""The results of a campaign as values: counts, cases, missed criteria, figures by cell.
+"""Digest of a campaign's results: counts, cases, unmet criteria, figures by cell.
 
-The page, the text, Markdown, JSON and JUnit are made from it, and so they tell the same.
+The page, the text, Markdown, JSON and JUnit are all rendered from it, and therefore agree.
 """
 
 import math
@@ -21,7 +21,7 @@ NUMBERS = tuple(key for key in JUDGED if key not in WORDS)
 
 
 class Tally(Struct, frozen=True):
-    """How many runs met every criterion, missed one, or ended by a bug."""
+    """Number of runs that met every criterion, missed one, or ended by a bug."""
 
     passed: int = 0
     failed: int = 0
@@ -29,28 +29,28 @@ class Tally(Struct, frozen=True):
 
     @property
     def total(self) -> int:
-        """All runs."""
+        """Number of all runs."""
         return self.passed + self.failed + self.errors
 
     @property
     def good(self) -> bool:
-        """Whether there are runs, and all of them passed."""
+        """Whether there is a run, and every run passed."""
         return 0 < self.passed == self.total
 
     @property
     def text(self) -> str:
-        """In words."""
+        """One line of text."""
         return f"{self.passed} passed, {self.failed} failed, {self.errors} error{'s' * (self.errors != 1)}"
 
 
 class CaseResult(Struct, frozen=True):
-    """A cell of the matrix with one fault."""
+    """Results of a cell of the matrix with one fault."""
 
     cell: str
     fault: str
     phase: str
     impossible: str
-    """Why the cell cannot have the fault; empty where it can."""
+    """Why the cell does not support the fault; empty if it does."""
     tally: Tally
 
 
@@ -61,25 +61,25 @@ class CriterionResult(Struct, frozen=True):
     met: int
     not_met: int
     no_concern: int
-    """Runs that it does not concern, or that have no such figure."""
+    """Runs to which it does not apply, or that have no such figure."""
 
 
 class FigureResult(Struct, frozen=True):
-    """A figure in one cell of the matrix. The numbers are None where no run has a finite one."""
+    """Distribution of a figure in one cell of the matrix. The numbers are None if no run has a finite one."""
 
     figure: str
     cell: str
     runs: int
-    """Runs that have the figure."""
+    """Number of runs that have the figure."""
     endless: int
-    """Runs among them in which it is infinite."""
+    """Number of runs in which it is infinite."""
     least: float | None
     median: float | None
     largest: float | None
 
 
 class FailedRun(Struct, frozen=True):
-    """A run that did not pass, worst first in a digest."""
+    """Run that did not pass."""
 
     key: str
     seed: int
@@ -90,17 +90,17 @@ class FailedRun(Struct, frozen=True):
     unmet: tuple[Unmet, ...]
     force_true_max_n: float | None
     recording: str
-    """File name of its recording in the folder of recordings; empty where none was left."""
+    """File name of its recording in the folder of recordings; empty if there is none."""
 
 
 class Digest(Struct, frozen=True):
-    """A campaign."""
+    """Summary of a campaign."""
 
     name: str
     results: str
     """File name of the results."""
     planned: int
-    """Runs that the plan has."""
+    """Number of runs in the plan."""
     tally: Tally
     facts: Mapping[str, str]
     cases: tuple[CaseResult, ...]
@@ -110,7 +110,7 @@ class Digest(Struct, frozen=True):
 
 
 def digest_of(store: Store) -> Digest:
-    """The digest of what is kept so far. Raises ConfigError for a damaged file."""
+    """Summarise the runs kept so far. Raises ConfigError for a damaged file."""
     plan, runs = store.plan(), list(store.runs())
     return Digest(
         plan.name,
@@ -126,7 +126,7 @@ def digest_of(store: Store) -> Digest:
 
 
 def tally_of(runs: Iterable[Done]) -> Tally:
-    """Counts of runs."""
+    """Count runs by verdict."""
     counts = Counter(
         "errors" if run.outcome == "error" else "passed" if run.passed else "failed" for run in runs
     )
@@ -134,7 +134,7 @@ def tally_of(runs: Iterable[Done]) -> Tally:
 
 
 def facts_of(store: Store, plan: Plan, runs: Sequence[Done]) -> Iterator[tuple[str, str]]:
-    """Names and values of the head: when, where, by which code, how many and how fast."""
+    """Yield names and values of the facts: date, host, code version, size and speed."""
     sittings = store.sittings()
     begun = store.fact("begun") or (sittings[0].began if sittings else "")
     last = sittings[-1].began if sittings else ""
@@ -168,12 +168,12 @@ def _size(plan: Plan) -> Iterator[tuple[str, str]]:
     turns = Counter(case for case, _ in plan.runs())
     least, most = min(turns[case] for case in plan.possible), max(turns.values())
     between = "or" if most == least + 1 else "…"
-    told = f"{least}" if least == most else f"{least} {between} {most}"
-    yield "Cases for each seed", f"{plan.cases_per_seed} in turn; seeds for each case: {told}"
+    count = f"{least}" if least == most else f"{least} {between} {most}"
+    yield "Cases for each seed", f"{plan.cases_per_seed} in turn; seeds for each case: {count}"
 
 
 def case_results(plan: Plan, runs: Iterable[Done]) -> Iterator[CaseResult]:
-    """Every case of the plan, in its order."""
+    """Yield the result of every case, in the order of the plan."""
     by_case: dict[int, list[Done]] = {}
     for run in runs:
         by_case.setdefault(run.number, []).append(run)
@@ -183,51 +183,51 @@ def case_results(plan: Plan, runs: Iterable[Done]) -> Iterator[CaseResult]:
 
 
 def criterion_results(plan: Plan, runs: Sequence[Done]) -> Iterator[CriterionResult]:
-    """Every criterion of the plan, in its order."""
+    """Yield the result of every criterion, in the order of the plan."""
     for criterion in plan.criteria:
         verdicts = Counter(criterion.judge(run.figures) for run in runs)
         yield CriterionResult(criterion.text, verdicts[True], verdicts[False], verdicts[None])
 
 
 def figure_results(plan: Plan, runs: Sequence[Done]) -> Iterator[FigureResult]:
-    """Every figure that runs have, by cell."""
+    """Yield every figure that runs have, by cell."""
     by_cell = runs_by_cell(plan, runs)
     for key in NUMBERS:
         for cell, of_cell in by_cell.items():
             if values := values_of(key, of_cell):
                 known = [value for value in values if math.isfinite(value)]
-                told = (known[0], statistics.median(known), known[-1]) if known else (None, None, None)
-                yield FigureResult(key, cell, len(values), len(values) - len(known), *told)
+                spread = (known[0], statistics.median(known), known[-1]) if known else (None, None, None)
+                yield FigureResult(key, cell, len(values), len(values) - len(known), *spread)
 
 
 def runs_by_cell(plan: Plan, runs: Iterable[Done]) -> dict[str, list[Done]]:
-    """Runs by the cell of the matrix, in the order of the plan; cells without a run are left out."""
-    found: dict[str, list[Done]] = {case.cell: [] for case in plan.cases}
+    """Group runs by cell of the matrix, in the order of the plan; cells without a run are left out."""
+    by_cell: dict[str, list[Done]] = {case.cell: [] for case in plan.cases}
     for run in runs:
-        found[plan.cases[run.number].cell].append(run)
-    return {cell: of_cell for cell, of_cell in found.items() if of_cell}
+        by_cell[plan.cases[run.number].cell].append(run)
+    return {cell: of_cell for cell, of_cell in by_cell.items() if of_cell}
 
 
 def values_of(key: str, runs: Iterable[Done]) -> list[float]:
-    """The values of a figure that is a number, rising; infinite ones last."""
+    """Return the values of a numeric figure in ascending order, infinite ones last."""
     values = (run.figures.get(key) for run in runs)
     return sorted(float(value) for value in values if isinstance(value, (int, float)) and value == value)
 
 
 def true_force(run: Done) -> float:
-    """Largest true force, N; 0 where the run has none."""
+    """Return the largest true force, N; 0 if the run has none."""
     force = run.figures.get("force_true_max_n")
     return float(force) if isinstance(force, (int, float)) else 0.0
 
 
 def worst_first(runs: Iterable[Done]) -> list[Done]:
-    """Runs that did not pass: bugs first, then by the number of missed criteria, then by the true force."""
-    failing = [run for run in runs if not run.passed]
-    return sorted(failing, key=lambda run: (run.outcome != "error", -len(run.failed), -true_force(run)))
+    """Return the failed runs: bugs first, then by number of unmet criteria, then by true force."""
+    failed = [run for run in runs if not run.passed]
+    return sorted(failed, key=lambda run: (run.outcome != "error", -len(run.failed), -true_force(run)))
 
 
 def unmet_by(plan: Plan, run: Done) -> tuple[Unmet, ...]:
-    """The criteria that a run did not meet, with its values."""
+    """Return the criteria that a run did not meet, with its values."""
     return unmet_of(plan.criteria, run.figures)
 
 

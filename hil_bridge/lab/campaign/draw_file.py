@@ -1,4 +1,4 @@
-"""Draws in a campaign's file: `[campaign.draw]`, `faults_per_run`, and faults with ranges in them."""
+"""Random draws in a campaign file: `[campaign.draw]`, `faults_per_run`, and faults with ranges."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -14,16 +14,16 @@ from hil_bridge.runs.compose import can_hold
 from hil_bridge.runs.setup import Setup
 
 MOST_FAULTS = 9
-"""Most faults of a run. Chosen: a person can still tell which of them did it."""
+"""Most faults of a run. Chosen: a reader can still identify the one that caused a failure."""
 MOST_WEIGHT = 1000
-"""Most chances of one option of a list. Chosen: rarer ones come in no campaign of a night."""
+"""Largest weight of an option in a list. Chosen: rarer options would not occur in an overnight campaign."""
 _FAULT_KEYS = ("on", "fault", "phase", "after_s", "for_s", "when", "with", "together")
 Problem = tuple[str, str]
-"""Key, and what is wrong with it."""
+"""Key, and a description of what is wrong with it."""
 
 
 def draw_of(campaign: Mapping[str, Any]) -> tuple[Draw | None, list[Problem]]:
-    """The draws of each run, None where there are none, and everything that is wrong with them."""
+    """Return the draws of each run, None if there are none, and every problem with them."""
     given, count = campaign.get("draw", {}), campaign.get("faults_per_run", 0)
     if not given and not count:
         return None, []
@@ -41,17 +41,17 @@ def draw_of(campaign: Mapping[str, Any]) -> tuple[Draw | None, list[Problem]]:
     return Draw(settings, tuple(faults), fewest, most), problems
 
 
-class Tried(NamedTuple):
-    """A draw, tried in one cell."""
+class DrawCheck(NamedTuple):
+    """Result of checking a draw in one cell."""
 
     impossible: tuple[tuple[str, int], ...]
-    """Options that the cell cannot have."""
+    """Options that the cell does not support."""
     problems: tuple[str, ...]
-    """Settings of which it can have none or not all of a range, and a plan without a fault for it, in words."""
+    """Settings with no supported option or only part of a range supported, and a plan without a fault for the cell."""
 
 
-def try_options(draw: Draw, config: str) -> Tried:
-    """Every option of each setting, and the ends of each range, in a cell."""
+def try_options(draw: Draw, config: str) -> DrawCheck:
+    """Check every option of each setting, and the ends of each range, in a cell."""
     impossible: list[tuple[str, int]] = []
     problems: list[str] = []
     for setting in draw.settings:
@@ -69,18 +69,18 @@ def try_options(draw: Draw, config: str) -> Tried:
         devices = json.loads(config)
         kinds = devices["robot"]["emulated"], devices["sensor"]["emulated"], devices["cell"]["surface_kind"]
         if not possible_faults(draw.text, *kinds):
-            problems.append("no fault of the plan is one that this cell can have")
-    return Tried(tuple(impossible), tuple(problems))
+            problems.append("this cell supports none of the faults of the plan")
+    return DrawCheck(tuple(impossible), tuple(problems))
 
 
 def _refusal(config: str, values: Mapping[str, Any]) -> str:
-    """Why a cell cannot have these values, by dotted key; empty where it can."""
+    """Return why a cell does not accept these values, by dotted key; empty if it does."""
     try:
-        one = Setup(config_with(config, json.dumps({"config": dict(values), "faults": []}), 0))
-        check(one, True, VIRTUAL_EPOCH)
-        x, y, z = one.config.cell.start_position_mm
-        if not can_hold(one, (x * 1e-3, y * 1e-3, z * 1e-3)):
-            return "cell.start_quaternion: the robot cannot hold its tool so at the start"
+        setup = Setup(config_with(config, json.dumps({"config": dict(values), "faults": []}), 0))
+        check(setup, True, VIRTUAL_EPOCH)
+        x, y, z = setup.config.cell.start_position_mm
+        if not can_hold(setup, (x * 1e-3, y * 1e-3, z * 1e-3)):
+            return "cell.start_quaternion: the robot cannot reach this orientation at the start position"
     except BridgeError as error:
         return error.without_source
     return ""
@@ -140,9 +140,9 @@ def leaves(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, An
 
 def _problems_of_fault(table: Mapping[str, Any]) -> Iterator[str]:
     if unknown := [key for key in table if key not in _FAULT_KEYS]:
-        yield f"has no {unknown[0]!r}, only {', '.join(_FAULT_KEYS)}"
+        yield f"has an unknown key {unknown[0]!r}; known: {', '.join(_FAULT_KEYS)}"
     if not all(isinstance(table.get(key), str) and table[key] for key in ("on", "fault")):
-        yield f"needs `on` and `fault`, each a name or {EVERY!r} for all"
+        yield f"needs `on` and `fault`, each a name, or {EVERY!r} for all"
     phases = table.get("phase", "")
     if not isinstance(phases, str) and not (
         isinstance(phases, list) and phases and all(isinstance(phase, str) for phase in phases)

@@ -1,6 +1,6 @@
-"""Runs that are drawn: settings from ranges and several faults at once, each a pure function of numbers from 0 to 1.
+"""Random draws of a run: settings from ranges and several faults at once, each a pure function of numbers from 0 to 1.
 
-A campaign takes these numbers from a seed, a hunt from its optimiser. So both go through the same space.
+A campaign derives these numbers from a seed, a hunt from its optimiser. Both therefore search the same space.
 """
 
 import json
@@ -17,36 +17,36 @@ from hil_bridge.runs.faults.lying import CONTROLLER, CONTROLLER_FAULTS
 from hil_bridge.settings.faults import FaultConfig
 
 EVERY = "*"
-"""Stands for all targets, or all faults of a target, that no other table of the plan names."""
+"""Wildcard for all targets, or all faults of a target, that no other table of the plan names."""
 PARAMETERS = 3
-"""Chosen: parameters of a fault that are drawn; the others keep their defaults. Three are the axes of an offset."""
+"""Chosen: number of drawn parameters of a fault, as many as the axes of an offset; the others keep their defaults."""
 SLOT = 4 + PARAMETERS
-"""Numbers for one fault: which one, phase, delay, duration, parameters."""
+"""Numbers consumed by one fault: selection, phase, delay, duration, parameters."""
 FACTOR = 10.0
-"""Chosen: a parameter without a range is drawn within this factor of its default, either way."""
+"""Chosen: a parameter without a range is drawn within this factor of its default, above and below."""
 SPREAD: Mapping[str, float] = {"mm": 50.0, "mm/s": 50.0, "N": 50.0}
-"""Chosen: a parameter whose default is 0 and that the fault needs is drawn up to this, either way, by its unit."""
+"""Chosen: range ±SPREAD, by unit, of a parameter that the fault requires and whose default is 0."""
 SHORTEST_S, LONGEST_S = 0.05, 3.0
-"""Chosen: durations of half of those faults that have one and no range of their own; the others keep the default."""
+"""Chosen: range of durations for half of the faults with a duration but no range; the others keep the default."""
 DELAY_S = 1.5
-"""Chosen: a fault without a delay of its own comes up to so much after its phase begins."""
+"""Chosen: longest delay after the begin of its phase for a fault without a specified delay."""
 DRAWN = "drawn"
-"""Label of the fault of a case whose faults are drawn."""
+"""Fault label of a case whose faults are drawn."""
 
 Numbers: TypeAlias = Sequence[float]
 
 
 class Between(msgspec.Struct, frozen=True):
-    """A range of a number, both ends included."""
+    """Range of a number, both ends included."""
 
     low: float
     high: float
     log: bool = False
-    """A factor is a step: both ends are above 0."""
+    """Whether to draw logarithmically; both ends are then positive."""
     whole: bool = False
 
     def value(self, number: float) -> float | int:
-        """The value for a number from 0 to 1."""
+        """Map a number from 0 to 1 to a value of the range."""
         span = self.high - self.low
         drawn = (
             self.low * math.exp(math.log(self.high / self.low) * number)
@@ -59,16 +59,16 @@ class Between(msgspec.Struct, frozen=True):
 
 
 class Setting(msgspec.Struct, frozen=True):
-    """A setting that is drawn: from a range, or one of some sets of values."""
+    """Drawn setting: from a range, or from several sets of values."""
 
     key: str
-    """Dotted key, or a name for sets of values."""
+    """Dotted key, or a name for the sets of values."""
     between: Between | None = None
     options: tuple[dict[str, Any], ...] = ()
     """Values by dotted key."""
 
     def values(self, number: float) -> Mapping[str, Any]:
-        """Values by dotted key for a number from 0 to 1."""
+        """Map a number from 0 to 1 to values by dotted key."""
         if self.between is not None:
             return {self.key: self.between.value(number)}
         chosen: Mapping[str, Any] = _pick(self.options, number)
@@ -76,19 +76,19 @@ class Setting(msgspec.Struct, frozen=True):
 
 
 class Draw(msgspec.Struct, frozen=True):
-    """Everything that is drawn for a run."""
+    """Settings and faults drawn for a run."""
 
     settings: tuple[Setting, ...] = ()
     faults: tuple[dict[str, Any], ...] = ()
-    """Tables as [[campaign.fault]]: with lists of phases, ranges in place of numbers, and `EVERY` for names."""
+    """Tables as in [[campaign.fault]], with lists of phases, ranges for numbers, and `EVERY` for names."""
     fewest: int = 1
     most: int = 1
-    """Faults of a run."""
+    """Smallest and largest number of faults of a run."""
     without: dict[str, tuple[tuple[str, int], ...]] = {}
-    """Options that a cell cannot have, by its label: key of the setting, and place in its options."""
+    """Options that a cell does not support, by its label: key of the setting, and index in its options."""
 
     def settings_in(self, cell: str) -> Iterator[Setting]:
-        """The settings with those options that a cell can have."""
+        """Yield the settings, reduced to the options that a cell supports."""
         left_out = self.without.get(cell, ())
         for setting in self.settings:
             places = {place for key, place in left_out if key == setting.key}
@@ -97,22 +97,22 @@ class Draw(msgspec.Struct, frozen=True):
 
     @property
     def dimensions(self) -> int:
-        """Numbers from 0 to 1 that a run is a function of, in a given cell."""
+        """Number of values from 0 to 1 that determine a run in a given cell."""
         return len(self.settings) + 1 + self.most * SLOT
 
     @property
     def text(self) -> str:
-        """As JSON, for the results file."""
+        """JSON for the results file."""
         return msgspec.json.encode(self, order="sorted").decode()
 
     @classmethod
     def read(cls, text: str) -> "Draw":
-        """From that JSON. Raises msgspec.MsgspecError."""
+        """Parse a draw from its JSON. Raises msgspec.MsgspecError."""
         return msgspec.json.decode(text, type=cls)
 
 
 def numbers_of(seed: str, count: int) -> list[float]:
-    """So many numbers from 0 to 1, the same for a seed on every machine."""
+    """Return `count` random numbers from 0 to 1, reproducible from the seed on every machine."""
     draw = random.Random(seed)
     return [draw.random() for _ in range(count)]
 
@@ -120,8 +120,8 @@ def numbers_of(seed: str, count: int) -> list[float]:
 def draw_values(
     draw: Draw, cell: str, config: str, numbers: Numbers, given: Sequence[Mapping[str, Any]] = ()
 ) -> str:
-    """The values laid over a cell's configuration (JSON) for these numbers: settings and faults, as JSON. The faults
-    `given` come first.
+    """Return the settings and faults that these numbers select, as JSON to lay over a cell's configuration (JSON).
+    The faults `given` come first.
     """
     settings: dict[str, Any] = {}
     for setting, number in zip(draw.settings_in(cell), numbers, strict=False):
@@ -134,7 +134,7 @@ def draw_values(
 
 
 def faults_for(draw: Draw, config: str, slots: Sequence[Numbers]) -> list[dict[str, Any]]:
-    """A fault for each slot of numbers, those left out that are there already or that the cell cannot have."""
+    """Return a fault for each slot of numbers, without duplicates and faults that the cell does not support."""
     templates, chosen = faults_of_cell(draw, config), list[dict[str, Any]]()
     if not templates:
         return chosen
@@ -149,21 +149,21 @@ def faults_for(draw: Draw, config: str, slots: Sequence[Numbers]) -> list[dict[s
 
 
 def _add(chosen: list[dict[str, Any]], table: dict[str, Any], robot: str, sensor: str, surface: str) -> None:
-    """Keep a fault that is not there yet and that the cell can have."""
+    """Append a fault unless it is a duplicate or the cell does not support it."""
     same = any((one["on"], one["fault"]) == (table["on"], table["fault"]) for one in chosen)
     if not same and fits(table, robot, sensor, surface):
         chosen.append(table)
 
 
 def faults_of_cell(draw: Draw, config: str) -> tuple[Mapping[str, Any], ...]:
-    """The tables of faults that a cell (JSON) can have, one for each name."""
+    """Return the tables of faults that a cell (JSON) supports, one for each name."""
     return possible_faults(draw.text, *_devices(config))
 
 
 def fault_of_slot(
     template: Mapping[str, Any], numbers: Numbers, robot: str, sensor: str, surface: str
 ) -> dict[str, Any]:
-    """The table of one fault, as in [[faults]]."""
+    """Return the table of one fault, as in [[faults]]."""
     _, of_phase, of_delay, of_time, *of_values = numbers
     phases = template.get("phase", "")
     phase = _pick(phases, of_phase) if isinstance(phases, list) else phases
@@ -195,7 +195,7 @@ def fault_of_slot(
 
 @cache
 def possible_faults(text: str, robot: str, sensor: str, surface: str) -> tuple[Mapping[str, Any], ...]:
-    """The tables of a plan's faults that a cell with these devices can have, one for each name."""
+    """Return the tables of a plan's faults that a cell with these devices supports, one for each name."""
     words = _words(robot, sensor, surface)
     draw = Draw.read(text)
     tables = draw.faults
@@ -214,7 +214,7 @@ def possible_faults(text: str, robot: str, sensor: str, surface: str) -> tuple[M
 
 
 def fits(table: Mapping[str, Any], robot: str, sensor: str, surface: str) -> bool:
-    """Whether a cell with these devices can have this fault."""
+    """Return whether a cell with these devices supports this fault."""
     fault = FaultConfig.model_validate(table)
     words = _words(robot, sensor, surface).get(fault.on, {}).get(fault.fault)
     if words is None:
@@ -235,7 +235,7 @@ def _names(table: Mapping[str, Any], words: Mapping[str, Mapping[str, Any]]) -> 
 
 @cache
 def _words(robot: str, sensor: str, surface: str) -> Mapping[str, Mapping[str, Any]]:
-    """All faults that a run with these devices can have, by target and name."""
+    """Return all faults that a run with these devices supports, by target and name."""
     return {**EmulatedKinds.named(robot, sensor, surface).faults, CONTROLLER: CONTROLLER_FAULTS}
 
 
@@ -250,9 +250,9 @@ def _devices(config: str) -> tuple[str, str, str]:
 
 
 def between_of(value: object) -> Between | None:
-    """A range from a table `{ from = 0.0, to = 3.0 }`, with `log = true` where factors count; None for all else.
+    """Return the range of a table `{ from = 0.0, to = 3.0 }`, logarithmic with `log = true`; None for a plain value.
 
-    Raises ValueError for one that is no range.
+    Raises ValueError for an invalid range.
     """
     if not isinstance(value, dict):
         return None
@@ -265,7 +265,7 @@ def between_of(value: object) -> Between | None:
         or not (math.isfinite(low) and math.isfinite(high) and low < high)
         or (log and low <= 0)
     ):
-        raise ValueError("must be a range { from = LOW, to = HIGH }, with log = true where factors count")
+        raise ValueError("must be a range { from = LOW, to = HIGH }, with log = true for a logarithmic one")
     whole = type(low) is int and type(high) is int
     return Between(float(low), float(high), log, whole)
 
@@ -276,7 +276,7 @@ def _number(value: Any, number: float) -> Any:
 
 
 def _around(parameter: Any, needed: bool, number: float) -> Any:
-    """A value of a fault's parameter that has no range of its own."""
+    """Return a value for a fault parameter without a specified range."""
     default = parameter.default
     if parameter.choices:
         return _pick(parameter.choices, number)

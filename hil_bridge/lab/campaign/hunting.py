@@ -1,7 +1,7 @@
-"""The hunt: an optimiser looks for the run whose true force goes farthest beyond its bound, or breaks another promise.
+"""Fault hunt: an optimiser searches for the run that exceeds its force bound most, or breaks another promise.
 
-SciPy's differential evolution goes through the space of a campaign's draws: cell, settings, faults, moments and
-parameters. Every run is kept in a results file like that of a campaign, so that a hunt goes on where it was ended.
+SciPy's differential evolution searches the space of a campaign's draws: cell, settings, faults, times and parameters.
+Every run is kept in a results file like that of a campaign, so that an interrupted hunt can be resumed.
 """
 
 import math
@@ -21,38 +21,35 @@ from hil_bridge.lab.optimiser import optimiser
 from hil_bridge.lab.processes import Chunk, as_completed, own_processes
 
 SEED = 1
-"""Seed of every run of a hunt: the optimiser varies all else."""
+"""Seed of every run of a hunt: the optimiser varies everything else."""
 POPULATION = 2
-"""Chosen: points of a generation for each dimension. Many short searches find more than a long one."""
+"""Chosen: points of a generation per dimension. Many short searches find more than a long one."""
 GENERATIONS = 12
-"""Chosen: after so many a search begins anew elsewhere."""
+"""Chosen: number of generations after which a search restarts elsewhere."""
 PROMISE_N = 100.0
-"""Chosen: a broken promise counts as much as so many newtons beyond the bound."""
+"""Chosen: a broken promise counts as this much force beyond the bound."""
 BUG_N = 1000.0
-"""Chosen: the same for a run that ended in an exception."""
+"""Chosen: a run that ended in an exception counts as this much force beyond the bound."""
 END_N = 3.0
-"""Chosen: a tool that is told to be free may truly press with so much: noise, drift, the weight's error."""
+"""Chosen: true force that a tool reported as free may still exert: noise, drift, weight error."""
 NOTHING_N = -1000.0
-"""Worth of a run that tells nothing of the bound."""
+"""Score of a run without a bound."""
 
 Advance = Callable[[int, int], object]
-"""Told how many runs have ended since, and how many of them broke a promise."""
+"""Receives the number of runs that ended since the last call, and how many of them broke a promise."""
 
 
 def plan_hunt(plan: Plan) -> Plan:
-    """The plan of a hunt over the draws of a campaign.
-
-    Raises ConfigError for a plan without draws.
-    """
+    """Return the plan of a hunt over the draws of a campaign. Raises ConfigError for a plan without drawn faults."""
     if plan.draw is None or not plan.draw.most:
-        raise ConfigError("the plan draws no faults: a hunt needs campaign.faults_per_run")
+        raise ConfigError("the plan draws no faults; set campaign.faults_per_run for a hunt")
     cases = tuple(replace(case, fault=DRAWN) for case in plan.possible)
     return replace(plan, name=f"hunt of {plan.name}", seeds=(SEED,), cases=cases, cases_per_seed=0)
 
 
 def badness(done: Done) -> float:
-    """How bad a run was, N: true force beyond the bound with what its faults add, or at an end that is told to be free;
-    and broken promises.
+    """Score how bad a run was, N: true force beyond the bound including what its faults add, or at an end reported as
+    free; and broken promises.
     """
     figures = done.figures
     if done.outcome == "error":
@@ -66,42 +63,42 @@ def badness(done: Done) -> float:
 
 
 def badness_voided(done: Done) -> float:
-    """The same, whatever the faults add."""
+    """Score how bad a run was, N, against the bound without what its faults add."""
     force = _number(done.figures.get("force_true_max_n"), 0.0)
     bound = _number(done.figures.get("force_bound_n"), math.nan)
     return badness(done) if math.isnan(bound) else max(force - bound, badness(done))
 
 
 def is_broken(done: Done) -> bool:
-    """Whether a run broke a promise, or ended in an exception."""
+    """Return whether a run broke a promise, or ended in an exception."""
     return done.outcome == "error" or bool(done.figures.get("promises_broken"))
 
 
-class Spent(Exception):
-    """The time is over."""
+class TimeIsUp(Exception):
+    """The time of the hunt is over."""
 
 
 @dataclass
 class Runner:
-    """Does runs for a hunt, each once, and keeps them."""
+    """Executes the runs of a hunt, each once, and keeps them."""
 
     plan: Plan
     store: Store
     until: float
-    """When the time is over, s on the monotonic clock."""
+    """End of the hunt, s on the monotonic clock."""
     advance: Advance
     run: Callable[[list[Job]], Iterator[Chunk[Job, Done]]]
-    """Does jobs, some at a time."""
+    """Execute jobs in chunks."""
     known: dict[str, Done] = field(default_factory=dict)
-    """All runs that are kept, by key."""
+    """All kept runs, by key."""
 
     def job(self, case: Case, table: str) -> Job:
-        """A run of this case with this laid over it."""
+        """Return the job of a case with `table` laid over its configuration."""
         number = self.plan.cases.index(case)
         return Job(case.key(code_version(), SEED, table), number, case.config, table, SEED)
 
     def done(self, jobs: Sequence[Job]) -> list[Done]:
-        """The runs of these jobs, in their order. Raises Spent when the time is over before all are done."""
+        """Return the runs of these jobs, in their order. Raises TimeIsUp if time runs out before all are done."""
         fresh = {job.key: job for job in jobs if job.key not in self.known}
         if fresh:
             for chunk in self.run(list(fresh.values())):
@@ -109,15 +106,15 @@ class Runner:
                 self.known.update((run.key, run) for run in chunk.results)
                 self.advance(len(chunk.results), sum(map(is_broken, chunk.results)))
                 if time.monotonic() > self.until:
-                    raise Spent
+                    raise TimeIsUp
         return [self.known[job.key] for job in jobs]
 
 
 @contextmanager
 def running(
-    plan: Plan, store: Store, workers: int, minutes: float, advance: Advance = lambda *told: None
+    plan: Plan, store: Store, workers: int, minutes: float, advance: Advance = lambda *counts: None
 ) -> Iterator[Runner]:
-    """Does runs for a hunt in so many processes. Inside, Ctrl-C ends them at once; the runs that are kept stay."""
+    """Provide a runner with `workers` processes. Ctrl-C in the context ends them at once; kept runs remain."""
     began, clock = now(), time.monotonic()
     work = partial(carry_out, criteria=plan.criteria, folder=store.folder)
     known = {done.key: done for done in store.runs()}
@@ -128,20 +125,20 @@ def running(
             yield Runner(plan, store, until, advance, lambda jobs: as_completed(pool, work, jobs), known)
     finally:
         if len(known) > before:
-            store.sat(began, time.monotonic() - clock, len(known) - before, workers)
+            store.add_sitting(began, time.monotonic() - clock, len(known) - before, workers)
 
 
-def hunt(runner: Runner, worth: Callable[[Done], float] = badness) -> Done | None:
-    """Search until the time is over; the worst run, None where none was done."""
+def hunt(runner: Runner, score: Callable[[Done], float] = badness) -> Done | None:
+    """Search until the time is over; return the worst run, None if none was done."""
     minimise, plan = optimiser(), runner.plan
     assert plan.draw is not None
     dimensions = 1 + plan.draw.dimensions
 
     def evaluated(function: Callable[[Any], float], generation: Iterable[Any]) -> list[float]:
         points = [[float(number) for number in point] for point in generation]
-        return [-worth(done) for done in runner.done([job_of(runner, point) for point in points])]
+        return [-score(done) for done in runner.done([job_of(runner, point) for point in points])]
 
-    with suppress(Spent):
+    with suppress(TimeIsUp):
         for number in range(1_000_000):
             minimise(
                 lambda point: math.nan,
@@ -156,15 +153,15 @@ def hunt(runner: Runner, worth: Callable[[Done], float] = badness) -> Done | Non
             )
             if time.monotonic() > runner.until:
                 break
-    return max(runner.known.values(), key=worth, default=None)
+    return max(runner.known.values(), key=score, default=None)
 
 
 def job_of(runner: Runner, point: Sequence[float]) -> Job:
-    """The run for a point of the optimiser: numbers from 0 to 1, of which the first one chooses the cell."""
+    """Return the job for a point of the optimiser: numbers from 0 to 1, the first of which selects the cell."""
     cases = runner.plan.possible
     case = cases[min(int(point[0] * len(cases)), len(cases) - 1)]
     return runner.job(case, runner.plan.table_for(case, point[1:]))
 
 
-def _number(value: object, instead: float) -> float:
-    return float(value) if isinstance(value, (int, float)) else instead
+def _number(value: object, default: float) -> float:
+    return float(value) if isinstance(value, (int, float)) else default

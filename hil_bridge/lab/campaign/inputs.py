@@ -1,7 +1,6 @@
-"""Files of data that the settings of a campaign name: a policy, the rules of a fuzzy controller, a map of heights.
+"""Data files named by the settings of a campaign: a policy, the rules of a fuzzy controller, a height map.
 
-A bundle holds them, each under the SHA-256 of its content. A controller of another package is a program, and no bundle
-holds one.
+A bundle contains them, each named by the SHA-256 of its content. It never contains a plug-in controller, which is code.
 """
 
 import hashlib
@@ -22,11 +21,11 @@ from hil_bridge.lab.campaign.store import Done
 from hil_bridge.settings.configuration import Config, lay_over
 
 KEYS = (POLICY_FILE, "controller.parameters.rules_file", "cell.surface.height_map_file")
-"""Settings that name a file of data."""
+"""Settings that name a data file."""
 INPUTS = "inputs"
-"""Folder of a bundle with these files, each under the SHA-256 of its content."""
+"""Folder of a bundle for these files, each named by the SHA-256 of its content."""
 POLICY_RUNTIME = "onnxruntime"
-"""Package that computes a policy in a file."""
+"""Package that evaluates a policy file."""
 
 
 def hash_file(path: Path) -> str:
@@ -39,7 +38,7 @@ def hash_file(path: Path) -> str:
 
 
 def pin_policy(config: Config) -> Config:
-    """The same with the SHA-256 of its policy: with another content it is another plan, and is refused."""
+    """Add the SHA-256 of the policy file to a configuration: a file with different content makes a different plan."""
     section = config.controller
     if section.name != PolicyFile.name or section.parameters.get("sha256"):
         return config
@@ -48,8 +47,8 @@ def pin_policy(config: Config) -> Config:
 
 
 def pack_inputs(folder: Path, plan: Plan, runs: Iterable[Done]) -> dict[str, str]:
-    """Copy the files that the runs of a campaign need into `inputs` of a folder; their SHA-256 by the path in the
-    settings. Raises ConfigError for a file that is missing.
+    """Copy the files that the runs of a campaign need into `inputs` of a folder; return their SHA-256 by the path in
+    the settings. Raises ConfigError for a missing file.
     """
     packed: dict[str, str] = {}
     for config, table in dict.fromkeys((plan.cases[done.number].config, done.table) for done in runs):
@@ -59,7 +58,7 @@ def pack_inputs(folder: Path, plan: Plan, runs: Iterable[Done]) -> dict[str, str
             try:
                 packed[path] = hash_file(Path(path))
             except ConfigError as error:
-                raise ConfigError(f"{error}; settings of the campaign name this file: put it back") from error
+                raise ConfigError(f"{error}; settings of the campaign name this file, restore it") from error
             target = folder / INPUTS / packed[path]
             target.parent.mkdir(exist_ok=True)
             target.write_bytes(Path(path).read_bytes())
@@ -67,23 +66,23 @@ def pack_inputs(folder: Path, plan: Plan, runs: Iterable[Done]) -> dict[str, str
 
 
 def computing_packages(plan: Plan) -> list[str]:
-    """Return the packages beside this one that compute the controllers of a campaign."""
+    """Return the other packages that evaluate the controllers of a campaign."""
     names = {_text(json.loads(case.config), "controller.name") for case in plan.cases}
     packages = [POLICY_RUNTIME] if PolicyFile.name in names else []
     return packages + [controller_package(name).rpartition(" ")[0] for name in sorted(names - OURS.keys())]
 
 
 def with_inputs(job: Job, folder: Path, packed: Mapping[str, str]) -> Job:
-    """Return a job with the files of an unpacked bundle in place of those that its settings name.
+    """Return a job with the files of an unpacked bundle instead of those named by its settings.
 
-    Raises ConfigError for a file that the bundle lacks: no file of this computer is taken for it.
+    Raises ConfigError for a file that the bundle lacks: files of this computer are never used instead.
     """
     values, over = json.loads(job.config), json.loads(job.table)
     laid: dict[str, Any] = over.get("config", {})
     named = [*_files_named(job.config, job.table)]
     for path in named:
         if path not in packed:
-            raise ConfigError(f"{format_path(Path(path))} is not in the bundle; get the bundle anew")
+            raise ConfigError(f"{format_path(Path(path))} is not in the bundle; get the bundle again")
     for key in KEYS:
         if (path := _text(values, key)) in named:
             lay_over(values, {key: str(folder / INPUTS / packed[path])})
@@ -93,7 +92,7 @@ def with_inputs(job: Job, folder: Path, packed: Mapping[str, str]) -> Job:
 
 
 def _files_named(config: str, table: str) -> Iterator[str]:
-    """Files of data that a configuration, with what is laid over it, names; both as JSON."""
+    """Yield the data files named by a configuration with `table` laid over it; both as JSON."""
     values = json.loads(config)
     lay_over(values, json.loads(table).get("config", {}))
     is_ours = _text(values, "controller.name") in OURS
@@ -103,7 +102,7 @@ def _files_named(config: str, table: str) -> Iterator[str]:
 
 
 def _text(values: Any, key: str) -> str:
-    """The text at a dotted key; empty where there is none."""
+    """Return the text at a dotted key; empty if there is none."""
     for name in key.split("."):
         values = values.get(name) if isinstance(values, dict) else None
     return values if isinstance(values, str) else ""

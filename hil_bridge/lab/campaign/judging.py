@@ -1,4 +1,4 @@
-"""One run of a campaign: simulated, measured, judged."""
+"""Execution of a single run of a campaign: simulate, measure, judge."""
 
 import math
 import time
@@ -23,25 +23,25 @@ from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.runs.beside import going_on
 
 REFUSED = "refused"
-"""Outcome of a run whose settings do not fit each other, or that a device refused before the movement."""
+"""Outcome of a run with contradictory settings, or that a device refused before any motion."""
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A run that is to be done."""
+    """Run to be executed."""
 
     key: str
     number: int
-    """Number of its case."""
+    """Index of its case."""
     config: str
     table: str
-    """The values laid over it, as JSON: a fault, or settings and faults that were drawn."""
+    """Values laid over it, as JSON: a fault, or drawn settings and faults."""
     seed: int
 
 
 @dataclass
-class _Seen:
-    """The rest of a run, from which it is judged."""
+class _Observation:
+    """State of a run from which it is judged."""
 
     simulation: Simulation | None = None
     watch: Watch | None = None
@@ -49,8 +49,8 @@ class _Seen:
 
 
 @dataclass(frozen=True, slots=True)
-class Ran:
-    """A run that has ended: its figures, and its records where it had any."""
+class RunFigures:
+    """Figures of an executed run, and its records if it had any."""
 
     figures: dict[str, Figure]
     cause: str
@@ -58,82 +58,84 @@ class Ran:
 
 
 def carry_out(job: Job, criteria: tuple[Criterion, ...], folder: Path | None) -> Done:
-    """Do a run and judge it. A failing one leaves its recording in `folder`, if there is one."""
+    """Execute and judge a run. The recording of a failed run is saved in `folder`, if given."""
     began = time.perf_counter()
-    ran = attempt(job)
-    broken = find_unmet(criteria, ran.figures)
+    run = attempt(job)
+    unmet = find_unmet(criteria, run.figures)
     name = ""
-    if broken and folder is not None and ran.result is not None:
+    if unmet and folder is not None and run.result is not None:
         name = f"{job.key}.mcap"
         folder.mkdir(parents=True, exist_ok=True)
-        ran.result.save(folder / name, overwrite=True)  # only the same run can have left it
+        run.result.save(folder / name, overwrite=True)  # an existing file can only come from the same run
     wall_s = time.perf_counter() - began
-    outcome = str(ran.figures["outcome"])
+    outcome = str(run.figures["outcome"])
     return Done(
-        job.key, job.number, job.seed, outcome, ran.cause, tuple(broken), ran.figures, wall_s, name, job.table
+        job.key, job.number, job.seed, outcome, run.cause, tuple(unmet), run.figures, wall_s, name, job.table
     )
 
 
-def attempt(job: Job) -> Ran:
-    """Do a run; one that cannot be done, and a bug, are results too."""
+def attempt(job: Job) -> RunFigures:
+    """Execute a run; a run that cannot start, and a bug, are results too."""
     try:
         return run(configure_run(job))
-    except ConfigError as error:  # settings that were drawn together and do not fit each other
-        return Ran({"outcome": REFUSED, "retracted": True}, str(error))
-    except Exception as error:  # no reason to lose the other runs
+    except ConfigError as error:  # settings that were drawn together and contradict each other
+        return RunFigures({"outcome": REFUSED, "retracted": True}, str(error))
+    except Exception as error:  # must not lose the other runs
         lines = str(error).splitlines() or [""]
-        return Ran({"outcome": "error"}, f"{type(error).__name__}: {lines[0]}")
+        return RunFigures({"outcome": "error"}, f"{type(error).__name__}: {lines[0]}")
 
 
 def configure_run(job: Job) -> Config:
-    """The configuration of a run, with its fault and its seed."""
+    """Return the configuration of a run, with its faults and its seed."""
     return config_with(job.config, job.table, job.seed)
 
 
-def run(config: Config) -> Ran:
-    """One run in virtual time, whose true force is watched. Raises ConfigError for what cannot be run."""
-    seen = _Seen()
+def run(config: Config) -> RunFigures:
+    """Execute one run in virtual time, sampling its true force. Raises ConfigError for a run that cannot start."""
+    observed = _Observation()
 
     async def main() -> None:
         try:
             async with simulation(config) as running:
-                seen.simulation = running
-                watch = seen.watch = Watch(running)
+                observed.simulation = running
+                watch = observed.watch = Watch(running)
                 try:
                     async with going_on(watch.watch(), "watch"):
                         await running.finished()
                 finally:
-                    watch.look()
-        except BridgeError as error:  # a device refused before the movement began
-            seen.error = error
+                    watch.sample()
+        except BridgeError as error:  # a device refused before any motion
+            observed.error = error
 
     run_virtual(main)
-    if seen.simulation is None:
-        assert seen.error is not None
-        return Ran({"outcome": REFUSED, "retracted": True}, str(seen.error))
-    return _measure(seen, seen.simulation)
+    if observed.simulation is None:
+        assert observed.error is not None
+        return RunFigures({"outcome": REFUSED, "retracted": True}, str(observed.error))
+    return _measure(observed, observed.simulation)
 
 
-def _measure(seen: _Seen, running: Simulation) -> Ran:
+def _measure(observed: _Observation, running: Simulation) -> RunFigures:
     result = running.result
-    refused = seen.error is not None
+    refused = observed.error is not None
     figures: dict[str, Figure] = {
         "outcome": REFUSED if refused else result.outcome.value,
         "retracted": result.retracted,
         "cycles": len(result.cycles),
     }
-    if seen.watch is not None and running.cell is not None:
-        times, forces = seen.watch.truth()
+    if observed.watch is not None and running.cell is not None:
+        times, forces = observed.watch.truth()
         figures |= {"force_true_max_n": float(forces.max()), "force_true_end_n": float(forces[-1])}
         if faults := running.cell.faults:
             figures["struck"] = sum(fault.struck for fault in faults)
             figures["faults_struck"] = {**struck_faults(running.config, faults)}
             if figures["outcome"] == "completed":
-                figures["recovery_s"] = recovery_s(result.recording, seen.watch.fault_ends(), times, forces)
-        figures |= _promises(running, seen.watch)
+                figures["recovery_s"] = recovery_s(
+                    result.recording, observed.watch.fault_ends(), times, forces
+                )
+        figures |= _promises(running, observed.watch)
     causes = struck_causes(result.recording)
-    if seen.error is not None and seen.error.cause is not None:
-        causes |= {str(seen.error.cause): 1}
+    if observed.error is not None and observed.error.cause is not None:
+        causes |= {str(observed.error.cause): 1}
     if causes:
         figures["causes"] = {**causes}
     if result.events:
@@ -142,11 +144,11 @@ def _measure(seen: _Seen, running: Simulation) -> Ran:
         summary = summarise(result.recording)
         figures |= {name: None if v is None or v != v else v for name, v in summary.figures.items()}
         figures["steps_failed"] = len(summary.criteria_failed)
-    return Ran(figures, str(seen.error) if refused else result.text, result)
+    return RunFigures(figures, str(observed.error) if refused else result.text, result)
 
 
 def _promises(running: Simulation, watch: Watch) -> dict[str, Figure]:
-    """The promises of the guard that a run did not keep, and how far its true force was beyond the bound."""
+    """Return the guard promises that a run broke, and by how much its true force exceeded the bound."""
     trace = watch.trace()
     evidence = Evidence(running.result.recording, running.config, trace)
     violations = broken_promises(evidence)

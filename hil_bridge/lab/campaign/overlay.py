@@ -1,4 +1,4 @@
-"""Values laid over the configuration of a case: one fault, or settings and faults that were drawn."""
+"""Overlay of a case's configuration: one fault, or drawn settings and faults."""
 
 import json
 import math
@@ -17,7 +17,7 @@ POLICY_FILE = "controller.parameters.file"
 
 
 def config_with(config: str, table: str, seed: int) -> Config:
-    """The configuration of a run: that of its case as JSON, what is laid over it as JSON, and its seed.
+    """Return the configuration of a run from that of its case (JSON), the overlay (JSON) and its seed.
 
     Raises ConfigError.
     """
@@ -26,16 +26,16 @@ def config_with(config: str, table: str, seed: int) -> Config:
         return config_of(_config(config), [over] if over else [], seed=seed)
     values = json.loads(config)
     if POLICY_FILE in over["config"] and values["controller"]["name"] == PolicyFile.name:
-        values["controller"]["parameters"].pop("sha256", None)  # of the case's own policy
+        values["controller"]["parameters"].pop("sha256", None)  # that of the case's own policy
     lay_over(values, over["config"])
     lies = [fault for fault in over["faults"] if fault["on"] == CONTROLLER]
-    told = [fault for fault in over["faults"] if fault["on"] != CONTROLLER]
-    whole = config_of(values, told, seed=seed)
-    return with_lie(whole, lies[0]) if lies else whole
+    injected = [fault for fault in over["faults"] if fault["on"] != CONTROLLER]
+    combined = config_of(values, injected, seed=seed)
+    return with_lie(combined, lies[0]) if lies else combined
 
 
 def with_lie(config: Config, fault: dict[str, Any]) -> Config:
-    """The same with a controller that lies. Raises ConfigError, and ValueError for a lie that is none."""
+    """Wrap the controller of a configuration in a faulty one. Raises ConfigError, and ValueError for invalid values."""
     config = Setup(config).config
     chosen = config.controller
     honest: Any = make_controller(chosen.name, **chosen.parameters)

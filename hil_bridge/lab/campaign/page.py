@@ -1,4 +1,4 @@
-"""The page of a campaign, which needs nothing beside itself."""
+"""Self-contained HTML page of a campaign."""
 
 import json
 import os
@@ -36,27 +36,27 @@ from hil_bridge.show.report import write_report
 from hil_bridge.show.report.markup import cells, pairs, prose
 
 WORST, OPEN = 30, 5
-"""Failing runs that are told one by one, worst first, and those that need no click. Chosen: a person reads no more."""
+"""Number of failed runs listed individually, worst first, and of those open at once. Chosen: nobody reads more."""
 REPORT_NAME = "report.html"
 HARDEST = 10
-"""Passing runs that are told, the largest true force first. Chosen."""
+"""Number of passed runs listed, largest true force first. Chosen."""
 
 
 def page(store: Store, place: Path | None = None) -> str:
-    """The page as HTML, of what is kept so far. `place` is its file, for links to recordings; None: no links."""
+    """Render the page of the runs kept so far. `place` is its file, for links to recordings; None: no links."""
     folder = None if place is None else place.parent
     return document(page_title(store.plan()), PageBody(folder).render(store), charts=False)
 
 
 def report_place(store: Store, run: Done) -> Path:
-    """Where the page looks for the report of a run."""
+    """Return the path where the page expects the report of a run."""
     return store.folder / run.key / REPORT_NAME
 
 
 def write_reports(store: Store) -> int:
-    """Write the reports of the runs that the page tells one by one, where their recordings are kept; how many it wrote.
+    """Write reports of the failed runs that the page lists and that have a recording; return how many were written.
 
-    A report that is there already stays as it is. A recording that cannot be read any more is left out.
+    An existing report is kept. A recording that can no longer be read is skipped.
     """
     written = 0
     for run in worst_first(store.runs())[:WORST]:
@@ -73,21 +73,21 @@ def write_reports(store: Store) -> int:
 
 
 def page_title(plan: Plan) -> str:
-    """Title of the page."""
+    """Return the title of the page."""
     return f"Campaign {plan.name}"
 
 
 class PageBody:
-    """Renders the body of a campaign's page: once for a file, again and again for a page in the browser."""
+    """Renderer of the body of a campaign's page: once for a file, repeatedly for a live page."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """`folder` is that of the page's file, for links; None: no links."""
+        """`folder` is the folder of the page's file, for links; None: no links."""
         self._folder = folder
         self._reasons: dict[str, str] = {}
-        """Paragraphs of `why` by the key of the run: a recording does not change any more."""
+        """Cache of the paragraphs of `why` by key of the run: a recording no longer changes."""
 
     def render(self, store: Store) -> str:
-        """The body as HTML, of what is kept so far. Raises ConfigError for a damaged file."""
+        """Render the body of the runs kept so far. Raises ConfigError for a damaged file."""
         plan, runs = store.plan(), list(store.runs())
         tally, hunted = tally_of(runs), _render_hunt(store, plan)
         planned = tally.total if hunted else plan.count
@@ -108,14 +108,14 @@ cannot have, a question mark a case without a run.</p>
 <h2>Never exercised</h2>{_never(plan, runs)}"""
 
     def _worst(self, store: Store, plan: Plan, runs: Sequence[Done]) -> str:
-        """Failing runs by the number of criteria, then by the true force; behind them passing ones by the force."""
+        """Render failed runs by number of unmet criteria and true force, then passed runs by true force."""
         failing = worst_first(runs)
-        told = "".join(self._failing(store, plan, run) for run in failing[:OPEN])
+        articles = "".join(self._failing(store, plan, run) for run in failing[:OPEN])
         if more := "".join(self._failing(store, plan, run) for run in failing[OPEN:WORST]):
             words = f"{len(failing) - OPEN} more that failed" + (
                 f", the first {WORST - OPEN} of them" * (len(failing) > WORST)
             )
-            told += f'<details id="more-failed"><summary>{words}</summary>{more}</details>'
+            articles += f'<details id="more-failed"><summary>{words}</summary>{more}</details>'
         hardest = sorted((run for run in runs if run.passed), key=true_force, reverse=True)[:HARDEST]
         lines = [
             (
@@ -128,10 +128,8 @@ cannot have, a question mark a case without a run.</p>
             for run in hardest
         ]
         passing = cells(("largest true force", "seed", "cell", "fault", "key"), lines, "wide")
-        intro = (
-            f"<p>Of those that passed, these pressed the hardest; {_command(store, 'KEY')} repeats one.</p>"
-        )
-        return f'{told or "<p>Every run met its criteria.</p>"}{intro}<div class="scroll">{passing}</div>'
+        intro = f"<p>Passed runs with the largest true force; {_command(store, 'KEY')} repeats one.</p>"
+        return f'{articles or "<p>Every run met its criteria.</p>"}{intro}<div class="scroll">{passing}</div>'
 
     def _failing(self, store: Store, plan: Plan, run: Done) -> str:
         case = plan.cases[run.number]
@@ -149,7 +147,7 @@ cannot have, a question mark a case without a run.</p>
         )
 
     def _recording(self, store: Store, run: Done) -> str:
-        """The recording of a run, and its report where there is one, as links."""
+        """Render links to the recording of a run and, if there is one, its report."""
         if not run.recording or not (place := store.folder / run.recording).is_file():
             return ""
         parts = [self._link(place, "Recording")]
@@ -164,7 +162,7 @@ cannot have, a question mark a case without a run.</p>
         return f'<a href="{escape(target)}">{words}</a>'
 
     def _why(self, store: Store, run: Done) -> str:
-        """How the run ended, from the recording that it left; empty where that is not there any more."""
+        """Explain how the run ended, from its recording; empty if that no longer exists."""
         if not run.recording:
             return ""
         if run.key not in self._reasons:
@@ -177,17 +175,17 @@ cannot have, a question mark a case without a run.</p>
 
 
 def _head(plan: Plan, tally: Tally, planned: int) -> str:
-    """Name, verdict and counts at one glance."""
+    """Render name, verdict and counts."""
     bad = tally.failed + tally.errors
-    look, words = ("bad", f"{bad} of {tally.total} did not pass") if bad else ("good", "all passed")
+    style, words = ("bad", f"{bad} of {tally.total} did not pass") if bad else ("good", "all passed")
     if not tally.total:
-        look, words = "plain", "no run yet"
+        style, words = "plain", "no run yet"
     counts = (
         ("passed", tally.passed, ' class="good"'),
         ("failed", tally.failed, ' class="bad"'),
         ("errors", tally.errors, ' class="bad"'),
     )
-    told = " ".join(
+    summary = " ".join(
         f"<span><b{colour * bool(count)}>{count}</b> {name}</span>" for name, count, colour in counts
     )
     good, wrong = (f"{100 * count / max(planned, 1):.2f}" for count in (tally.passed, bad))
@@ -197,9 +195,9 @@ def _head(plan: Plan, tally: Tally, planned: int) -> str:
     )
     return (
         f'<header class="headline"><h1>{escape(page_title(plan))}</h1>'
-        f'<span class="badge {look}">{words}</span></header>\n<p class="tally">{told}</p>\n'
+        f'<span class="badge {style}">{words}</span></header>\n<p class="tally">{summary}</p>\n'
         '<svg class="progress" viewBox="0 0 100 1" preserveAspectRatio="none" role="img"'
-        f' aria-label="runs that are done">{bars}</svg>\n<p>{tally.total} of {planned} runs done.</p>'
+        f' aria-label="runs done">{bars}</svg>\n<p>{tally.total} of {planned} runs done.</p>'
     )
 
 
@@ -213,29 +211,29 @@ def _command(store: Store, key: str) -> str:
 
 
 def _render_drawn(run: Done) -> str:
-    """Promises that the run broke, and the settings that were drawn for it."""
+    """Render the promises that the run broke, and the settings drawn for it."""
     parts = [figure_text(run.figures.get("promises")), settings_of_run(run)]
     return "".join(f'<p class="quiet">{escape(part)}</p>' for part in parts if part)
 
 
 def _render_hunt(store: Store, plan: Plan) -> str:
-    """The worst run that a hunt met, and the same made small; empty for a campaign."""
+    """Render the worst run of a hunt, and its reduced form; empty for a campaign."""
     parts = []
     for fact, label in (("worst", "The worst run"), ("smallest", "The same with the fewest faults")):
         for run in store.runs("key = ?", [store.fact(fact)]):
             lines = "<br>".join(map(escape, describe_run(plan, run, label)))
             parts.append(f"<article><p>{lines}</p><p>{_command(store, run.key)}</p></article>")
-    return f"<h2>What the hunt came to</h2>{''.join(parts)}" if parts else ""
+    return f"<h2>Result of the hunt</h2>{''.join(parts)}" if parts else ""
 
 
 def _render_injections(plan: Plan, runs: Sequence[Done]) -> str:
-    """Which fault came in which phase, and in how many runs; empty where no faults are drawn."""
+    """Render how many runs had each fault in each phase; empty if no faults are drawn."""
     if plan.draw is None or not plan.draw.most:
         return ""
     table, empty = injections(plan, runs)
     named = "; ".join(empty) or "none"
     return (
-        "<h2>Each fault in each phase</h2>"
+        "<h2>Faults by phase</h2>"
         '<p class="quiet">Number of runs in which the fault was planned in this phase where all passed; else how many '
         "passed, of how many. A question mark is a phase in which no run had it yet.</p>"
         f"{table}<p>Not injected yet: {escape(named)}.</p>"
@@ -248,11 +246,11 @@ def _endings(runs: Iterable[Done]) -> str:
 
 
 def _never(plan: Plan, runs: Sequence[Done]) -> str:
-    """Parts of the plan of which there are no results, and faults that it does not have."""
+    """Render the parts of the plan without results, and the faults that the plan does not have."""
     done = Counter(run.number for run in runs)
     struck = Counter(run.number for run in runs if run.figures.get("struck"))
     lines: list[tuple[str, str, str]] = [
-        (criterion.text, "", "this criterion concerned no run")
+        (criterion.text, "", "this criterion applied to no run")
         for criterion in plan.criteria
         if runs and all(criterion.judge(run.figures) is None for run in runs)
     ]
@@ -268,33 +266,31 @@ def _never(plan: Plan, runs: Sequence[Done]) -> str:
                 if struck[number]
                 else f"in none of {done[number]} runs"
             )
-            lines.append((fault_of(case), case.cell, f"the fault struck {often}"))
+            lines.append((fault_of(case), case.cell, f"the fault took effect {often}"))
     left = [(fault, f"{len(where)}: {'; '.join(where)}", text) for (fault, text), where in impossible.items()]
     parts = [f'<div class="scroll">{cells(("fault or criterion", "cell", "why"), lines, "wide")}</div>']
     if missing := _not_planned(plan):
         words = "; ".join(f"{on}: {', '.join(names)}" for on, names in missing.items())
-        parts.append(
-            f"<p>Faults that these cells can have, and that the plan does not inject: {escape(words)}.</p>"
-        )
+        parts.append(f"<p>Faults that these cells support and the plan does not inject: {escape(words)}.</p>")
     if left:
-        table = cells(("fault", "cells", "why they cannot have it"), left, "wide")
+        table = cells(("fault", "cells", "why they do not support it"), left, "wide")
         count = sum(map(len, impossible.values()))
         parts.append(
-            f'<details id="impossible"><summary>{count} cases cannot be</summary>'
+            f'<details id="impossible"><summary>{count} impossible cases</summary>'
             f'<div class="scroll">{table}</div></details>'
         )
     return "".join(parts)
 
 
 def _not_planned(plan: Plan) -> Mapping[str, list[str]]:
-    """Faults of the devices in the matrix that no case has, by target."""
+    """Return the faults of the devices in the matrix that no case has, by target."""
     there: dict[str, dict[str, None]] = {}
     for text in dict.fromkeys(case.config for case in plan.cases):
         config = json.loads(text)
         robot, sensor = config["robot"]["emulated"], config["sensor"]["emulated"]
         try:
             known = EmulatedKinds.named(robot, sensor, config["cell"].get("surface_kind", "")).faults
-        except ConfigError:  # a package that made the results is not installed here
+        except ConfigError:  # a plug-in used for the results is not installed here
             continue
         for on, faults in known.items():
             there.setdefault(on, {}).update(dict.fromkeys(faults))

@@ -1,4 +1,4 @@
-"""The matrix of a campaign's page, and which fault came in which phase."""
+"""Matrices of a campaign's page: faults by cell, and faults by phase."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ FIRST_PHASE = "connect"
 
 
 def matrix(plan: Plan, runs: Sequence[Done]) -> str:
-    """Faults down, cells of the matrix across: how many runs of each case passed."""
+    """Render how many runs of each case passed: faults down, cells of the matrix across."""
     done = Counter(run.number for run in runs)
     passed = Counter(run.number for run in runs if run.passed)
     cells = list(dict.fromkeys((case.cell, case.head) for case in plan.cases))
@@ -24,12 +24,12 @@ def matrix(plan: Plan, runs: Sequence[Done]) -> str:
 
     def field(number: int | None) -> str:
         if number is None or plan.cases[number].impossible:
-            return '<td class="none" title="cannot be">·</td>'
+            return '<td class="none" title="impossible">·</td>'
         return _counts(passed[number], done[number])
 
-    apart = len({head for _, head in cells}) == len(cells)
+    distinct = len({head for _, head in cells}) == len(cells)
     heads = "".join(
-        f'<th title="{escape(cell)}"><span>{escape(head if apart else cell)}</span></th>'
+        f'<th title="{escape(cell)}"><span>{escape(head if distinct else cell)}</span></th>'
         for cell, head in cells
     )
     rows = "".join(
@@ -40,8 +40,8 @@ def matrix(plan: Plan, runs: Sequence[Done]) -> str:
 
 
 def injections(plan: Plan, runs: Sequence[Done]) -> tuple[str, list[str]]:
-    """Faults down, phases across: in how many runs each was planned, and how many of these passed; and the names of
-    the empty fields.
+    """Render in how many runs each fault was planned in each phase, and how many of these passed: faults down, phases
+    across. Return it with the names of the empty fields.
     """
     done: Counter[tuple[str, str, str]] = Counter()
     passed: Counter[tuple[str, str, str]] = Counter()
@@ -70,20 +70,20 @@ def injections(plan: Plan, runs: Sequence[Done]) -> tuple[str, list[str]]:
 
 
 def _counts(passed: int, done: int) -> str:
-    """A field of a matrix: how many runs passed, of how many."""
+    """Render a field of a matrix: how many runs passed, out of how many."""
     if not done:
         return '<td class="none" title="no run yet">?</td>'
     return f'<td class="pass">{done}</td>' if passed == done else f'<td class="fail">{passed}/{done}</td>'
 
 
 def drawn_faults(plan: Plan) -> dict[tuple[str, str], list[str]]:
-    """Phases in which each fault may be drawn, by its target and its name; over all cells."""
+    """Return the phases in which each fault may be drawn, by target and name, over all cells."""
     assert plan.draw is not None
     planned: dict[tuple[str, str], list[str]] = {}
     for config in dict.fromkeys(case.config for case in plan.cases):
         for fault in faults_of_cell(plan.draw, config):
             phases = fault.get("phase", "")
             names = phases if isinstance(phases, list) else [phases]
-            told = planned.setdefault((fault["on"], fault["fault"]), [])
-            told += [name or FIRST_PHASE for name in names if (name or FIRST_PHASE) not in told]
+            known = planned.setdefault((fault["on"], fault["fault"]), [])
+            known += [name or FIRST_PHASE for name in names if (name or FIRST_PHASE) not in known]
     return planned

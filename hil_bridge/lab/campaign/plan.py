@@ -1,4 +1,4 @@
-"""The plan of a campaign: its cases, its seeds, and every run that they make."""
+"""Plan of a campaign: its cases, its seeds, and the resulting runs."""
 
 import hashlib
 import json
@@ -16,28 +16,28 @@ from hil_bridge.lab.campaign.drawing import Draw, Numbers, draw_values, numbers_
 RUNS_LIMIT = 10_000_000
 """Most runs of a campaign. Chosen: months of a machine."""
 SEED_LIMIT = 2**63 - 1
-"""Largest seed: the largest whole number that the results can hold."""
+"""Largest seed: the largest integer that the results can store."""
 NO_FAULT = "none"
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A cell of the matrix with one fault, or none: all that a run is a function of, beside its seed."""
+    """Cell of the matrix with one fault or none. With a seed, it determines a run."""
 
     cell: str
-    """Values of the axes with their keys, in words; the same for all faults."""
+    """Values of the axes with their keys, as text; the same for all faults."""
     head: str
-    """The values alone, for a narrow column."""
+    """The values without keys, for a narrow column."""
     fault: str
-    """The fault in words; `none` for the case without."""
+    """Label of the fault; `none` for the case without a fault."""
     phase: str
-    """Phase in which it comes; empty for the first, or any."""
+    """Phase of the fault; empty for the first, or any."""
     config: str
-    """The configuration without faults as JSON, its seed 0."""
+    """Configuration without faults and with seed 0, as JSON."""
     table: str
-    """The fault as JSON as in [[faults]], {} for none."""
+    """The fault as JSON, as in [[faults]]; {} for none."""
     impossible: str = ""
-    """Why this cell cannot have the fault; empty where it can."""
+    """Why this cell does not support the fault; empty if it does."""
 
     @property
     def config_hash(self) -> str:
@@ -45,26 +45,26 @@ class Case:
         return _short(self.config)
 
     def key(self, code: str, seed: int, table: str = "") -> str:
-        """Name of the run with a seed: the same for the same run of the same code. `table` is what was drawn for it,
-        as JSON.
+        """Return the key of the run with a seed, the same for the same run of the same code. `table` is what was drawn
+        for it, as JSON.
         """
         return _short(json.dumps([self.config, code, table or self.table, self.phase, seed]))
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A campaign that has been checked."""
+    """Checked plan of a campaign."""
 
     name: str
     seeds: tuple[int, ...]
     cases: tuple[Case, ...]
     criteria: tuple[Criterion, ...]
     cases_per_seed: int = 0
-    """Cases that each seed takes, in turn; 0 for all."""
+    """Number of cases for each seed, in turn; 0 for all."""
     draw: Draw | None = None
-    """Settings and faults that are drawn for each run; None where all is given."""
+    """Settings and faults drawn for each run; None if nothing is drawn."""
     requirements: tuple[str, ...] = ()
-    """Requirements that each of its runs shows."""
+    """Requirements that each of its runs verifies."""
 
     @cached_property
     def possible(self) -> tuple[Case, ...]:
@@ -78,9 +78,9 @@ class Plan:
 
     @property
     def identity(self) -> str:
-        """Hash of all but the seeds: a results file belongs to one of these."""
+        """Hash of everything but the seeds, which identifies the plan of a results file."""
         rows = [[case.config, case.table, case.phase] for case in self.cases]
-        all_but_seeds: list[object] = [rows, [[item.figure, item.wanted] for item in self.criteria]]
+        all_but_seeds: list[object] = [rows, [[item.figure, item.allowed] for item in self.criteria]]
         if self.cases_per_seed:
             all_but_seeds.append(self.cases_per_seed)
         if self.draw is not None:
@@ -88,26 +88,26 @@ class Plan:
         return _short(json.dumps(all_but_seeds))
 
     def cases_of(self, seed: int) -> Sequence[Case]:
-        """Cases that a seed takes: the seeds go round the possible ones, so that each has its turn equally often."""
+        """Return the cases of a seed: seeds rotate through the possible cases, so that each occurs equally often."""
         cases, share = self.possible, self.cases_per_seed
         if not share:
             return cases
         return [cases[(seed * share + place) % len(cases)] for place in range(share)]
 
     def table_of(self, case: Case, seed: int) -> str:
-        """The values laid over the configuration of a case for a seed, as JSON: its fault, or all that is drawn."""
+        """Return the overlay of a case for a seed, as JSON: its fault, or everything drawn."""
         if self.draw is None:
             return case.table
         return self.table_for(case, numbers_of(f"{seed} {case.cell}", self.draw.dimensions))
 
     def table_for(self, case: Case, numbers: Numbers) -> str:
-        """The same for numbers from 0 to 1, as many as the draw has dimensions."""
+        """Return the overlay of a case for numbers from 0 to 1, as many as the draw has dimensions."""
         assert self.draw is not None
         given = [json.loads(case.table)] if case.table != "{}" else []
         return draw_values(self.draw, case.cell, case.config, numbers, given)
 
     def runs(self) -> Iterator[tuple[Case, int]]:
-        """Every run, seed by seed, so that the first ones go over the whole matrix."""
+        """Yield every run, seed by seed, so that the first runs cover the complete matrix."""
         return ((case, seed) for seed in self.seeds for case in self.cases_of(seed))
 
 
@@ -117,7 +117,7 @@ def _short(text: str) -> str:
 
 @cache
 def code_version() -> str:
-    """Version of the package, and a hash of the source of the bridge, the emulators and the protocols."""
+    """Return the version of the package with a hash of the source of the bridge, the emulators and the protocols."""
     digest = hashlib.sha256()
     for package in ("hil_bridge", "emulators", "protocol"):
         spec = find_spec(package)
@@ -128,16 +128,16 @@ def code_version() -> str:
 
 
 def seeds_of(text: str) -> tuple[int, ...]:
-    """Seeds from text: FROM:TO with both ends included, or a single one. Raises ValueError."""
+    """Parse seeds: FROM:TO with both ends included, or a single one. Raises ValueError."""
     first, _, last = text.partition(":")
     begin, end = int(first), int(last or first)
     if not 0 <= begin <= end <= SEED_LIMIT or end - begin >= RUNS_LIMIT:
-        raise ValueError(f"no seeds from {text!r}")
+        raise ValueError(f"invalid seeds {text!r}; give FROM:TO or a single number")
     return tuple(range(begin, end + 1))
 
 
 def fault_label(table: Mapping[str, Any]) -> str:
-    """A fault in words, without its phase."""
+    """Format a fault as text, without its phase."""
     if not table:
         return NO_FAULT
     more = [f"{key} {value}" for key, value in table.get("with", {}).items()] if _is_table(table) else []
@@ -147,7 +147,7 @@ def fault_label(table: Mapping[str, Any]) -> str:
 
 
 def faults_of_table(table: str) -> list[dict[str, Any]]:
-    """Tables of the faults in what is laid over a configuration, as JSON."""
+    """Return the fault tables of an overlay (JSON)."""
     values: dict[str, Any] = json.loads(table)
     if "config" in values:
         faults: list[dict[str, Any]] = values["faults"]

@@ -1,4 +1,4 @@
-"""The file of a campaign: TOML, checked as a whole before the first run."""
+"""Campaign file: TOML, checked completely before the first run."""
 
 import itertools
 import json
@@ -25,10 +25,10 @@ from hil_bridge.settings.configuration import Config, dump, read_values
 from hil_bridge.settings.given import config_of
 
 CASES_LIMIT = 100_000
-"""Most cells of the matrix times faults. Chosen: all are checked first, a few milliseconds each."""
+"""Most cells of the matrix times faults. Chosen: all are checked first, in a few milliseconds each."""
 _SECTIONS = ("campaign", "config")
 _ONLY_FAULT = ("faults", "0")
-"""Key of a fault that is the only one of a configuration."""
+"""Key of the only fault of a configuration."""
 _KEYS = (
     "name",
     "requirements",
@@ -45,7 +45,7 @@ _KEYS = (
 
 
 class PlanErrors(ConfigError):
-    """Everything that is wrong with a plan, a line each."""
+    """All problems of a plan, one line each."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         super().__init__(problems[0] + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""))
@@ -53,7 +53,7 @@ class PlanErrors(ConfigError):
 
 
 class _Cell(NamedTuple):
-    """A cell of the matrix, or one value of an axis."""
+    """Cell of the matrix, or one value of an axis."""
 
     label: str
     head: str
@@ -63,23 +63,23 @@ class _Cell(NamedTuple):
 
 
 def read_plan(path: Path, seeds: tuple[int, ...] = (), settings: Mapping[str, Any] | None = None) -> Plan:
-    """The campaign of a file, with these seeds in place of its own where there are any. `settings`, by dotted key, go
-    over those that all cells share.
+    """Read the plan of a file. `seeds`, if any, replace its own; `settings`, by dotted key, override those that all
+    cells share.
 
-    Raises PlanErrors with everything that is wrong, ConfigError for what is no TOML.
+    Raises PlanErrors with all problems, ConfigError for invalid TOML.
     """
-    return _Reading(path, read_toml(path), seeds, settings or {}).plan()
+    return _PlanReader(path, read_toml(path), seeds, settings or {}).plan()
 
 
-class _Reading:
-    """A file on its way to a plan."""
+class _PlanReader:
+    """Reader that turns a file into a plan and collects its problems."""
 
     def __init__(
-        self, path: Path, values: dict[str, Any], instead: tuple[int, ...], given: Mapping[str, Any]
+        self, path: Path, values: dict[str, Any], seeds: tuple[int, ...], given: Mapping[str, Any]
     ) -> None:
         self._path = path
         self._given = given
-        self._instead = instead
+        self._given_seeds = seeds
         self._source = format_path(path)
         self._values = values
         self._problems: list[str] = []
@@ -87,17 +87,17 @@ class _Reading:
     def plan(self) -> Plan:
         campaign = self._values.get("campaign")
         if not isinstance(campaign, dict):
-            raise PlanErrors([f"{self._source}: there must be a table [campaign]"])
+            raise PlanErrors([f"{self._source}: the table [campaign] is missing"])
         for key in self._values:
             if key not in _SECTIONS:
-                self._wrong(key, f"is no table of a campaign, only {', '.join(_SECTIONS)}")
+                self._wrong(key, f"is not a table of a campaign; known: {', '.join(_SECTIONS)}")
         for key in campaign:
             if key not in _KEYS:
-                self._wrong(f"campaign.{key}", f"is no setting; choose from {', '.join(_KEYS)}")
+                self._wrong(f"campaign.{key}", f"is not a setting; known: {', '.join(_KEYS)}")
         name = campaign.get("name", self._path.stem)
         if not isinstance(name, str) or not name.strip() or not name.isprintable():
             self._wrong("campaign.name", f"must be a text, got {format_value(name)}")
-        seeds = self._instead or self._seeds(campaign.get("seeds"))
+        seeds = self._given_seeds or self._seeds(campaign.get("seeds"))
         share = campaign.get("cases_per_seed", 0)
         if type(share) is not int or share < 0:
             self._wrong("campaign.cases_per_seed", f"must be a whole number, got {format_value(share)}")
@@ -111,7 +111,7 @@ class _Reading:
             self._wrong("campaign.matrix", f"makes more than {CASES_LIMIT} cells with the faults")
         cases = [] if self._problems else self._cases(base, cells, faults)
         if draw is not None and not self._problems:
-            draw = self._tried(draw, cases)
+            draw = self._check_draw(draw, cases)
             if draw.most:
                 cases = [replace(case, fault=DRAWN) for case in cases]
         if self._problems:
@@ -128,9 +128,9 @@ class _Reading:
     def _wrong(self, key: str, text: str) -> None:
         self._problems.append(f"{self._source}: {key} {text}")
 
-    def _wrong_in(self, told: Mapping[str, Sequence[str]], key: str = "") -> None:
-        """Problems, each with the cells in which it is."""
-        for problem, labels in told.items():
+    def _wrong_in(self, problems: Mapping[str, Sequence[str]], key: str = "") -> None:
+        """Add problems, each with the labels of its cells."""
+        for problem, labels in problems.items():
             more = f" and {len(labels) - 1} more" if len(labels) > 1 else ""
             self._problems.append(f"{self._source}: {key}{problem} (with {labels[0]}{more})")
 
@@ -138,57 +138,57 @@ class _Reading:
         names = given if isinstance(given, list) else [None]
         if all(isinstance(name, str) and name.strip() and name.isprintable() for name in names):
             return tuple(names)
-        wanted = 'must be a list of names such as "R-12"'
-        self._wrong("campaign.requirements", f"{wanted}, got {format_value(given)}")
+        expected = 'must be a list of names such as "R-12"'
+        self._wrong("campaign.requirements", f"{expected}, got {format_value(given)}")
         return ()
 
     def _seeds(self, given: object) -> tuple[int, ...]:
-        """A list of numbers, or `{ from = 1, to = 50 }`, both ends included."""
+        """Read a list of numbers, or `{ from = 1, to = 50 }` with both ends included."""
         match given:
             case {"from": int(first), "to": int(last), **rest} if not rest and 0 <= first <= last:
                 if last - first >= RUNS_LIMIT:
-                    self._wrong("campaign.seeds", f"are more than {RUNS_LIMIT}")
+                    self._wrong("campaign.seeds", f"has more than {RUNS_LIMIT} seeds")
                     return ()
                 return tuple(range(first, last + 1))
             case list() if given and all(type(seed) is int and seed >= 0 for seed in given):
                 if len(set(given)) < len(given):
-                    self._wrong("campaign.seeds", "holds a seed twice")
+                    self._wrong("campaign.seeds", "contains a seed twice")
                 return tuple(given)
-        wanted = "must be a list of whole numbers from 0, or { from = 1, to = 50 }"
-        self._wrong("campaign.seeds", wanted if given is None else f"{wanted}, got {format_value(given)}")
+        expected = "must be a list of whole numbers from 0, or { from = 1, to = 50 }"
+        self._wrong("campaign.seeds", expected if given is None else f"{expected}, got {format_value(given)}")
         return ()
 
     def _criteria(self, given: object) -> tuple[Criterion, ...]:
         if not isinstance(given, dict) or not given:
-            self._wrong("campaign.criteria", "must be a table with one figure at least")
+            self._wrong("campaign.criteria", "must be a table with at least one figure")
             return ()
-        for figure, wanted in given.items():
-            if (problem := problem_of(figure, wanted)) is not None:
+        for figure, allowed in given.items():
+            if (problem := problem_of(figure, allowed)) is not None:
                 self._wrong(f"campaign.criteria.{figure}", problem)
-        return tuple(Criterion(figure, wanted) for figure, wanted in given.items())
+        return tuple(Criterion(figure, allowed) for figure, allowed in given.items())
 
     def _draw(self, campaign: Mapping[str, Any]) -> Draw | None:
-        """The draws of each run; None where there are none."""
+        """Read the draws of each run; None if there are none."""
         draw, problems = draw_of(campaign)
         for key, text in problems:
             self._wrong(key, text)
         return draw
 
-    def _tried(self, draw: Draw, cases: Sequence[Case]) -> Draw:
-        """The draw, without the options that a cell cannot have."""
-        told: dict[str, list[str]] = {}
+    def _check_draw(self, draw: Draw, cases: Sequence[Case]) -> Draw:
+        """Return the draw without the options that a cell does not support."""
+        labels: dict[str, list[str]] = {}
         without: dict[str, tuple[tuple[str, int], ...]] = {}
         for cell, config in dict.fromkeys((case.cell, case.config) for case in cases):
             impossible, problems = try_options(draw, config)
             if impossible:
                 without[cell] = impossible
             for problem in problems:
-                told.setdefault(problem, []).append(cell)
-        self._wrong_in(told, "campaign.draw: ")
+                labels.setdefault(problem, []).append(cell)
+        self._wrong_in(labels, "campaign.draw: ")
         return msgspec.structs.replace(draw, without=without)
 
     def _base(self, path: object) -> dict[str, Any]:
-        """The values that all cells share: of the file that is named, and over them those of [config]."""
+        """Return the values that all cells share: those of the named file, overridden by [config]."""
         values: dict[str, Any] = {}
         if isinstance(path, str) and path:
             try:
@@ -211,7 +211,7 @@ class _Reading:
         return values
 
     def _cells(self, given: object) -> list[_Cell]:
-        """Every combination of the axes, in the order of the file."""
+        """Return every combination of the axes, in the order of the file."""
         if not isinstance(given, dict):
             self._wrong("campaign.matrix", "must be a table of lists")
             return []
@@ -223,49 +223,49 @@ class _Reading:
                 continue
             tables = [isinstance(value, dict) for value in values]
             if any(tables) and not all(tables):
-                self._wrong(where, "holds tables and plain values; use either")
+                self._wrong(where, "mixes tables and plain values; use one kind")
                 continue
             axis = [_value(key, value) for value in values]
             if len({json.dumps(one.values, sort_keys=True, default=str) for one in axis}) < len(axis):
-                self._wrong(where, "holds a value twice")
+                self._wrong(where, "contains a value twice")
             if len({one.label for one in axis}) < len(axis):
-                self._wrong(where, "holds a label twice")
+                self._wrong(where, "contains a label twice")
             if any(name == "run.seed" or name.startswith("faults") for one in axis for name in one.values):
                 self._wrong(where, "cannot be an axis: faults and seeds have their own settings")
             for name in sorted({name for one in axis for name in one.values} & set(self._given)):
-                self._wrong(where, f"sets {name}, and so does --set; leave one of them out")
+                self._wrong(where, f"sets {name}, and so does --set; remove one of them")
             axes.append(axis)
-        if math.prod(map(len, axes)) > CASES_LIMIT:  # before any is made: they would fill the memory
+        if math.prod(map(len, axes)) > CASES_LIMIT:  # before any is built: they would fill the memory
             self._wrong("campaign.matrix", f"makes more than {CASES_LIMIT} cells")
             return []
         return [_join(parts) for parts in itertools.product(*axes)]
 
     def _faults(self, campaign: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """Tables as in [[faults]], one for each phase; the empty one is the case without a fault."""
+        """Return tables as in [[faults]], one for each phase; the empty one is the case without a fault."""
         without, given = campaign.get("without_fault", True), campaign.get("fault", [])
         if not isinstance(without, bool):
             self._wrong("campaign.without_fault", f"must be true or false, got {format_value(without)}")
         if not isinstance(given, list) or not all(isinstance(table, dict) for table in given):
             self._wrong("campaign.fault", "must be tables [[campaign.fault]]")
             return []
-        found: list[dict[str, Any]] = [{}] if without else []
+        faults: list[dict[str, Any]] = [{}] if without else []
         for number, table in enumerate(given):
             phases = table.get("phase", "")
             if isinstance(phases, list) and not phases:
                 self._wrong(f"campaign.fault.{number}.phase", "is an empty list")
             for phase in phases if isinstance(phases, list) else [phases]:
                 one = {**table, "phase": phase}
-                if one in found:
-                    self._wrong(f"campaign.fault.{number}", "is there already")
-                found.append(one)
-        if not found:
+                if one in faults:
+                    self._wrong(f"campaign.fault.{number}", "is a duplicate")
+                faults.append(one)
+        if not faults:
             self._wrong("campaign.fault", "is missing, and without_fault is false: there is nothing to run")
-        return found
+        return faults
 
     def _cases(self, base: dict[str, Any], cells: list[_Cell], faults: list[dict[str, Any]]) -> list[Case]:
         cases: list[Case] = []
         refusals: dict[int, list[str]] = {number: [] for number, table in enumerate(faults) if table}
-        told: dict[str, list[str]] = {}
+        rejected: dict[str, list[str]] = {}
         for label, head, given in cells:
             values = deepcopy(base)
             for key, value in given.items():
@@ -275,7 +275,7 @@ class _Reading:
                 _check_emulated(config)
                 check(Setup(config), True, VIRTUAL_EPOCH)
             except BridgeError as error:
-                told.setdefault(error.without_source, []).append(label)
+                rejected.setdefault(error.without_source, []).append(label)
                 continue
             text = dump(pin_policy(config))
             for number, table in enumerate(faults):
@@ -286,15 +286,15 @@ class _Reading:
                 cases.append(
                     Case(label, head, fault_label(table), table.get("phase", ""), text, row, refusal)
                 )
-        self._wrong_in(told)
-        for number, texts in refusals.items():  # a fault that no cell can have is a mistake
-            if texts and len(texts) == len(cells) - sum(map(len, told.values())):
+        self._wrong_in(rejected)
+        for number, texts in refusals.items():  # a fault that no cell supports is a mistake
+            if texts and len(texts) == len(cells) - sum(map(len, rejected.values())):
                 self._problems.append(f"{self._source}: campaign.fault.{number}: {texts[0]}")
         return cases
 
 
 def _value(key: str, value: object) -> _Cell:
-    """One value of an axis; a table may tell its own label."""
+    """Return one value of an axis; a table may contain a label."""
     if not isinstance(value, dict):
         return _Cell(f"{key} {value}", f"{value}", {key: value})
     values = dict(leaves(value))
@@ -313,14 +313,14 @@ def _join(parts: Sequence[_Cell]) -> _Cell:
 
 
 def _refusal(config: Config, table: Mapping[str, Any]) -> str:
-    """Why a cell cannot have a fault; empty where it can."""
+    """Return why a cell does not support a fault; empty if it does."""
     if not table:
         return ""
     robot, sensor = config.robot.emulated, config.sensor.emulated
     alike = {"robot": {"emulated": robot}, "sensor": {"emulated": sensor}}
     if surface := getattr(config.cell, "surface_kind", ""):
         alike["cell"] = {"surface_kind": surface}
-    try:  # with the same devices and no more: a thousand whole configurations take seconds
+    try:  # with the devices alone: a thousand complete configurations take seconds
         config_of(alike, [table])
     except SettingRefused as error:
         return (
@@ -336,15 +336,15 @@ def _refusal(config: Config, table: Mapping[str, Any]) -> str:
 def _check_emulated(config: Config) -> None:
     for key, url in (("robot.url", config.robot.url), ("sensor.url", config.sensor.url)):
         if url:
-            raise ConfigError(f"{key}: a campaign runs against the emulated cell alone; leave the URL empty")
+            raise ConfigError(f"{key}: a campaign runs on the emulated cell only; leave the URL empty")
 
 
 def _put(values: dict[str, Any], key: str, value: object) -> None:
     *sections, name = key.split(".")
     table: Any = values
     for section in sections:
-        found = table.setdefault(section, {})
-        if not isinstance(found, dict):
-            found = table[section] = {}
-        table = found
+        inner = table.setdefault(section, {})
+        if not isinstance(inner, dict):
+            inner = table[section] = {}
+        table = inner
     table[name] = deepcopy(value)

@@ -1,4 +1,4 @@
-"""Runs of a campaign done again, beside the figures that the campaign keeps of them."""
+"""Repetition of campaign runs, compared with the figures that the campaign keeps."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from msgspec import Struct
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.comparison import Difference, differences
-from hil_bridge.lab.campaign.judging import Job, Ran, attempt
+from hil_bridge.lab.campaign.judging import Job, RunFigures, attempt
 from hil_bridge.lab.campaign.plan import Case, Plan
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.lab.processes import as_completed, own_processes
@@ -18,7 +18,7 @@ from hil_bridge.record import CycleRecord, read
 
 
 class RepeatedRun(Struct, frozen=True):
-    """A run that was done again."""
+    """Repeated run, compared with the campaign."""
 
     key: str
     seed: int
@@ -26,74 +26,74 @@ class RepeatedRun(Struct, frozen=True):
     fault: str
     phase: str
     outcome: str
-    """How it ended this time."""
+    """Outcome of the repetition."""
     cause: str
     differences: tuple[Difference, ...]
-    """Figures that are not those of the campaign."""
+    """Figures that differ from the campaign."""
     recording: str = ""
-    """Path of the recording that it left now; empty for none."""
+    """Path of the new recording; empty for none."""
     cycle: int | None = None
-    """First cycle that differs from the recording of then; None where none does, or there is no such recording."""
+    """First cycle that differs from the old recording; None if none differs, or there is no old recording."""
 
     @property
     def equal(self) -> bool:
-        """Whether nothing differs, to the last bit."""
+        """Whether the repetition is identical to the last bit."""
         return not self.differences and self.cycle is None
 
     @property
     def lines(self) -> Iterator[str]:
-        """For people."""
+        """Text for the terminal, line by line."""
         case = f"{self.key}: seed {self.seed}, {self.cell}, fault {self.fault} {self.phase}"
         yield case.rstrip()
         yield f"  {self.outcome}{self.cause and f', {self.cause}'}"
         yield from (f"  differs: {one.text}" for one in self.differences)
         if self.cycle is not None:
-            yield f"  differs: its recording, from cycle {self.cycle} on"
+            yield f"  differs: the recording, from cycle {self.cycle} on"
         if self.recording:
             yield f"  {self.recording}"
 
 
 @dataclass(frozen=True, slots=True)
-class Repeat:
-    """A run that is to be done again."""
+class RepeatJob:
+    """Run to be repeated."""
 
     case: Case
     done: Done
     job: Job
     recording: Path | None = None
-    """Its recording from then, with which every cycle is compared."""
+    """Its old recording, with which every cycle is compared."""
     save: Path | None = None
-    """Where its recording goes now."""
+    """Path for the new recording."""
 
 
 def select_runs(store: Store, key: str | None, seed: int | None) -> list[Done]:
-    """The run whose key begins with these signs, or all runs of a seed.
+    """Return the run whose key begins with `key`, or all runs of a seed.
 
-    Raises ConfigError unless one of the two is given, where there is no such run, and where a key fits several.
+    Raises ConfigError unless exactly one of the two is given, if there is no such run, and for an ambiguous key.
     """
     if (key is None) == (seed is None):
-        raise ConfigError("name either the KEY of a run or --seed N")
+        raise ConfigError("give either the KEY of a run or --seed N")
     if seed is not None:
         runs = list(store.runs("seed = ?", [seed]))
-        wanted = f"seed {seed}"
+        selection = f"seed {seed}"
     else:
         runs = list(store.runs("substr(key, 1, length(?1)) = ?1", [key]))
-        wanted = f"the key {key}"
+        selection = f"the key {key}"
     if not runs:
-        raise ConfigError(f"{store.path} has no run with {wanted}")
+        raise ConfigError(f"{store.path} has no run with {selection}")
     if seed is None and len(runs) > 1:
-        raise ConfigError(f"{store.path} has {len(runs)} runs whose keys begin with {key}; give more of it")
+        raise ConfigError(f"{store.path} has {len(runs)} runs whose keys begin with {key}; give a longer key")
     return runs
 
 
-def repeat_of(plan: Plan, done: Done) -> Repeat:
-    """The run that is to be done again, with the settings of its case."""
+def repeat_of(plan: Plan, done: Done) -> RepeatJob:
+    """Return the job that repeats a run with the settings of its case."""
     case = plan.cases[done.number]
-    return Repeat(case, done, Job(done.key, done.number, case.config, done.table, done.seed))
+    return RepeatJob(case, done, Job(done.key, done.number, case.config, done.table, done.seed))
 
 
-def compare_run(repeat: Repeat, ran: Ran, recording: str = "") -> RepeatedRun:
-    """A run as it went now beside the one that the campaign keeps."""
+def compare_run(repeat: RepeatJob, new: RunFigures, recording: str = "") -> RepeatedRun:
+    """Compare a repeated run with the one that the campaign keeps."""
     case, done = repeat.case, repeat.done
     return RepeatedRun(
         done.key,
@@ -101,16 +101,16 @@ def compare_run(repeat: Repeat, ran: Ran, recording: str = "") -> RepeatedRun:
         case.cell,
         case.fault,
         case.phase,
-        str(ran.figures["outcome"]),
-        ran.cause,
-        tuple(differences(done.figures, ran.figures)),
+        str(new.figures["outcome"]),
+        new.cause,
+        tuple(differences(done.figures, new.figures)),
         recording,
-        _first_difference(repeat.recording, () if ran.result is None else ran.result.cycles),
+        _first_difference(repeat.recording, () if new.result is None else new.result.cycles),
     )
 
 
-def repeat_runs(repeats: Sequence[Repeat], advance: Callable[[int, int], object]) -> list[RepeatedRun]:
-    """Do runs again on all cores; those that differ, by seed and key."""
+def repeat_runs(repeats: Sequence[RepeatJob], advance: Callable[[int, int], object]) -> list[RepeatedRun]:
+    """Repeat runs on all cores; return those that differ, by seed and key."""
     differing: list[RepeatedRun] = []
     with own_processes(jobs=len(repeats)) as pool:
         for chunk in as_completed(pool, _repeat, repeats):
@@ -120,15 +120,15 @@ def repeat_runs(repeats: Sequence[Repeat], advance: Callable[[int, int], object]
     return sorted(differing, key=lambda run: (run.seed, run.key))
 
 
-def _repeat(repeat: Repeat) -> RepeatedRun:
-    ran = attempt(repeat.job)
-    if repeat.save is not None and ran.result is not None:
-        ran.result.save(repeat.save)
-    return compare_run(repeat, ran)
+def _repeat(repeat: RepeatJob) -> RepeatedRun:
+    new = attempt(repeat.job)
+    if repeat.save is not None and new.result is not None:
+        new.result.save(repeat.save)
+    return compare_run(repeat, new)
 
 
 def _first_difference(recording: Path | None, cycles: Sequence[CycleRecord]) -> int | None:
-    """Number of the first cycle that is not the same to the last bit in a recording, which may be unreadable."""
+    """Return the number of the first cycle that differs from a recording in any bit; 0 for an unreadable recording."""
     if recording is None:
         return None
     try:

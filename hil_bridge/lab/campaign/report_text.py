@@ -1,4 +1,4 @@
-"""The report of a campaign as text for a terminal, as Markdown for a build server's summary, and as JUnit XML."""
+"""Report of a campaign as text for a terminal, as Markdown for a build server's summary, and as JUnit XML."""
 
 import shlex
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,21 +13,21 @@ from hil_bridge.lab.text_tables import aligned, markdown_table
 from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN
 
 FAILING_MOST = 30
-"""Runs that did not pass and that a text names. Chosen: a person reads no more."""
+"""Most failed runs listed in a text. Chosen: nobody reads more."""
 
 
 class Section(NamedTuple):
-    """A table with its title."""
+    """Table with its title."""
 
     title: str
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
     more: str = ""
-    """A sentence below it; empty for none."""
+    """Sentence below the table; empty for none."""
 
 
 def headline(digest: Digest) -> str:
-    """Name and counts in a line."""
+    """Return name and counts as one line."""
     of_all = (
         ""
         if digest.tally.total == digest.planned
@@ -37,11 +37,11 @@ def headline(digest: Digest) -> str:
 
 
 def sections(digest: Digest) -> Iterator[Section]:
-    """The matrix first, then runs that failed, criteria, figures by cell, and the facts."""
+    """Yield the matrix, failed runs, criteria, figures by cell, and facts."""
     yield _matrix(digest)
     if digest.failing:
-        shown = digest.failing[:FAILING_MOST]
-        left = len(digest.failing) - len(shown)
+        listed = digest.failing[:FAILING_MOST]
+        left = len(digest.failing) - len(listed)
         yield Section(
             "Runs that did not pass",
             ("key", "seed", "cell", "fault", "outcome", "not met"),
@@ -54,7 +54,7 @@ def sections(digest: Digest) -> Iterator[Section]:
                     run.outcome,
                     "; ".join(one.text for one in run.unmet),
                 )
-                for run in shown
+                for run in listed
             ],
             (f"{left} more did not pass. " if left else "")
             + f"`{rerun_command(digest.results, 'KEY')}` repeats one.",
@@ -72,7 +72,7 @@ def _matrix(digest: Digest) -> Section:
         for case in digest.cases
     }
     rows = [(cell, *(fields.get((fault, cell), "·") for fault in faults)) for cell in cells]
-    words = "Passed, of how many; a dot is a fault that the cell cannot have, a question mark a case without a run."
+    words = "Passed / total. · the cell does not support the fault; ? the case has no run yet."
     return Section("Matrix", ("cell", *faults), rows, words)
 
 
@@ -89,13 +89,13 @@ def _field(tally: Tally, impossible: str) -> str:
 
 
 def criteria_section(criteria: Iterable[CriterionResult]) -> Section:
-    """How often each criterion was met."""
+    """Return the table of how often each criterion was met."""
     rows = [(one.criterion, str(one.met), str(one.not_met), str(one.no_concern)) for one in criteria]
-    return Section("Criteria", ("criterion", "met", "not met", "no concern"), rows)
+    return Section("Criteria", ("criterion", "met", "not met", "not applicable"), rows)
 
 
 def figures_section(figures: Iterable[FigureResult]) -> Section:
-    """Least, median and largest value of each figure in each cell."""
+    """Return the table of the smallest, median and largest value of each figure in each cell."""
     rows = []
     for one in figures:
         numbers = (FIGURES[one.figure].text(value) for value in (one.least, one.median, one.largest))
@@ -105,12 +105,12 @@ def figures_section(figures: Iterable[FigureResult]) -> Section:
 
 
 def rerun_command(results: str, key: str) -> str:
-    """The command that repeats a run."""
+    """Return the command that repeats a run."""
     return f"hil-bridge campaign rerun {shlex.quote(results)} {key}"
 
 
 def text_report(digest: Digest) -> Iterator[str]:
-    """The report, line by line."""
+    """Yield the report for a terminal, line by line."""
     yield headline(digest)
     for one in sections(digest):
         if one.rows:
@@ -122,7 +122,7 @@ def text_report(digest: Digest) -> Iterator[str]:
 
 
 def failing_lines(digest: Digest, most: int) -> Iterator[str]:
-    """The worst runs with their values beside the bounds, two lines each."""
+    """Yield the worst runs with their values and bounds, two lines each."""
     for run in digest.failing[:most]:
         yield f"{run.key}: seed {run.seed}, {run.cell}, fault {run.fault}"
         yield f"  {_reason(run)}"
@@ -135,7 +135,7 @@ def _reason(run: FailedRun) -> str:
 
 
 def markdown_report(digest: Digest) -> str:
-    """The report as Markdown."""
+    """Return the report as Markdown."""
     sign = "✅" if digest.tally.good else "❌"
     parts = [f"## {sign} Campaign {headline(digest)}"]
     for one in sections(digest):
@@ -143,7 +143,7 @@ def markdown_report(digest: Digest) -> str:
             continue
         table = markdown_table(one.columns, one.rows)
         more = f"\n\n{one.more}" if one.more else ""
-        if one.title in ("Figures by cell", "Facts"):  # long, and seldom read
+        if one.title in ("Figures by cell", "Facts"):  # long, and rarely read
             parts.append(f"<details><summary>{one.title}</summary>\n\n{table}{more}\n\n</details>")
         else:
             parts.append(f"### {one.title}\n\n{table}{more}")
@@ -151,7 +151,7 @@ def markdown_report(digest: Digest) -> str:
 
 
 def junit_report(store: Store, digest: Digest) -> bytes:
-    """The report as JUnit XML: a test case a run, its figures as properties."""
+    """Return the report as JUnit XML: one test case per run, its figures as properties."""
     plan, cases = store.plan(), []
     required = [(REQUIREMENT, name) for name in plan.requirements]
     for run in store.runs():
@@ -182,6 +182,6 @@ def junit_report(store: Store, digest: Digest) -> bytes:
 
 
 def _recordings(store: Store, run: Done) -> list[str]:
-    """Path of the recording that a run has left, as seen from the working directory; none where it is not there."""
+    """Return the path of a run's recording relative to the working directory; none if it does not exist."""
     place = store.folder / run.recording
     return [str(place)] if run.recording and place.is_file() else []

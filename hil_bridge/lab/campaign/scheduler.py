@@ -1,4 +1,4 @@
-"""Workers on other machines, by a scheduler of Dask."""
+"""Workers on other machines, through a Dask scheduler."""
 
 import logging
 from collections.abc import Iterator
@@ -10,16 +10,16 @@ from hil_bridge.errors.extras import install_command
 from hil_bridge.lab.processes import Workers
 
 CONNECT_S = 10.0
-"""Chosen: how long is waited for the scheduler to answer."""
+"""Chosen: timeout for an answer of the scheduler."""
 WORKERS_S = 60.0
-"""Chosen: how long is waited for its first worker."""
+"""Chosen: timeout for its first worker."""
 
 
 @contextmanager
 def dask_workers(url: str) -> Iterator[Workers]:
-    """The workers of a scheduler, tcp://host:8786. They may come and go: what a lost one had begun is done elsewhere.
+    """Use the workers of a scheduler, tcp://host:8786. They may come and go; the jobs of a lost one are done elsewhere.
 
-    Raises ConfigError without the package or the scheduler, BridgeError for what a worker cannot do.
+    Raises ConfigError without the package or the scheduler, BridgeError if a worker fails.
     """
     try:
         import distributed
@@ -27,21 +27,21 @@ def dask_workers(url: str) -> Iterator[Workers]:
         raise ConfigError(
             f"--scheduler needs the package distributed; {install_command('dask')} here and where the workers are"
         ) from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are told below, in one line
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are reported below, in one line
     try:
         client: Any = distributed.Client(url, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise ConfigError(
-            f"--scheduler {url}: no scheduler answers there; `dask scheduler` starts one"
+            f"--scheduler {url}: no scheduler answers; start one with `dask scheduler`"
         ) from error
     with client:
         try:
             client.wait_for_workers(1, timeout=WORKERS_S)
         except TimeoutError as error:
             raise ConfigError(
-                f"--scheduler {url}: it has no worker; `dask worker {url} --nthreads 1` starts one"
+                f"--scheduler {url}: the scheduler has no worker; start one with `dask worker {url} --nthreads 1`"
             ) from error
-        # Several attempts, since each worker that is lost costs one; a run that kills workers is not tried for ever.
+        # Dask retries a job after each lost worker, but gives up on one that keeps killing its workers.
         with client.get_executor(pure=False) as executor:
             try:
                 yield Workers(executor, lambda: sum(client.nthreads().values()))
@@ -52,7 +52,7 @@ def dask_workers(url: str) -> Iterator[Workers]:
                 raise BridgeError(
                     f"--scheduler {url}: {type(error).__name__}: {_first_line(error)}"
                 ) from error
-            except BaseException:  # Ctrl-C: what has been handed over is given back
+            except BaseException:  # Ctrl-C: cancel the submitted jobs
                 executor.shutdown(wait=False)
                 raise
 

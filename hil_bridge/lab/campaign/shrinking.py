@@ -1,4 +1,4 @@
-"""A bad run made small: the fewest faults, the fewest settings, the simplest values that still show it."""
+"""Reduction of a bad run to the fewest faults and settings, and the simplest values, that still reproduce it."""
 
 import json
 import math
@@ -6,48 +6,48 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from hil_bridge.lab.campaign.hunting import Runner, Spent, is_broken
+from hil_bridge.lab.campaign.hunting import Runner, TimeIsUp, is_broken
 from hil_bridge.lab.campaign.store import Done
 
 DIGITS = (1, 2, 3)
-"""Digits to which numbers are rounded, the fewest first."""
+"""Significant digits to which numbers are rounded, fewest first."""
 SHRINK_S = 300.0
-"""Chosen: time for making the worst run small, s; it comes after that of the hunt."""
+"""Chosen: time for reducing the worst run, s, in addition to the time of the hunt."""
 
 
-def shrink(runner: Runner, done: Done, worth: Callable[[Done], float]) -> Done:
-    """A run that shows the same with less: a broken promise, or half of what makes it bad. As far as time allows."""
+def shrink(runner: Runner, done: Done, score: Callable[[Done], float]) -> Done:
+    """Reduce a run as far as time allows, while it breaks no other promise, or keeps half of its score."""
     case, best = runner.plan.cases[done.number], done
-    least = worth(done) / 2.0
+    least = score(done) / 2.0
 
-    def shows(other: Done) -> bool:
+    def reproduces(other: Done) -> bool:
         if is_broken(done):
             return is_broken(other) and _promises(other) <= _promises(done)
-        return worth(other) >= least > 0.0
+        return score(other) >= least > 0.0
 
     while True:
         for table in smaller(best.table):
             try:
                 (other,) = runner.done([runner.job(case, table)])
-            except Spent:
+            except TimeIsUp:
                 return best
-            if shows(other):
+            if reproduces(other):
                 best = other
                 break
         else:
             return best
 
 
-def shrink_bad(runner: Runner, done: Done, worth: Callable[[Done], float]) -> Done:
-    """The same for a run that is bad at all, with a time of its own; any other stays as it is."""
-    if not is_broken(done) and worth(done) <= 0.0:
+def shrink_bad(runner: Runner, done: Done, score: Callable[[Done], float]) -> Done:
+    """Reduce a run within SHRINK_S; return it unchanged if it is not bad at all."""
+    if not is_broken(done) and score(done) <= 0.0:
         return done
     runner.until = time.monotonic() + SHRINK_S
-    return shrink(runner, done, worth)
+    return shrink(runner, done, score)
 
 
 def smaller(table: str) -> Iterator[str]:
-    """The values laid over a configuration, each time with a little less, as JSON. The largest steps come first."""
+    """Yield simpler variants of an overlay (JSON), the largest reduction first."""
     over: dict[str, Any] = json.loads(table)
     settings, faults = over["config"], over["faults"]
     for place in range(len(faults)):
@@ -55,8 +55,8 @@ def smaller(table: str) -> Iterator[str]:
     for key in settings:
         yield _text({name: value for name, value in settings.items() if name != key}, faults)
     for place, fault in enumerate(faults):
-        for less in _smaller_fault(fault):
-            yield _text(settings, [*faults[:place], less, *faults[place + 1 :]])
+        for simpler in _smaller_fault(fault):
+            yield _text(settings, [*faults[:place], simpler, *faults[place + 1 :]])
     for key, value in settings.items():
         for rounded in _round(value):
             yield _text({**settings, key: rounded}, faults)
@@ -78,7 +78,7 @@ def _smaller_fault(fault: dict[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def _round(value: object) -> Iterator[float]:
-    """The same number with fewer digits, the fewest first."""
+    """Yield a number rounded to fewer digits, fewest first."""
     if not isinstance(value, float) or value == 0.0 or not math.isfinite(value):
         return
     for digits in DIGITS:
@@ -89,7 +89,7 @@ def _round(value: object) -> Iterator[float]:
 
 
 def _promises(done: Done) -> set[str]:
-    """Names of the promises that a run broke."""
+    """Return the names of the promises that a run broke."""
     promises = done.figures.get("promises")
     return set(promises) if isinstance(promises, dict) else set()
 

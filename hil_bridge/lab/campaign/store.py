@@ -1,4 +1,4 @@
-"""The results of a campaign: one SQLite file, which may be read while it is written."""
+"""Results of a campaign: one SQLite file, which can be read while it is written."""
 
 import json
 import re
@@ -22,17 +22,17 @@ from hil_bridge.lab.campaign.drawing import Draw
 from hil_bridge.lab.campaign.plan import Case, Plan, code_version
 
 FORMAT = "hil-bridge campaign 2"
-"""Format of the file, for a later version that reads it."""
+"""Format identifier of the file."""
 BUSY_S = 30.0
-"""Chosen: how long is waited for another process that writes."""
+"""Chosen: timeout for another process that writes."""
 READ_BUSY_S = 5.0
-"""Chosen: the same where results are only read. A writer holds the file for milliseconds."""
+"""Chosen: the same timeout when results are only read. A writer locks the file for milliseconds."""
 RESULTS_LIMIT_BYTES = 1 << 32
-"""Longest file of results that is read. Chosen: some million runs."""
+"""Largest results file that is read. Chosen: some million runs."""
 VALUE_LIMIT_BYTES = 1 << 24
-"""Longest text in it. Chosen: the configuration of a case is 1000 times shorter."""
+"""Longest value in it. Chosen: a thousand times the configuration of a case."""
 FAILED_SUFFIX = "-failed"
-"""Recordings of failing runs lie in a folder of the file's name with this."""
+"""Suffix of the folder with the recordings of failed runs, after the name of the file."""
 
 _COMPUTES = re.compile(r"\b(VIRTUAL|AS)\b", re.IGNORECASE)
 Row = TypeVar("Row")
@@ -54,11 +54,11 @@ CREATE TABLE sittings (began TEXT NOT NULL, wall_s REAL NOT NULL, runs INTEGER N
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """A run that has ended."""
+    """Result of an executed run."""
 
     key: str
     number: int
-    """Number of its case."""
+    """Index of its case."""
     seed: int
     outcome: str
     cause: str
@@ -66,21 +66,21 @@ class Done:
     """Criteria that it did not meet."""
     figures: Figures
     wall_s: float
-    """Time that it took on its core, s."""
+    """Computing time, s."""
     recording: str
-    """File name of its recording; empty where none was left."""
+    """File name of its recording; empty if there is none."""
     table: str = "{}"
-    """The values laid over the configuration of its case, as JSON: its fault, or all that was drawn."""
+    """Values laid over the configuration of its case, as JSON: its fault, or everything drawn."""
 
     @property
     def passed(self) -> bool:
-        """It met every criterion that concerns it."""
+        """Whether it met every applicable criterion."""
         return not self.failed
 
 
 @dataclass(frozen=True, slots=True)
 class Sitting:
-    """One start of the campaign, until it ended or was interrupted."""
+    """One session of the campaign, from its start until it ended or was interrupted."""
 
     began: str
     wall_s: float
@@ -89,7 +89,7 @@ class Sitting:
 
 
 class Store:
-    """The file of a campaign. Use it as a context."""
+    """Results file of a campaign. Use it as a context manager."""
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
         self.path = path
@@ -97,7 +97,7 @@ class Store:
 
     @classmethod
     def begin(cls, path: Path, plan: Plan) -> Self:
-        """The file of this plan: a new one, or one that was begun. Raises ConfigError for every other file."""
+        """Create the file of this plan, or open it to resume. Raises ConfigError for any other file."""
         connection = _connect(path, "rwc")
         store = cls(path, connection)
         try:
@@ -105,7 +105,7 @@ class Store:
                 store._check(plan)
             else:
                 store._create(plan)
-            # Seeds that were run before stay: fewer of them this time take nothing away.
+            # Earlier seeds remain, even if the plan has fewer this time.
             seeds = dict.fromkeys((*store.seeds(), *plan.seeds))
             connection.execute("UPDATE facts SET value = ? WHERE name = 'seeds'", (json.dumps([*seeds]),))
             hosts = dict.fromkeys((*store.hosts(), gethostname()))
@@ -114,7 +114,7 @@ class Store:
         except sqlite3.Error as error:
             connection.close()
             raise ConfigError(
-                f"cannot keep results in {path}: {error}; name another file with --output"
+                f"cannot write results to {path}: {error}; give another file with --output"
             ) from error
         except BaseException:
             connection.close()
@@ -123,13 +123,13 @@ class Store:
 
     @classmethod
     def open(cls, path: Path) -> Self:
-        """A file that is there, to be read. Raises ConfigError."""
+        """Open an existing file for reading. Raises ConfigError."""
         if path.is_dir():
-            raise ConfigError(f"{path} is a folder; name a file of results in it")
+            raise ConfigError(f"{path} is a folder; give a results file in it")
         if not path.is_file():
-            raise ConfigError(f"there is no file {path}; `hil-bridge campaign FILE.toml` makes one")
+            raise ConfigError(f"no such file {path}; create one with `hil-bridge campaign FILE.toml`")
         if (size := path.stat().st_size) > RESULTS_LIMIT_BYTES:
-            raise ConfigError(f"{path} has {size} bytes, of which at most {RESULTS_LIMIT_BYTES} are read")
+            raise ConfigError(f"{path} has {size} bytes; at most {RESULTS_LIMIT_BYTES} are allowed")
         store = cls(path, _connect(path, "rw", READ_BUSY_S))
         try:
             store._check_format()
@@ -150,7 +150,7 @@ class Store:
             "seeds": json.dumps(plan.seeds),
             "cases_per_seed": str(plan.cases_per_seed),
             "draw": "" if plan.draw is None else plan.draw.text,
-            "criteria": json.dumps([[item.figure, item.wanted] for item in plan.criteria]),
+            "criteria": json.dumps([[item.figure, item.allowed] for item in plan.criteria]),
             "requirements": json.dumps(plan.requirements),
         }
         rows = [
@@ -165,20 +165,20 @@ class Store:
 
     def _check_format(self) -> None:
         try:
-            told = "" if self._holds_programs() else self.fact("format")
+            file_format = "" if self._holds_programs() else self.fact("format")
         except sqlite3.Error:
-            told = ""
-        if told and told != FORMAT:
+            file_format = ""
+        if file_format and file_format != FORMAT:
             raise ConfigError(
-                f"{self.path} has results in the form {told!r} of another version, and this one reads {FORMAT!r}; "
-                "read it with the version that wrote it, or run the campaign anew"
+                f"{self.path} has the format {file_format!r} of another version, and this one reads {FORMAT!r}; "
+                "read it with the version that wrote it, or run the campaign again"
             )
-        if told != FORMAT:
-            raise ConfigError(f"{self.path} holds no results of a campaign; name another file")
+        if file_format != FORMAT:
+            raise ConfigError(f"{self.path} is not a results file of a campaign; give another file")
 
     def _holds_programs(self) -> bool:
-        """Whether the file holds what computes by itself when it is read: a view, a trigger, a made column. It could
-        go on for ever, and no file of ours has any.
+        """Return whether reading the file would execute code: a view, a trigger, a generated column. It might never
+        end, and no file of ours has any.
         """
         rows = self._connection.execute("SELECT type, coalesce(sql, '') FROM sqlite_master").fetchall()
         return any(kind not in ("table", "index") or _COMPUTES.search(sql) for kind, sql in rows)
@@ -186,11 +186,11 @@ class Store:
     def _check(self, plan: Plan) -> None:
         self._check_format()
         for name, mine, what in (
-            ("identity", plan.identity, "another plan: its matrix, faults, settings or criteria differ"),
+            ("identity", plan.identity, "another plan, with other matrix, faults, settings or criteria"),
             ("code", code_version(), "results of another version of the code"),
         ):
             if self.fact(name) != mine:
-                raise ConfigError(f"{self.path} holds {what}; name a new file with --output")
+                raise ConfigError(f"{self.path} contains {what}; give a new file with --output")
 
     def __enter__(self) -> Self:
         return self
@@ -203,26 +203,26 @@ class Store:
             raise ConfigError(f"cannot use the results in {self.path}: {error}") from error
 
     def close(self) -> None:
-        """Close the file. Harmless when called again."""
+        """Close the file. Idempotent."""
         self._connection.close()
 
     @property
     def folder(self) -> Path:
-        """Recordings of failing runs."""
+        """Folder of the recordings of failed runs."""
         return self.path.with_name(self.path.stem + FAILED_SUFFIX)
 
     def fact(self, name: str) -> str:
-        """A fact of the campaign; empty where it is not told."""
+        """Return a fact of the campaign; empty if it is unknown."""
         row = self._connection.execute("SELECT value FROM facts WHERE name = ?", (name,)).fetchone()
         return str(row[0]) if row else ""
 
     def keep(self, name: str, value: str) -> None:
-        """Keep a fact; it replaces an earlier one of this name."""
+        """Store a fact, replacing an earlier one of this name."""
         with self._connection:
             self._connection.execute("INSERT OR REPLACE INTO facts VALUES (?, ?)", (name, value))
 
     def put(self, done: Sequence[Done], cases: Sequence[Case]) -> None:
-        """Keep runs, all or none of them; one that is kept already stays as it is."""
+        """Store runs, all or none of them; a run that is stored already is left unchanged."""
         code = code_version()
         rows = [
             (
@@ -236,19 +236,19 @@ class Store:
         with self._connection:
             self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", rows)
 
-    def sat(self, began: str, wall_s: float, runs: int, workers: int) -> None:
-        """Keep how long this start took."""
+    def add_sitting(self, began: str, wall_s: float, runs: int, workers: int) -> None:
+        """Store the duration of a session."""
         with self._connection:
             self._connection.execute(
                 "INSERT INTO sittings VALUES (?, ?, ?, ?)", (began, wall_s, runs, workers)
             )
 
     def keys(self) -> set[str]:
-        """Keys of all runs that are kept."""
+        """Return the keys of all stored runs."""
         return {key for (key,) in self._connection.execute("SELECT key FROM runs")}
 
     def plan(self) -> Plan:
-        """The campaign as it was checked. Raises ConfigError."""
+        """Return the checked plan of the campaign. Raises ConfigError."""
         query = "SELECT cell, head, fault, phase, config, fault_table, impossible FROM cases ORDER BY number"
         with self._readable():
             cases = tuple(_as(Case, row) for row in self._connection.execute(query))
@@ -266,49 +266,49 @@ class Store:
             return Plan(self.fact("name"), self.seeds(), cases, criteria, share, draw, required)
 
     def seeds(self) -> tuple[int, ...]:
-        """Seeds that the campaign has now; a later start may add some. Raises ConfigError."""
+        """Return the current seeds of the campaign; a later session may add some. Raises ConfigError."""
         with self._readable():
             return tuple(map(int, json.loads(self.fact("seeds"))))
 
     def hosts(self) -> tuple[str, ...]:
-        """Names of the computers on which it was started; empty in older results. Raises ConfigError."""
+        """Return the names of the computers on which it was started; empty in older results. Raises ConfigError."""
         with self._readable():
             return msgspec.json.decode(self.fact("hosts") or "[]", type=tuple[str, ...])
 
     def runs(self, where: str = "1", values: Iterable[object] = ()) -> Iterator[Done]:
-        """Runs that are kept, by case and seed. Raises ConfigError."""
+        """Yield the stored runs, by case and seed. Raises ConfigError."""
         columns = "key, number, seed, outcome, cause, failed, figures, wall_s, recording, fault"
         with self._readable():
             cases = self._connection.execute("SELECT count(*) FROM cases").fetchone()[0]
             query = f"SELECT {columns} FROM runs WHERE {where} ORDER BY number, seed"
             for row in self._connection.execute(query, tuple(values)):
-                found = list(row)
-                found[5:7] = map(json.loads, found[5:7])
-                done = _as(Done, found)
+                columns_of_run = list(row)
+                columns_of_run[5:7] = map(json.loads, columns_of_run[5:7])
+                done = _as(Done, columns_of_run)
                 if not 0 <= done.number < cases:
-                    raise ValueError(f"run {done.key} is of case {done.number}, and there are {cases}")
+                    raise ValueError(f"run {done.key} has case {done.number}, but there are only {cases}")
                 yield done
 
     def copy(self, path: Path) -> None:
-        """Write all of it into one new file, which needs no other beside it. Raises ConfigError."""
+        """Write everything to one new, self-contained file. Raises ConfigError."""
         with self._readable(), closing(sqlite3.connect(path)) as target:
             self._connection.backup(target)
             target.execute("PRAGMA journal_mode = DELETE")
 
     def version(self) -> int:
-        """Another number whenever another process has changed the file. Raises ConfigError."""
+        """Return a number that changes whenever another process changes the file. Raises ConfigError."""
         with self._readable():
             return int(self._connection.execute("PRAGMA data_version").fetchone()[0])
 
     def sittings(self) -> list[Sitting]:
-        """Every start so far that came to its end, or was interrupted. Raises ConfigError."""
+        """Return every session so far that ended or was interrupted. Raises ConfigError."""
         with self._readable():
             rows = self._connection.execute("SELECT * FROM sittings ORDER BY began")
             return [_as(Sitting, row) for row in rows]
 
     @contextmanager
     def _readable(self) -> Iterator[None]:
-        """Turn every fault of the file into a ConfigError: another program may have written it."""
+        """Convert every error of the file to a ConfigError: another program may have written it."""
         try:
             yield
         except (sqlite3.Error, msgspec.MsgspecError, ValueError, TypeError, RecursionError) as error:
@@ -320,7 +320,7 @@ class _Chosen(msgspec.Struct):
 
 
 class _Cell(msgspec.Struct):
-    """The parts of a case's configuration that the page reads."""
+    """Parts of a case's configuration that the page reads."""
 
     robot: _Chosen
     sensor: _Chosen
@@ -328,18 +328,18 @@ class _Cell(msgspec.Struct):
 
 
 def _as(kind: type[Row], values: Iterable[object]) -> Row:
-    """A row as a plain value of this kind, each part of the declared type. Raises msgspec.ValidationError."""
+    """Convert a row to a dataclass, checking the types of its fields. Raises msgspec.ValidationError."""
     names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
     return msgspec.convert(dict(zip(names, values, strict=True)), kind)
 
 
 def _json(figures: Figures) -> str:
-    """JSON has no infinity, but a number that is read as one."""
+    """Encode figures as JSON, with infinity as a number that is read as infinite."""
     return json.dumps(figures).replace("Infinity", "1e999")
 
 
 def now() -> str:
-    """The present time for people, UTC."""
+    """Return the current time as text, UTC."""
     return time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime())
 
 

@@ -1,4 +1,4 @@
-"""What a run really struck: the rows of the table of causes, and the injected faults that had an effect."""
+"""Causes reported in a run, and the injected faults that took effect."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -11,19 +11,19 @@ from hil_bridge.record.ending import followed_of, reason_of
 from hil_bridge.settings.configuration import Config
 
 CELL = "every cell"
-"""Stands for the faults that no device has: of surface, obstacle, bus, computer and controller."""
+"""Owner of the faults that belong to no device: of surface, obstacle, bus, computer and controller."""
 
 
-class Struck(Protocol):
-    """An injected fault, as the ledger of a cell has it."""
+class InjectedFault(Protocol):
+    """Injected fault in the ledger of a cell."""
 
     @property
     def target(self) -> str:
-        """Part of the cell."""
+        """Affected part of the cell."""
 
     @property
     def fault(self) -> str:
-        """Its name."""
+        """Name of the fault."""
 
     @property
     def struck(self) -> int:
@@ -31,12 +31,12 @@ class Struck(Protocol):
 
 
 def fault_key(device: str, on: str, fault: str) -> str:
-    """Name of a fault of a device."""
+    """Return the key of a device's fault."""
     return f"{device}: {on}: {fault}"
 
 
 def owner_of(config: Config, on: str, fault: str) -> str:
-    """Name of the device of a run that has a fault; CELL where none has."""
+    """Return the name of the device in a run that has a fault; CELL if none has it."""
     for kinds, name in ((ROBOTS, config.robot.emulated), (SENSORS, config.sensor.emulated)):
         emulation = kinds.kind(name).emulation
         if emulation is not None and fault in emulation.faults.get(on, {}):
@@ -44,8 +44,8 @@ def owner_of(config: Config, on: str, fault: str) -> str:
     return CELL
 
 
-def struck_faults(config: Config, faults: Iterable[Struck]) -> dict[str, int]:
-    """Number of effects of each fault that had one, by device, target and fault."""
+def struck_faults(config: Config, faults: Iterable[InjectedFault]) -> dict[str, int]:
+    """Count the effects of each fault that took effect, by device, target and fault."""
     counts: Counter[str] = Counter()
     for one in faults:
         if one.struck:
@@ -54,16 +54,16 @@ def struck_faults(config: Config, faults: Iterable[Struck]) -> dict[str, int]:
 
 
 def causes_of(recording: Recording) -> Iterator[Cause]:
-    """Causes of a run, more than once where they came so: its stop, what followed, what was asked for, its end."""
-    told = (
+    """Yield the causes of a run, with repetitions: of its events, requested stops, end, and what followed."""
+    reported = (
         *(event.cause for event in recording.events),
         *(cycle.asked.cause for cycle in recording.cycles if cycle.asked),
     )
-    yield from (cause for cause in told if cause is not None)
+    yield from (cause for cause in reported if cause is not None)
     reason = reason_of(recording.end)
     yield from (each.cause for each in (*([] if reason is None else [reason]), *followed_of(recording.end)))
 
 
 def struck_causes(recording: Recording) -> dict[str, int]:
-    """Number of times that each cause is told in a run. Causes that hold an order back are recorded in words alone."""
+    """Count how often each cause is reported in a run. Causes that hold an order back are recorded as text only."""
     return {str(cause): count for cause, count in Counter(causes_of(recording)).items()}

@@ -1,4 +1,4 @@
-"""The results of a campaign as a table: a row a run."""
+"""Results of a campaign as a table, one row per run."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -26,7 +26,7 @@ _COLUMNS = (
 
 
 def run_table(store: Store) -> Table:
-    """Every run that is kept. A figure that a run does not have is empty, and so is an infinite one."""
+    """Return every stored run. A missing figure is empty, and so is an infinite one."""
     cases, code = store.plan().cases, store.fact("code")
     rows = []
     for run in store.runs():
@@ -48,7 +48,7 @@ def run_table(store: Store) -> Table:
 
 
 def _figure(figures: Figures, name: str) -> object:
-    """A figure of a run, one in words as one text; None where it has none."""
+    """Return a figure of a run, a table as one text; None if it has none."""
     value = figures.get(name)
     if isinstance(value, dict):
         return figure_text(value)

@@ -1,4 +1,4 @@
-"""A run of a campaign in words: its case, what was drawn for it, and how it ended."""
+"""Text of a campaign run: its case, what was drawn for it, and how it ended."""
 
 import json
 from collections.abc import Iterator
@@ -9,12 +9,12 @@ from hil_bridge.lab.campaign.store import Done
 
 
 def fault_of(case: Case) -> str:
-    """A fault with its phase, in words."""
+    """Format the fault of a case with its phase."""
     return f"{case.fault} {case.phase}".rstrip()
 
 
 def faults_of_run(case: Case, done: Done) -> str:
-    """The faults of a run in words: that of its case, or those that were drawn."""
+    """Format the faults of a run: that of its case, or those drawn."""
     if "config" not in json.loads(done.table):
         return fault_of(case)
     faults = [
@@ -24,13 +24,13 @@ def faults_of_run(case: Case, done: Done) -> str:
 
 
 def settings_of_run(done: Done) -> str:
-    """The settings that were drawn, in words; empty where none were."""
+    """Format the drawn settings; empty if there are none."""
     settings = json.loads(done.table).get("config", {})
     return ", ".join(f"{key} {json.dumps(value)}" for key, value in settings.items())
 
 
 def describe_run(plan: Plan, done: Done, label: str) -> Iterator[str]:
-    """A run, line by line."""
+    """Yield the description of a run, line by line."""
     case, figures = plan.cases[done.number], done.figures
     forces = ""
     if (bound := figures.get("force_bound_n")) is not None and figures.get("force_true_max_n") is not None:
@@ -44,7 +44,7 @@ def describe_run(plan: Plan, done: Done, label: str) -> Iterator[str]:
 
 
 def hunt_values(plan: Plan, done: Done) -> dict[str, object]:
-    """A run that a hunt found, for programs."""
+    """Return the result of a hunt for JSON output."""
     case = plan.cases[done.number]
     return {
         "key": done.key,

@@ -1,4 +1,4 @@
-"""The comparison of campaigns as text and as a page."""
+"""Comparison of campaigns as text and as a page."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
@@ -12,17 +12,17 @@ from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, room
 from hil_bridge.show.report.markup import across, cells
 
 SERIES_MOST = 8
-"""Cells in a chart. As many colours as are told apart."""
+"""Most cells in a chart: the number of distinguishable colours."""
 CHARTS_MOST = 12
-"""Figures that are drawn, the most significant first. Chosen: a person scrolls no further."""
-FIGURES_SHOWN = 30
-"""Figures that the text names, the most significant first. Chosen: a screen."""
+"""Most charts of figures, the most significant first. Chosen: nobody scrolls further."""
+FIGURES_MOST = 30
+"""Most figures in the text, the most significant first. Chosen: a screen."""
 _PLACE = "place"
 _CLASSES = {Change.WORSE: "bad", Change.BETTER: "good", Change.OTHER: "", Change.NONE: ""}
 
 
 def headline(trend: Trend) -> str:
-    """The outcome in a line."""
+    """Return the outcome as one line."""
     worse, better = trend.significant
     words = (
         f"{worse} significantly worse, {better} better" if worse or better else "no significant difference"
@@ -34,7 +34,7 @@ def headline(trend: Trend) -> str:
 
 
 def trend_lines(trend: Trend) -> Iterator[str]:
-    """The comparison, line by line."""
+    """Yield the comparison as text, line by line."""
     for one in trend.results:
         yield f"{one.name}: {one.campaign}, {one.tally.text}; {one.facts.get('Code', '')}"
     yield from setting_lines(trend.settings)
@@ -46,16 +46,16 @@ def trend_lines(trend: Trend) -> Iterator[str]:
         yield ""
         rows = sorted(trend.figures, key=_significance)
         columns = ("figure", "cell", *(f"median {name}" for name in names), "p", "adjusted", "")
-        yield from aligned(columns, [_figure_row(row) for row in rows[:FIGURES_SHOWN]])
-        if len(rows) > FIGURES_SHOWN:
-            yield f"and {len(rows) - FIGURES_SHOWN} figures more, on the page"
+        yield from aligned(columns, [_figure_row(row) for row in rows[:FIGURES_MOST]])
+        if len(rows) > FIGURES_MOST:
+            yield f"and {len(rows) - FIGURES_MOST} more figures, on the page"
 
 
 def trend_page(trend: Trend) -> str:
-    """The comparison as a page that needs nothing beside itself."""
+    """Render the comparison as a self-contained page."""
     names = [one.name for one in trend.results]
     worse, better = trend.significant
-    look = "bad" if worse else "good" if better else "plain"
+    style = "bad" if worse else "good" if better else "plain"
     words = f"{worse} worse, {better} better" if worse or better else "no significant difference"
     facts = list(dict.fromkeys(name for one in trend.results for name in one.facts))
     sides = [
@@ -64,15 +64,15 @@ def trend_page(trend: Trend) -> str:
         *((name, *(one.facts.get(name, UNKNOWN) for one in trend.results)) for name in facts),
     ]
     body = f"""<header class="headline"><h1>{len(names)} campaigns compared</h1>
-<span class="badge {look}">{words}</span></header>
-<p>Tests compare the first results, {escape(names[0])}, with the last, {escape(names[-1])}. A change counts from a
-probability below {trend.level:g} on, adjusted after Holm for the number of tests.</p>
+<span class="badge {style}">{words}</span></header>
+<p>Tests compare the first results, {escape(names[0])}, with the last, {escape(names[-1])}. A change is significant if
+its probability, adjusted after Holm for the number of tests, is below {trend.level:g}.</p>
 {_setting_table(trend, names)}<h2>Runs that passed, by cell</h2>
 <p class="quiet">Fisher's exact test.</p>
 {_marked(("cell", *names, "p", "adjusted", ""), [(_cell_row(row), row.change) for row in _cells(trend)])}
 <h2>Course over the results</h2>{room("trend", trend_charts(trend))}
 <h2>Figures that differ</h2>
-<p class="quiet">Medians of each cell, the most significant first; test of Mann and Whitney.</p>
+<p class="quiet">Medians of each cell, the most significant first; Mann-Whitney test.</p>
 {_figure_table(trend, names)}
 <h2>The results</h2>{cells(("", *names), sides, "narrow")}"""
     return document(f"compared: {', '.join(names)}", body)
@@ -86,7 +86,7 @@ def _setting_table(trend: Trend, names: Sequence[str]) -> str:
 
 
 def _cells(trend: Trend) -> Sequence[CellChange]:
-    """All cells together, and each, where there are several."""
+    """Return the total over all cells, if there are several, and each cell."""
     return (trend.overall, *trend.cells) if len(trend.cells) > 1 else trend.cells
 
 
@@ -98,8 +98,8 @@ def _cell_row(row: CellChange) -> tuple[str, ...]:
 def _figure_row(row: FigureChange) -> tuple[str, ...]:
     definition = FIGURES[row.figure]
     medians = (definition.text(value) for value in row.medians)
-    told = _probability(row.probability), _probability(row.adjusted), row.change.value
-    return definition.words, row.cell, *medians, *told
+    test = _probability(row.probability), _probability(row.adjusted), row.change.value
+    return definition.words, row.cell, *medians, *test
 
 
 def _probability(value: float | None) -> str:
@@ -123,7 +123,7 @@ def _figure_table(trend: Trend, names: Sequence[str]) -> str:
 
 
 def _marked(columns: Sequence[str], rows: Sequence[tuple[Sequence[str], Change]]) -> str:
-    """A table whose last column has the colour of its change."""
+    """Render a table whose last column is coloured by its change."""
     head = "".join(f"<th>{escape(name)}</th>" for name in columns)
     body = "".join(
         f"<tr>{''.join(f'<td>{escape(text)}</td>' for text in texts[:-1])}"
@@ -134,8 +134,8 @@ def _marked(columns: Sequence[str], rows: Sequence[tuple[Sequence[str], Change]]
 
 
 def trend_charts(trend: Trend) -> Charts:
-    """The share of runs that passed and the medians of figures, over the results in their order. A cell has one colour
-    in all charts; where there are more cells than colours, those that changed most significantly are drawn.
+    """Return charts of the share of runs that passed and of the medians of figures, over the results in their order. A
+    cell has one colour in all charts; if there are more cells than colours, the most significant changes are drawn.
     """
     ranked = sorted(trend.cells, key=lambda row: 2.0 if row.probability is None else row.probability)
     drawn = {row.cell for row in ranked[:SERIES_MOST]}

@@ -1,6 +1,6 @@
-"""Several campaigns side by side, by cell of the matrix: runs that passed, medians of figures, significant changes.
+"""Comparison of several campaigns by cell of the matrix: runs that passed, medians of figures, significant changes.
 
-Runs count as drawn independently. Where campaigns share their seeds this is cautious: it finds less, not more.
+Runs count as independent samples. For campaigns that share seeds this is conservative: it detects less, not more.
 """
 
 import math
@@ -21,53 +21,53 @@ from hil_bridge.lab.significance import LEVEL, fisher_exact, holm, rank_sum
 from hil_bridge.record.analysis.figures import FIGURES, Good
 
 RESULTS_MOST = 50
-"""Results that are compared at once. Chosen: a year of weekly ones."""
+"""Most results compared at once. Chosen: a year of weekly ones."""
 
 
 class Change(StrEnum):
-    """A significant change from the first results to the last."""
+    """Significant change from the first results to the last."""
 
     WORSE = "worse"
     BETTER = "better"
     OTHER = "changed"
-    """Of a figure that has no good direction."""
+    """Change of a figure without a preferred direction."""
     NONE = ""
 
 
 class Results(Struct, frozen=True):
-    """One of the campaigns."""
+    """One of the compared campaigns."""
 
     name: str
-    """Name among those compared: its file."""
+    """Its label in the comparison: the file name."""
     campaign: str
     tally: Tally
     facts: Mapping[str, str]
 
 
 class CellChange(Struct, frozen=True):
-    """The runs of a cell in each of the results. The test is of the first against the last."""
+    """Runs of a cell in each of the results. The test compares the first with the last."""
 
     cell: str
     tallies: tuple[Tally, ...]
     probability: float | None
-    """Of a difference as large by chance, by Fisher's exact test; None where the first or last has no run."""
+    """Probability of such a difference by chance (Fisher's exact test); None if the first or last has no run."""
     adjusted: float | None
-    """The same, adjusted after Holm for all cells."""
+    """The probability, adjusted after Holm for all cells."""
     change: Change
 
 
 class FigureChange(Struct, frozen=True):
-    """A figure of a cell in each of the results. The test is of the first against the last."""
+    """Figure of a cell in each of the results. The test compares the first with the last."""
 
     figure: str
     cell: str
     runs: tuple[int, ...]
     medians: tuple[float | None, ...]
-    """None where no run has the figure, and where the median is infinite."""
+    """None if no run has the figure, or the median is infinite."""
     probability: float | None
-    """Of a difference as large by chance, by the test of Mann and Whitney."""
+    """Probability of such a difference by chance (Mann-Whitney test)."""
     adjusted: float | None
-    """The same, adjusted after Holm for all figures and cells."""
+    """The probability, adjusted after Holm for all figures and cells."""
     change: Change
 
 
@@ -75,7 +75,7 @@ _Row = TypeVar("_Row", CellChange, FigureChange)
 
 
 class Trend(Struct, frozen=True):
-    """All results, oldest first."""
+    """Comparison of all results, oldest first."""
 
     level: float
     results: tuple[Results, ...]
@@ -85,7 +85,7 @@ class Trend(Struct, frozen=True):
     """All cells together."""
     cells: tuple[CellChange, ...]
     figures: tuple[FigureChange, ...]
-    """Figures that are not the same in all results."""
+    """Figures that differ between the results."""
 
     @property
     def worse(self) -> bool:
@@ -94,13 +94,13 @@ class Trend(Struct, frozen=True):
 
     @property
     def significant(self) -> tuple[int, int]:
-        """How many cells and figures are worse, and how many better."""
+        """Number of cells and figures that are worse, and that are better."""
         changes = [*(one.change for one in self.cells), *(one.change for one in self.figures)]
         return changes.count(Change.WORSE), changes.count(Change.BETTER)
 
 
 def trend_of(stores: Mapping[str, Store]) -> Trend:
-    """The comparison of results by their names, oldest first. Raises ConfigError for too few, too many, empty ones."""
+    """Compare results by name, oldest first. Raises ConfigError for too few, too many or empty ones."""
     if not 2 <= len(stores) <= RESULTS_MOST:
         raise ConfigError(f"compare takes the results of 2 to {RESULTS_MOST} campaigns, not of {len(stores)}")
     results, by_cell = [], []
@@ -113,7 +113,7 @@ def trend_of(stores: Mapping[str, Store]) -> Trend:
     first, *_, last = stores.values()
     cells = list(dict.fromkeys(chain.from_iterable(by_cell)))
     overall = _adjusted([_cell("all cells", [one.tally for one in results])], _cell_change)
-    rows = [_cell(cell, [tally_of(found.get(cell, ())) for found in by_cell]) for cell in cells]
+    rows = [_cell(cell, [tally_of(runs_of.get(cell, ())) for runs_of in by_cell]) for cell in cells]
     return Trend(
         LEVEL,
         tuple(results),
@@ -142,7 +142,7 @@ def _cell_change(row: CellChange) -> Change:
 def _figures(cells: Sequence[str], by_cell: Sequence[Mapping[str, list[Done]]]) -> Iterator[FigureChange]:
     for key in NUMBERS:
         for cell in cells:
-            samples = [values_of(key, found.get(cell, ())) for found in by_cell]
+            samples = [values_of(key, runs_of.get(cell, ())) for runs_of in by_cell]
             if any(sample != samples[0] for sample in samples):
                 medians = tuple(_median(sample) for sample in samples)
                 both = samples[0] and samples[-1]
@@ -154,8 +154,8 @@ def _figures(cells: Sequence[str], by_cell: Sequence[Mapping[str, list[Done]]]) 
 def _median(values: Sequence[float]) -> float | None:
     if not values:
         return None
-    found = statistics.median(values)
-    return found if math.isfinite(found) else None
+    median = statistics.median(values)
+    return median if math.isfinite(median) else None
 
 
 def _figure_change(row: FigureChange) -> Change:
@@ -170,13 +170,13 @@ def _figure_change(row: FigureChange) -> Change:
 
 
 def _adjusted(rows: Sequence[_Row], change_of: Callable[[_Row], Change]) -> list[_Row]:
-    """The rows with their probabilities adjusted, and the changes that are significant."""
+    """Return the rows with adjusted probabilities and significant changes."""
     tested = [row for row in rows if row.probability is not None]
     adjusted = dict(zip(map(id, tested), holm([row.probability or 0.0 for row in tested]), strict=True))
-    found = []
+    result = []
     for row in rows:
         probability = adjusted.get(id(row))
         significant = probability is not None and probability < LEVEL
         change = change_of(row) if significant else Change.NONE
-        found.append(replace(row, adjusted=probability, change=change))
-    return found
+        result.append(replace(row, adjusted=probability, change=change))
+    return result

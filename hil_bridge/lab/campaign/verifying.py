@@ -1,6 +1,6 @@
-"""Verifying a bundle: its files against the manifest, and a sample of its runs, done again bit by bit.
+"""Verification of a bundle: its files against the manifest, and a sample of its runs, repeated bit by bit.
 
-Nothing in a bundle is trusted: it may be cut off, altered, a bomb, or lead out of its folder.
+Nothing in a bundle is trusted: it may be truncated, altered, a zip bomb, or contain paths outside its folder.
 """
 
 import os
@@ -37,7 +37,7 @@ from hil_bridge.lab.campaign.bundle import (
 from hil_bridge.lab.campaign.inputs import INPUTS, hash_file, with_inputs
 from hil_bridge.lab.campaign.judging import REFUSED, configure_run
 from hil_bridge.lab.campaign.plan import Plan
-from hil_bridge.lab.campaign.repeating import Repeat, RepeatedRun, repeat_of, repeat_runs
+from hil_bridge.lab.campaign.repeating import RepeatedRun, RepeatJob, repeat_of, repeat_runs
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.settings.configuration import explain
 
@@ -45,18 +45,18 @@ _NAME = re.compile(
     rf"{re.escape(MANIFEST)}|{re.escape(RESULTS)}|{RECORDINGS}/[0-9a-f]{{16}}\.mcap|{INPUTS}/[0-9a-f]{{64}}"
 )
 _FOLDERS = (f"{RECORDINGS}/", f"{INPUTS}/")
-"""Other programs give a folder an entry of its own, which holds nothing."""
+"""Empty folder entries, which other zip programs add."""
 _END = struct.Struct("<4s4H2LH")
-"""End of a zip file. Source: APPNOTE.TXT of PKWARE, 4.3.16."""
+"""End of central directory record. Source: APPNOTE.TXT of PKWARE, 4.3.16."""
 _LOCATOR_BYTES = 20
-"""Before it, in the form for very many or very long files. Source: the same, 4.3.15."""
+"""Size of the Zip64 end of central directory locator before it. Source: APPNOTE.TXT of PKWARE, 4.3.15."""
 _ENTRY_LIMIT_BYTES = 512
-"""Largest size of a file's entry in the directory. Chosen: five times what a name of ours needs."""
+"""Largest size of a file's directory entry. Chosen: five times what our names need."""
 _DAMAGES = (zipfile.BadZipFile, zlib.error, EOFError, ValueError, RuntimeError, struct.error)
 
 
 class OtherVersion(Struct, frozen=True):
-    """A package of which the bundle names another version than this computer has."""
+    """Package whose version on this computer differs from the bundle's."""
 
     package: str
     packed: str
@@ -64,56 +64,56 @@ class OtherVersion(Struct, frozen=True):
 
 
 class Verified(Struct, frozen=True):
-    """The result of the check."""
+    """Result of the verification."""
 
     bundle: str
     """File name."""
     sha256: str
-    """Of the bundle."""
+    """SHA-256 of the bundle."""
     campaign: str
     packed: str
-    """When, UTC."""
+    """Time of packing, UTC."""
     files: int
-    """Files that the manifest names."""
+    """Number of files in the manifest."""
     altered: tuple[str, ...]
-    """Files that are damaged, or are not those of the manifest."""
+    """Files that are damaged or differ from the manifest."""
     missing: tuple[str, ...]
     """Files of the manifest that the bundle lacks."""
     unknown: tuple[str, ...]
-    """Files that the manifest does not name."""
+    """Files that are not in the manifest."""
     other_versions: tuple[OtherVersion, ...]
     inputs: Mapping[str, str]
-    """Files of the bundle that settings name, by the path in the settings."""
+    """Files of the bundle named by settings, by the path in the settings."""
     repeated: tuple[int, ...] = ()
-    """Seeds whose runs were repeated; none where a file is not that of the manifest."""
+    """Seeds whose runs were repeated; none if a file differs from the manifest."""
     runs: int = 0
-    """Repeated runs."""
+    """Number of repeated runs."""
     recordings: int = 0
-    """Repeated runs that were compared with their recordings, cycle by cycle."""
+    """Number of repeated runs compared with their recordings, cycle by cycle."""
     differing: tuple[RepeatedRun, ...] = ()
-    """Repeated runs that are not the same to the last bit."""
+    """Repeated runs that are not identical to the last bit."""
     not_repeated: tuple[str, ...] = ()
-    """Reasons why runs cannot be repeated here, each with their number and a remedy."""
+    """Reasons why runs cannot be repeated here, each with the number of runs and a remedy."""
 
     @property
-    def whole(self) -> bool:
-        """Whether the files are those of the manifest."""
+    def intact(self) -> bool:
+        """Whether the files match the manifest."""
         return not (self.altered or self.missing or self.unknown)
 
     @property
     def good(self) -> bool:
-        """Whether nothing was altered, and nothing differs."""
-        return self.whole and not self.not_repeated and not self.differing
+        """Whether the files match the manifest and all repeated runs are identical."""
+        return self.intact and not self.not_repeated and not self.differing
 
     @property
     def lines(self) -> Iterator[str]:
-        """Lines for people: what was checked, and the result."""
+        """Text for the terminal: what was checked, and the result."""
         yield f"{self.bundle}: campaign {self.campaign}, packed {self.packed} UTC"
         yield f"  SHA-256 {self.sha256}"
         for names, word in ((self.altered, "altered"), (self.missing, "missing"), (self.unknown, "unknown")):
             yield from (f"{word}: {name}{self._settings_name(name)}" for name in names)
-        if self.whole:
-            yield f"{self.files} files are those of the manifest"
+        if self.intact:
+            yield f"{self.files} files match the manifest"
         for other in self.other_versions:
             yield f"another version of {other.package}: packed with {other.packed}, here {other.here}"
         yield from self.not_repeated
@@ -125,26 +125,26 @@ class Verified(Struct, frozen=True):
         for run in self.differing:
             yield from run.lines
         if not self.differing:
-            yield "  the same to the last bit"
+            yield "  identical to the last bit"
         elif self.other_versions:
-            yield "  another version may decide otherwise; verify with the versions of the bundle"
+            yield "  other versions may compute different results; verify with the versions of the bundle"
 
     def _settings_name(self, name: str) -> str:
-        """Path by which the settings name a file of the bundle, in words; empty for every other file."""
+        """Return a note with the path of a file in the settings; empty for files not named by settings."""
         paths = [format_path(Path(path)) for path, packed in self.inputs.items() if packed == name]
         return f", which the settings name {' and '.join(paths)}" if paths else ""
 
 
-def verify(path: Path, count: int | None, advance: Advance = lambda *told: None) -> Verified:
-    """Check a bundle. `count` seeds are repeated, by default those that were drawn when it was packed.
+def verify(path: Path, count: int | None, advance: Advance = lambda *counts: None) -> Verified:
+    """Verify a bundle. `count` seeds are repeated, by default those sampled when it was packed.
 
-    Raises ConfigError for a file that is no bundle, or whose manifest cannot be read.
+    Raises ConfigError for a file that is not a bundle, or whose manifest cannot be read.
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         hashes = unpack(path, folder)
         if not hashes.pop(MANIFEST):
-            raise ConfigError(f"{format_path(path)}: its {MANIFEST} is damaged; get the bundle anew")
+            raise ConfigError(f"{format_path(path)}: {MANIFEST} is damaged; get the bundle again")
         manifest = _manifest(path, folder / MANIFEST)
         files, here = manifest.files, versions(manifest.versions.keys() - versions().keys())
         checked = Verified(
@@ -163,12 +163,12 @@ def verify(path: Path, count: int | None, advance: Advance = lambda *told: None)
             ),
             {path: f"{INPUTS}/{sha256}" for path, sha256 in manifest.inputs.items()},
         )
-        if not checked.whole or count == 0:
+        if not checked.intact or count == 0:
             return checked
         try:
             repeats, problems = _repeats(folder, manifest, count)
         except ConfigError as error:
-            return msgspec.structs.replace(checked, not_repeated=(f"the results cannot be read: {error}",))
+            return msgspec.structs.replace(checked, not_repeated=(f"cannot read the results: {error}",))
         return msgspec.structs.replace(
             checked,
             repeated=tuple(sorted({repeat.done.seed for repeat in repeats})),
@@ -180,7 +180,7 @@ def verify(path: Path, count: int | None, advance: Advance = lambda *told: None)
 
 
 def _fits(name: str, hashes: Mapping[str, str], files: Mapping[str, str]) -> bool:
-    """Whether a file is that of the manifest, and one that settings name that of its own name."""
+    """Return whether a file matches the manifest and, for a file named by settings, the hash in its own name."""
     sha256 = hashes[name]
     return sha256 == files[name] and (not name.startswith(f"{INPUTS}/") or name == f"{INPUTS}/{sha256}")
 
@@ -189,23 +189,23 @@ def _manifest(path: Path, place: Path) -> Manifest:
     try:
         manifest = msgspec.json.decode(read_text(place), type=Manifest)
     except (msgspec.MsgspecError, ConfigError, RecursionError) as error:
-        raise ConfigError(f"{format_path(path)}: its {MANIFEST} is none that can be read: {error}") from error
+        raise ConfigError(f"{format_path(path)}: cannot read {MANIFEST}: {error}") from error
     if manifest.format != FORMAT:
         raise ConfigError(
-            f"{format_path(path)} is a bundle in the form {manifest.format[:80]!r}, and this version reads {FORMAT!r}"
+            f"{format_path(path)} has the bundle format {manifest.format[:80]!r}, and this version reads {FORMAT!r}"
         )
     return manifest
 
 
-def _repeats(folder: Path, manifest: Manifest, count: int | None) -> tuple[list[Repeat], tuple[str, ...]]:
-    """The runs that can be repeated here, and reasons for those that cannot. Raises ConfigError."""
+def _repeats(folder: Path, manifest: Manifest, count: int | None) -> tuple[list[RepeatJob], tuple[str, ...]]:
+    """Return the runs that can be repeated here, and the reasons for those that cannot. Raises ConfigError."""
     with Store.open(folder / RESULTS) as store:
         plan, runs = store.plan(), list(store.runs())
     drawn = manifest.drawn if count is None else draw_seeds(plan, runs, count)
     inputs = {
         path: sha256 for path, sha256 in manifest.inputs.items() if f"{INPUTS}/{sha256}" in manifest.files
     }
-    repeats: list[Repeat] = []
+    repeats: list[RepeatJob] = []
     left: dict[str, list[int]] = {}
     for done in runs:
         if done.seed not in drawn:
@@ -221,10 +221,10 @@ def _repeats(folder: Path, manifest: Manifest, count: int | None) -> tuple[list[
     )
 
 
-def _repeat(plan: Plan, done: Done, folder: Path, inputs: Mapping[str, str]) -> Repeat | str:
-    """The run with files of the bundle where its settings name some, or the reason why it cannot be repeated here.
+def _repeat(plan: Plan, done: Done, folder: Path, inputs: Mapping[str, str]) -> RepeatJob | str:
+    """Return the run with the data files of the bundle, or the reason why it cannot be repeated here.
 
-    Code of a bundle is never run: a controller of another package has to be installed by a person.
+    Code from a bundle is never executed: the user has to install a plug-in controller.
     """
     recording = folder / RECORDINGS / f"{done.key}.mcap"
     try:
@@ -237,7 +237,7 @@ def _repeat(plan: Plan, done: Done, folder: Path, inputs: Mapping[str, str]) -> 
     except ConfigError as error:
         return error.without_source
     except (ValueError, TypeError, KeyError, RecursionError) as error:
-        return f"their settings cannot be read: {error}"
+        return f"cannot read their settings: {error}"
     return replace(repeat, job=job, recording=recording if recording.is_file() else None)
 
 
@@ -247,9 +247,9 @@ def _seed_words(seeds: Sequence[int]) -> str:
 
 
 def unpack(path: Path, folder: Path) -> dict[str, str]:
-    """Write the files of a bundle into an empty folder; SHA-256 by name, empty for a file that is damaged.
+    """Write the files of a bundle to an empty folder; return their SHA-256 by name, empty for a damaged file.
 
-    Raises ConfigError for a file that is no bundle, is too large, or holds what no bundle has.
+    Raises ConfigError for a file that is not a bundle, is too large, or has unexpected contents.
     """
     with open_ordinary(path) as file:
         try:
@@ -263,25 +263,23 @@ def unpack(path: Path, folder: Path) -> dict[str, str]:
             raise ConfigError(f"cannot unpack {format_path(path)}: {error.strerror or error}") from error
         except _DAMAGES as error:
             raise ConfigError(
-                f"{format_path(path)} is no zip file, or its end is damaged: {error}"
+                f"{format_path(path)} is not a zip file, or its end is damaged: {error}"
             ) from error
 
 
 def _check_end(file: BinaryIO, path: Path) -> None:
-    """Check size and number of files before zipfile reads the directory, all of it, into memory."""
+    """Check size and number of files before zipfile reads the complete directory into memory."""
     size = file.seek(0, os.SEEK_END)
     if size > UNPACKED_LIMIT_BYTES:
-        raise ConfigError(
-            f"{format_path(path)} has {size} bytes, of which at most {UNPACKED_LIMIT_BYTES} are read"
-        )
+        raise ConfigError(f"{format_path(path)} has {size} bytes; at most {UNPACKED_LIMIT_BYTES} are allowed")
     file.seek(max(size - _END.size - _LOCATOR_BYTES, 0))
     tail = file.read()
     mark, _, _, _, count, directory, _, _ = _END.unpack(tail[-_END.size :])
     if mark != b"PK\5\6":
-        raise zipfile.BadZipFile("its last bytes are not those of a zip file")
+        raise zipfile.BadZipFile("no end of central directory record")
     is_zip64 = tail[: -_END.size].startswith(b"PK\6\7")
     if is_zip64 or count > FILES_MOST or directory > count * _ENTRY_LIMIT_BYTES:
-        raise ConfigError(f"{format_path(path)} has more files than the {FILES_MOST} of a bundle")
+        raise ConfigError(f"{format_path(path)} has more than {FILES_MOST} files")
 
 
 def _problems(entries: Sequence[zipfile.ZipInfo]) -> Iterator[str]:
@@ -289,17 +287,17 @@ def _problems(entries: Sequence[zipfile.ZipInfo]) -> Iterator[str]:
     for entry in entries:
         usual = entry.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
         if not usual or not _NAME.fullmatch(entry.orig_filename):
-            yield f"holds {entry.orig_filename[:80]!r}{'' if usual else ', packed in another way'}"
+            yield f"contains {entry.orig_filename[:80]!r}{'' if usual else ', compressed by another method'}"
     if len(names) > len(set(names)):
-        yield "holds a file twice"
+        yield "contains a file twice"
     if len(names) > FILES_MOST or sum(entry.file_size for entry in entries) > UNPACKED_LIMIT_BYTES:
-        yield f"holds more than {FILES_MOST} files or {UNPACKED_LIMIT_BYTES} bytes"
+        yield f"contains more than {FILES_MOST} files or {UNPACKED_LIMIT_BYTES} bytes"
     if MANIFEST not in names:
-        yield f"holds no {MANIFEST}"
+        yield f"contains no {MANIFEST}"
 
 
 def _unpack_one(packed: zipfile.ZipFile, entry: zipfile.ZipInfo, folder: Path) -> str:
-    """Write a file as far as its directory entry says, no farther; its SHA-256, empty where it is damaged."""
+    """Write a file up to the size in its directory entry; return its SHA-256, empty if it is damaged."""
     place = folder / entry.filename
     place.parent.mkdir(exist_ok=True)
     with place.open("xb") as target:

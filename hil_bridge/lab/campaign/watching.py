@@ -1,4 +1,4 @@
-"""The true force of a run, looked at while it goes, and how soon it came back after a fault."""
+"""Sampling of a run's true force, and the recovery time after a fault."""
 
 import math
 from collections.abc import Sequence
@@ -13,20 +13,20 @@ from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import phases
 
 WATCH_S = 0.01
-"""Chosen: the true force is looked at so often."""
+"""Chosen: sampling period of the true force, s."""
 WATCH_AT_ONCE = 20
-"""Chosen: moments looked at together; many at once cost little more than one."""
+"""Chosen: number of samples computed together; many cost little more than one."""
 RECOVERED_SHARE = 0.2
-"""Chosen: a true force is back where it is within this part of the wanted force. A rise overshoots by less."""
+"""Chosen: tolerance of a recovered true force, as a share of the target force. A rise overshoots by less."""
 
 _Floats = npt.NDArray[np.float64]
 
 
 class Watch:
-    """Looks at the true force of the emulated cell."""
+    """Samples of the true force of an emulated cell."""
 
     def __init__(self, running: Simulation, every_s: float = WATCH_S) -> None:
-        """`every_s` is the time between two looks, s."""
+        """`every_s` is the sampling period, s."""
         assert running.cell is not None  # the plan has neither a real robot nor a real sensor
         self._cell = running.cell
         self._clock = running.clock
@@ -37,16 +37,16 @@ class Watch:
         self._positions: list[_Floats] = []
 
     async def watch(self) -> None:
-        """Look until cancelled."""
+        """Sample until cancelled."""
         wait_s = self._every_s * (1 if self._cell.has_memory else WATCH_AT_ONCE)
         while True:
             await self._clock.sleep_until(self._clock.now() + wait_s)
-            self.look()
+            self.sample()
 
-    def look(self) -> None:
-        """Look at the moments since the last look, WATCH_AT_ONCE of them at most, and at now."""
+    def sample(self) -> None:
+        """Sample the time since the last call, with at most WATCH_AT_ONCE samples, up to now."""
         end = self._clock.now()
-        if self._cell.has_memory:  # it knows nothing of the past
+        if self._cell.has_memory:  # it cannot compute the past
             times = np.array([self._cell.truth_available_from(end)])
         else:
             moments = min(max(round((end - self._until) / self._every_s), 1), WATCH_AT_ONCE)
@@ -57,18 +57,18 @@ class Watch:
         self._positions.append(self._cell.robot.path.trajectory(times)[0])
 
     def truth(self) -> tuple[_Floats, _Floats]:
-        """Moments, s, and lengths of the true contact force, N, both (n,)."""
+        """Return times, s, and magnitudes of the true contact force, N, both (n,)."""
         return np.concatenate(self._times), np.linalg.norm(np.concatenate(self._forces), axis=1)
 
     def trace(self) -> Trace:
-        """The same with positions and directions, as the checkers take it."""
+        """Return the samples with positions and force vectors, for the invariant checkers."""
         return Trace(*self.truth(), np.concatenate(self._positions), np.concatenate(self._forces))
 
     def fault_ends(self) -> list[float]:
-        """When each fault was over, s; infinity for one that lasted to the end of the run."""
+        """Return the end of each fault, s; infinity for one that lasted to the end of the run."""
         ends: list[float] = []
         for fault in self._cell.faults:
-            if fault.target == "computer":  # its end is told as it begins, for the process then stands still
+            if fault.target == "computer":  # reported in advance, since the process is frozen
                 ends.append(fault.injected_at + fault.number("seconds"))
             else:
                 end = fault.ends_at if fault.ended_at is None else fault.ended_at
@@ -77,8 +77,8 @@ class Watch:
 
 
 def recovery_s(recording: Recording, ends: Sequence[float], times: _Floats, forces: _Floats) -> float | None:
-    """Time from the last end of a fault until the true force is within RECOVERED_SHARE of the wanted force, and
-    stays there until the tracking ends, s. Infinity where it does not; None where no fault ended while tracking.
+    """Return the time from the last end of a fault until the true force settles within RECOVERED_SHARE of the target
+    force for the rest of the tracking, s. Infinity if it does not settle; None if no fault ended while tracking.
     """
     end = max(ends, default=math.inf)
     last = next(
@@ -92,8 +92,8 @@ def recovery_s(recording: Recording, ends: Sequence[float], times: _Floats, forc
         return None
     moments = times[chosen]
     newest = np.searchsorted([cycle.started_at for cycle in cycles], moments, side="right") - 1
-    wanted = np.array([cycle.force_reference for cycle in cycles])[np.maximum(newest, 0)]
-    (outside,) = np.nonzero(np.abs(forces[chosen] - wanted) > RECOVERED_SHARE * np.abs(wanted))
+    target = np.array([cycle.force_reference for cycle in cycles])[np.maximum(newest, 0)]
+    (outside,) = np.nonzero(np.abs(forces[chosen] - target) > RECOVERED_SHARE * np.abs(target))
     if len(outside) == 0:
         return 0.0
     after = int(outside[-1]) + 1

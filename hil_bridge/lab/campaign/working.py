@@ -1,4 +1,4 @@
-"""Runs what a campaign still lacks, on all cores or on other machines, and keeps each chunk as soon as it is done."""
+"""Execution of a campaign's outstanding runs on all cores or other machines. Each chunk is stored once it completes."""
 
 import time
 from collections.abc import Callable
@@ -15,19 +15,19 @@ from hil_bridge.lab.campaign.store import Done, Store, now
 from hil_bridge.lab.processes import Workers, as_completed, own_processes
 
 Advance = Callable[[int, int], object]
-"""Told how many runs have ended since, and how many of them failed."""
+"""Receives the number of runs that ended since the last call, and how many of them failed."""
 
 
 def missing(plan: Plan, store: Store) -> list[Job]:
-    """Runs of the plan that are not kept yet."""
-    code, there = code_version(), store.keys()
+    """Return the runs of the plan that are not stored yet."""
+    code, stored = code_version(), store.keys()
     numbers = {case: number for number, case in enumerate(plan.cases)}
     jobs = (
         Job(case.key(code, seed, table), numbers[case], case.config, table, seed)
         for case, seed in plan.runs()
         for table in (plan.table_of(case, seed),)
     )
-    return [job for job in jobs if job.key not in there]
+    return [job for job in jobs if job.key not in stored]
 
 
 def work(
@@ -35,13 +35,13 @@ def work(
     store: Store,
     jobs: list[Job],
     workers: int | AbstractContextManager[Workers],
-    advance: Advance = lambda *told: None,
+    advance: Advance = lambda *counts: None,
 ) -> None:
-    """Do these runs in so many processes of this machine, or by workers elsewhere. Ctrl-C and SIGTERM end it at once;
-    the runs that are kept stay.
+    """Execute runs in `workers` processes of this machine, or on remote workers. Ctrl-C and SIGTERM end it at once;
+    stored runs remain.
 
-    Workers elsewhere leave no recordings: a run that fails there is done once more here. Raises BridgeError when a
-    process was ended from outside, and for a worker with another version of the code.
+    Remote workers save no recordings: a run that fails there is repeated here. Raises BridgeError if a process was
+    killed from outside, and for a worker with another version of the code.
     """
     began, clock, count, most = now(), time.monotonic(), 0, 1
     here = isinstance(workers, int)
@@ -62,17 +62,17 @@ def work(
                 advance(len(done), sum(not run.passed for run in done))
     finally:
         if count:
-            store.sat(began, time.monotonic() - clock, count, most)
+            store.add_sitting(began, time.monotonic() - clock, count, most)
 
 
 def _carry_out(job: Job, criteria: tuple[Criterion, ...], folder: Path | None, code: str) -> Done:
     if code_version() != code:
         raise BridgeError(
-            f"a worker has version {code_version()} of hil-bridge, this computer {code}; install the same one there"
+            f"a worker has hil-bridge {code_version()}, this computer {code}; install the same version there"
         )
     return carry_out(job, criteria, folder)
 
 
 def _with_recording(job: Job, done: Done, criteria: tuple[Criterion, ...], folder: Path) -> Done:
-    """A run that failed elsewhere, with the recording that it leaves here."""
+    """Repeat a failed remote run here for its recording."""
     return done if done.passed else replace(done, recording=carry_out(job, criteria, folder).recording)

@@ -1,1 +1,1 @@
-"""Commands of `hil-bridge` about many runs, found by entry point."""
+"""Commands of `hil-bridge` for batches of runs, loaded by entry point."""

@@ -28,39 +28,37 @@ if TYPE_CHECKING:
     from hil_bridge.lab.campaign.store import Store
 
 FAILED = 4
-"""Exit code when a run did not meet a criterion."""
-FAILING_SHOWN = 5
-"""Runs that did not pass and that the end of a campaign names. Chosen: a screen holds them."""
+"""Exit code if a run did not meet a criterion."""
+FAILING_MOST = 5
+"""Most failed runs listed at the end of a campaign. Chosen: they fit on a screen."""
 
 
 class _Campaign(click.Group):
-    """`campaign FILE` is `campaign run FILE`."""
+    """Command group that treats `campaign FILE` as `campaign run FILE`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ("-h", "--help"):
             if not args[0].startswith("-") and not Path(args[0]).suffix and not Path(args[0]).exists():
-                told = ", ".join(self.commands)
-                raise click.UsageError(
-                    f"no file and no command is called {args[0]!r}; commands are {told}", ctx
-                )
+                known = ", ".join(self.commands)
+                raise click.UsageError(f"no such file or command {args[0]!r}; commands: {known}", ctx)
             args = ["run", *args]
         return super().parse_args(ctx, args)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The options of `campaign FILE`, by group, and then the commands."""
+        """Write the options of `campaign FILE`, by group, and then the commands."""
         run.format_options(ctx, formatter)
         self.format_commands(ctx, formatter)
 
 
 class _Outputs(NamedTuple):
-    """Files for build servers that a command writes."""
+    """Output files of a command for build servers."""
 
     junit: Path | None
     markdown: Path | None
     overwrite: bool
 
     def check(self) -> None:
-        """Raises ConfigError for a file that cannot be written, or is there already."""
+        """Raise ConfigError for a file that cannot be written, or exists already."""
         from hil_bridge.record.files import check_place
 
         for place in (self.junit, self.markdown):
@@ -68,7 +66,7 @@ class _Outputs(NamedTuple):
                 check_place(place, self.overwrite)
 
     def write(self, store: "Store", digest: "Digest") -> None:
-        """Write those that are asked for."""
+        """Write the requested files."""
         from hil_bridge.lab.campaign.report_text import junit_report, markdown_report
         from hil_bridge.record.files import write_whole
 
@@ -94,11 +92,13 @@ def _seeds(text: str | None) -> tuple[int, ...]:
 
 
 def _plan_of(file: Path, seeds: tuple[int, ...], settings: Mapping[str, Any]) -> "Plan":
-    """The plan of a file. Tells every problem of it, the last one by a ConfigError."""
+    """Read the plan of a file. Prints all of its problems but the last one, which it raises as ConfigError."""
     from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
 
     if file.suffix == ".sqlite":
-        raise ConfigError(f"{file} holds results, no plan; `hil-bridge campaign report {file}` shows them")
+        raise ConfigError(
+            f"{file} contains results, not a plan; run `hil-bridge campaign report {file}` to see them"
+        )
     try:
         return read_plan(file, seeds, settings)
     except PlanErrors as error:
@@ -116,23 +116,23 @@ def _plan_of(file: Path, seeds: tuple[int, ...], settings: Mapping[str, Any]) ->
 def campaign() -> None:
     """Run a matrix of configurations, faults and seeds in virtual time, and judge each run by criteria.
 
-    `hil-bridge campaign FILE.toml` runs what its results file lacks; the same command goes on after Ctrl-C.
+    `hil-bridge campaign FILE.toml` runs what its results file lacks; the same command resumes after Ctrl-C.
     """
 
 
-@campaign.command(cls=GroupedCommand, short_help="Run what is missing in the results.")
+@campaign.command(cls=GroupedCommand, short_help="Run what is missing from the results.")
 @click.argument("file", type=FILE)
 @option_group(
     "Runs",
     click.option(
         "--seeds",
         metavar="FROM:TO",
-        callback=lambda *told: _seeds(told[2]),
-        help="Seeds in place of those of FILE.",
+        callback=lambda *args: _seeds(args[2]),
+        help="Seeds, instead of those of FILE.",
     ),
     set_option,
     click.option(
-        "--check", "only_check", is_flag=True, help="Check the file and tell the number of runs, no more."
+        "--check", "only_check", is_flag=True, help="Check the file and print the number of runs only."
     ),
 )
 @option_group(
@@ -141,17 +141,17 @@ def campaign() -> None:
         "--workers",
         type=click.IntRange(min=1),
         metavar="N",
-        help="Processes.  [default: one for each core]",
+        help="Number of processes.  [default: one per core]",
     ),
     click.option(
         "--scheduler",
         metavar="URL",
-        help="Workers of a Dask scheduler, tcp://host:8786, in place of own processes.",
+        help="Use the workers of a Dask scheduler, tcp://host:8786, instead of local processes.",
     ),
 )
 @option_group(
     "Results",
-    output_option("FILE.sqlite", "Results.  [default: FILE.sqlite in this folder]"),
+    output_option("FILE.sqlite", "Results file.  [default: FILE.sqlite in the current folder]"),
     _junit_option,
     _markdown_option,
     json_option,
@@ -170,7 +170,7 @@ def run(
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """Run what is missing of a campaign. Exit code 4 when a run does not meet a criterion."""
+    """Run what is missing from a campaign. Exit code 4 if a run does not meet a criterion."""
     import os
 
     from hil_bridge.console.progress import run_progress
@@ -186,8 +186,8 @@ def run(
     plan = _plan_of(file, seeds, given)
     say = partial(click.echo, err=as_json)
     impossible = len(plan.cases) - len(plan.possible)
-    without = f"; {impossible} more cannot be, see the report" if impossible else ""
-    share = f", {plan.cases_per_seed} of them for each seed" if plan.cases_per_seed else ""
+    without = f"; {impossible} impossible, see the report" if impossible else ""
+    share = f", {plan.cases_per_seed} for each seed" if plan.cases_per_seed else ""
     say(
         f"{plan.name}: {len(plan.possible)} cases{share} × {len(plan.seeds)} seeds = {plan.count} runs{without}"
     )
@@ -198,7 +198,7 @@ def run(
         return
     if scheduler is not None and workers is not None:
         raise ConfigError(
-            "--workers is for this machine; a scheduler has the workers that were started for it"
+            "--workers applies to this machine only; a scheduler uses the workers started for it, leave one option out"
         )
     where = dask_workers(scheduler) if scheduler is not None else workers or os.cpu_count() or 1
     place = out or Path(f"{file.stem}.sqlite")
@@ -212,7 +212,7 @@ def run(
                     work(plan, store, jobs, where, advance)
             except KeyboardInterrupt:
                 kept = len(store.keys())
-                click.echo(f"interrupted: {kept} runs are kept; the same command goes on", err=True)
+                click.echo(f"interrupted: {kept} runs are kept; the same command resumes", err=True)
                 raise
         digest = digest_of(store)
         outputs.write(store, digest)
@@ -226,7 +226,7 @@ def run(
                 f"{last.runs} runs in {last.wall_s:.1f} s: {last.runs / last.wall_s:.2f} runs/s on "
                 f"{last.workers} process{'es' if last.workers > 1 else ''}"
             )
-        tell(failing_lines(digest, FAILING_SHOWN))
+        tell(failing_lines(digest, FAILING_MOST))
         click.echo(f"{digest.tally.text}; hil-bridge campaign report {place}")
     if digest.failing:
         click.get_current_context().exit(FAILED)
@@ -237,16 +237,16 @@ def run(
 )
 @click.argument("file", type=FILE)
 @click.option(
-    "--minutes", type=click.FloatRange(min=0.0), default=60.0, show_default=True, help="Time to hunt."
+    "--minutes", type=click.FloatRange(min=0.0), default=60.0, show_default=True, help="Duration of the hunt."
 )
-@output_option("FILE.sqlite", "Results.  [default: FILE-hunt.sqlite in this folder]")
+@output_option("FILE.sqlite", "Results file.  [default: FILE-hunt.sqlite in the current folder]")
 @click.option(
-    "--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one for each core]"
+    "--workers", type=click.IntRange(min=1), metavar="N", help="Number of processes.  [default: one per core]"
 )
 @click.option(
     "--voided",
     is_flag=True,
-    help="Count the force beyond the bound without what the faults add: what stays uncovered.",
+    help="Measure the force against the bound without what the faults add.",
 )
 @set_option
 @json_option
@@ -259,10 +259,10 @@ def hunt(
     given: dict[str, Any],
     as_json: bool,
 ) -> None:
-    """Look for the worst run among all that FILE.toml could draw: true force beyond its bound, a broken promise.
+    """Search for the worst run that FILE.toml can draw: true force beyond its bound, a broken promise.
 
-    The worst run is shrunk to the fewest faults and the simplest values. Exit code 4 when a promise was broken. The
-    same command goes on after Ctrl-C. It needs SciPy.
+    The worst run is reduced to the fewest faults and the simplest values. Exit code 4 if a promise was broken. The
+    same command resumes after Ctrl-C. Requires SciPy.
     """
     import os
 
@@ -276,20 +276,20 @@ def hunt(
 
     plan = plan_hunt(_plan_of(file, (), given))
     place = out or Path(f"{file.stem}-hunt.sqlite")
-    worth = badness_voided if voided else badness
+    score = badness_voided if voided else badness
     with Store.begin(place, plan) as store:
         with run_progress(None) as advance, as_ctrl_c():
             try:
                 with running(plan, store, workers or os.cpu_count() or 1, minutes, advance) as runner:
-                    worst = search(runner, worth)
-                    small = None if worst is None else shrink_bad(runner, worst, worth)
+                    worst = search(runner, score)
+                    small = None if worst is None else shrink_bad(runner, worst, score)
             except KeyboardInterrupt:
                 click.echo(
-                    f"interrupted: {len(store.keys())} runs are kept; the same command goes on", err=True
+                    f"interrupted: {len(store.keys())} runs are kept; the same command resumes", err=True
                 )
                 raise
         if worst is None or small is None:
-            raise ConfigError("no run was done: give the hunt more --minutes")
+            raise ConfigError("no run completed; increase --minutes")
         broken = sum(is_broken(done) for done in store.runs())
         store.keep("worst", worst.key)
         store.keep("smallest", small.key)
@@ -308,15 +308,13 @@ def hunt(
 
 @campaign.command(short_help="Write the results as a page or as text.")
 @click.argument("results", type=FILE, metavar="FILE.sqlite")
-@output_option("PAGE.html", "The page.  [default: beside the results]")
+@output_option("PAGE.html", "Page.  [default: next to the results]")
 @click.option(
     "--reports",
     is_flag=True,
-    help="Write report.html of the worst runs from their recordings, and link them.",
+    help="Write a report.html for each of the worst runs, from its recording, and link it.",
 )
-@click.option(
-    "--text", is_flag=True, help="Print the report as text, and write no page unless --output names one."
-)
+@click.option("--text", is_flag=True, help="Print the report as text. Writes a page only with --output.")
 @json_option
 @_junit_option
 @_markdown_option
@@ -331,7 +329,7 @@ def report(
     markdown: Path | None,
     overwrite: bool,
 ) -> None:
-    """Make one page of the results, which needs nothing beside itself; or text, JSON, JUnit, Markdown.
+    """Write the results as a self-contained page, or as text, JSON, JUnit or Markdown.
 
     Without --text, --json, --junit and --markdown it writes the page.
     """

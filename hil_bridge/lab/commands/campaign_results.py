@@ -16,22 +16,22 @@ from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
 
 DIFFERS = 1
-"""Exit code when runs, campaigns or files differ."""
+"""Exit code if runs, campaigns or files differ."""
 
 
-@click.command(short_help="Repeat single runs, with recordings.")
+@click.command(short_help="Repeat individual runs, with recordings.")
 @click.argument("results", type=FILE, metavar="FILE.sqlite")
 @click.argument("key", required=False)
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="All runs of this seed.")
-@output_option("DIR", "Where the recordings go.  [default: this folder]")
+@output_option("DIR", "Folder for the recordings.  [default: current folder]")
 @json_option
 @overwrite_option
 def rerun(
     results: Path, key: str | None, seed: int | None, out: Path | None, as_json: bool, overwrite: bool
 ) -> None:
-    """Repeat a run by its KEY, or by the first signs of it, or those of a seed, and leave the recordings.
+    """Repeat the run with this KEY (or its beginning), or all runs of a seed, and save their recordings.
 
-    Exit code 1 when its figures are not those of the campaign.
+    Exit code 1 if its figures differ from the campaign.
     """
     from hil_bridge.errors.text_files import harmless
     from hil_bridge.lab.campaign.judging import configure_run, run
@@ -45,21 +45,21 @@ def rerun(
         plan, chosen = store.plan(), select_runs(store, key, seed)
         same_code = store.fact("code") == code_version()
         if not same_code and not as_json:
-            click.echo("the results are of another version of the code, so that figures may differ", err=True)
+            click.echo("the results are from another version of the code; figures may differ", err=True)
         for done in chosen:
             check_record_place(folder / f"{done.key}.mcap", overwrite)
         for done in chosen:
             repeat = repeat_of(plan, done)
-            ran = run(configure_run(repeat.job))
+            new = run(configure_run(repeat.job))
             place = folder / f"{done.key}.mcap"
-            left = "" if ran.result is None else str(ran.result.save(place, overwrite=overwrite))
-            again = compare_run(repeat, ran, left)
-            repeated.append(again)
+            saved = "" if new.result is None else str(new.result.save(place, overwrite=overwrite))
+            comparison = compare_run(repeat, new, saved)
+            repeated.append(comparison)
             if not as_json:
-                tell(harmless(line) for line in again.lines)
+                tell(harmless(line) for line in comparison.lines)
     if as_json:
         tell_json({"results": results.name, "same_code": same_code, "runs": repeated})
-    if any(again.differences for again in repeated):
+    if any(one.differences for one in repeated):
         click.get_current_context().exit(DIFFERS)
 
 
@@ -68,9 +68,9 @@ def rerun(
 @click.argument("after", type=FILE, metavar="B.sqlite")
 @json_option
 def compare(before: Path, after: Path, as_json: bool) -> None:
-    """Tell what differs between two campaigns, for runs of the same cell, fault, phase and seed.
+    """List the differences between two campaigns, for runs of the same cell, fault, phase and seed.
 
-    Exit code 1 when anything differs.
+    Exit code 1 if anything differs.
     """
     from hil_bridge.lab.campaign.comparison import compare_campaigns
     from hil_bridge.lab.campaign.store import Store
@@ -88,7 +88,7 @@ def compare(before: Path, after: Path, as_json: bool) -> None:
 @click.command(
     cls=ExtrasCommand,
     extras={"parquet": "parquet"},
-    short_help="Export the results to a table, one row a run.",
+    short_help="Export the results as a table, one row per run.",
 )
 @click.argument("results", type=FILE, metavar="FILE.sqlite")
 @click.option(
@@ -97,13 +97,13 @@ def compare(before: Path, after: Path, as_json: bool) -> None:
     type=click.Choice(["csv", "parquet"]),
     multiple=True,
     default=["parquet"],
-    help="May be given twice.  [default: parquet]",
+    help="File format. Repeatable.  [default: parquet]",
 )
-@output_option("DIR", "Where the files go.  [default: beside the results]")
+@output_option("DIR", "Folder for the files.  [default: next to the results]")
 @json_option
 @overwrite_option
 def export(results: Path, formats: tuple[str, ...], out: Path | None, as_json: bool, overwrite: bool) -> None:
-    """Write the runs as a table, a row a run, for pandas and the like."""
+    """Write the runs as a table, one row per run, for pandas and similar tools."""
     from hil_bridge.lab.campaign.store import Store
     from hil_bridge.lab.campaign.table import FORMATS, run_table
     from hil_bridge.record.files import check_place, write_whole
@@ -117,7 +117,7 @@ def export(results: Path, formats: tuple[str, ...], out: Path | None, as_json: b
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigError(f"cannot make the folder {folder}: {error.strerror}; name another place") from error
+        raise ConfigError(f"cannot create {folder}: {error.strerror}; give another folder") from error
     for place in made:
         check_place(place, overwrite)
     for place, data in made.items():
@@ -128,7 +128,7 @@ def export(results: Path, formats: tuple[str, ...], out: Path | None, as_json: b
         tell_json({"files": [str(place) for place in made], "runs": runs})
 
 
-@click.command(short_help="Pack results with all that is needed to repeat them.")
+@click.command(short_help="Pack results with everything needed to repeat them.")
 @click.argument("results", type=FILE, metavar="FILE.sqlite")
 @click.option(
     "--seeds",
@@ -137,16 +137,16 @@ def export(results: Path, formats: tuple[str, ...], out: Path | None, as_json: b
     metavar="N",
     default=1,
     show_default=True,
-    help="Seeds that are drawn: their runs are repeated, and their recordings packed.",
+    help="Number of sampled seeds, whose runs are repeated and recorded in the bundle.",
 )
-@output_option("BUNDLE.zip", "The bundle.  [default: FILE.zip beside the results]")
+@output_option("BUNDLE.zip", "Bundle.  [default: FILE.zip next to the results]")
 @json_option
 @overwrite_option
 def bundle(results: Path, count: int, out: Path | None, as_json: bool, overwrite: bool) -> None:
     """Pack results with configurations, versions, recordings and a hash of each file, for `hil-bridge campaign verify`.
 
-    Recordings are those of runs that failed, and of the drawn seeds. Policies, rules and maps of heights that settings
-    name are packed too. Exit code 1, and no bundle, when a repeated run differs from the results.
+    It contains the recordings of failed runs and of the sampled seeds, and the policies, rules and height maps named
+    by settings. Exit code 1, and no bundle, if a repeated run differs from the results.
     """
     from hil_bridge.console.progress import run_progress
     from hil_bridge.errors.text_files import harmless
@@ -164,22 +164,22 @@ def bundle(results: Path, count: int, out: Path | None, as_json: bool, overwrite
         click.get_current_context().exit(DIFFERS)
 
 
-@click.command(short_help="Check a bundle, and repeat some of its runs.")
+@click.command(short_help="Verify a bundle, and repeat some of its runs.")
 @click.argument("bundle", type=FILE, metavar="BUNDLE.zip")
 @click.option(
     "--seeds",
     "count",
     type=click.IntRange(min=0),
     metavar="N",
-    help="Seeds whose runs are repeated.  [default: those that were drawn for the bundle]",
+    help="Number of seeds whose runs are repeated.  [default: those sampled for the bundle]",
 )
 @json_option
 def verify(bundle: Path, count: int | None, as_json: bool) -> None:
     """Check each file of a bundle against its hash, and repeat the runs of some seeds.
 
-    Every figure of a repeated run must be the same to the last bit, and every cycle where the bundle has its
-    recording. Exit code 1 when a file or a seed was altered, or a run differs or cannot be repeated here. Another
-    version is told, and alone is no failure. No program of a bundle is run. `hil-bridge campaign bundle` makes bundles.
+    Every figure of a repeated run must be identical to the last bit, and every cycle if the bundle has its recording.
+    Exit code 1 if a file or a seed was altered, or a run differs or cannot be repeated here. A different version is
+    reported, but is not a failure. No code of a bundle is run. Create bundles with `hil-bridge campaign bundle`.
     """
     from hil_bridge.console.progress import run_progress
     from hil_bridge.errors.text_files import harmless

@@ -1,4 +1,4 @@
-"""`hil-bridge conform`: a client of a robot or a sensor in any language, judged against the emulated device."""
+"""`hil-bridge conform`: conformance tests of a robot or sensor client in any language, against the emulated device."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from hil_bridge.console.options import overwrite_option, tell
 from hil_bridge.console.paths import FILE
 
 FAILED = 4
-"""Exit code when a scenario failed."""
+"""Exit code if a scenario failed."""
 
 
 def _kinds() -> list[str]:
@@ -18,7 +18,7 @@ def _kinds() -> list[str]:
 
 
 def _complete_scenarios(context: click.Context, parameter: click.Parameter, begun: str) -> list[str]:
-    """Complete the names of the scenarios that the kind of device in the command line has."""
+    """Complete the scenario names of the device kind in the command line."""
 
     def names() -> list[str]:
         from hil_bridge.lab.conform.trying import cell_of, make_trial, rules_of
@@ -38,26 +38,27 @@ def _complete_scenarios(context: click.Context, parameter: click.Parameter, begu
 @click.option(
     "--listen",
     metavar="URL",
-    help="Where the device listens, as rtde+tcp-listen://127.0.0.2.  [default: free ports, or the device's own]",
+    help="Address on which the device listens, such as rtde+tcp-listen://127.0.0.2.  "
+    "[default: free ports, or the device's own]",
 )
 @click.option(
     "--only",
     multiple=True,
     metavar="SCENARIO",
     shell_complete=_complete_scenarios,
-    help="Play this scenario alone. Repeatable.",
+    help="Run this scenario only. Repeatable.",
 )
-@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A rule, as react_s=0.2.")
-@click.option("--comes-back", is_flag=True, help="The client declares that it comes back behind a cut wire.")
-@click.option("--ends", is_flag=True, help="A robot's client declares that it ends by itself.")
+@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A rule, such as react_s=0.2.")
+@click.option("--comes-back", is_flag=True, help="The client reconnects after a lost connection.")
+@click.option("--ends", is_flag=True, help="The robot client ends by itself.")
 @click.option(
     "--takes-zero",
     is_flag=True,
-    help="A sensor's client declares that it takes the load at its start as zero.",
+    help="The sensor client takes the load at its start as zero.",
 )
 @click.option("--junit", type=FILE, metavar="FILE.xml", help="Write the verdicts as JUnit XML.")
 @click.option("--json", "json_file", type=FILE, metavar="FILE.json", help="Write verdicts and evidence.")
-@click.option("--rules", "show_rules", is_flag=True, help="Show the rules and their defaults, play nothing.")
+@click.option("--rules", "show_rules", is_flag=True, help="Print the rules and their defaults, and exit.")
 @overwrite_option
 def conform(
     kind: str,
@@ -74,14 +75,14 @@ def conform(
     show_rules: bool,
     overwrite: bool,
 ) -> None:
-    """Judge a client of a robot or a force sensor: hil-bridge conform rtde -- ./my_client {host} {port}
+    """Test a client of a robot or a force sensor: hil-bridge conform rtde -- ./my_client {host} {port}
 
-    Each scenario has a fresh emulated device of KIND, in real time on this computer, and a fresh process of the client.
-    The verdict goes by what a robot saw, not by what the client says. A sensor's client writes one line with six
-    numbers for each reading: fx fy fz in N, mx my mz in N·m, in the sensor's frame.
+    Each scenario has a fresh emulated device of KIND, in real time on this computer, and a fresh client process. A
+    robot client is judged by what the robot received, not by what the client reports. A sensor client writes one line
+    of six numbers for each reading: fx fy fz in N, mx my mz in N·m, in the sensor's frame.
 
     \b
-    The client finds the device by its arguments or its environment:
+    The client gets the address of the device from its arguments or its environment:
       {url} {host} {port}       HIL_BRIDGE_URL HIL_BRIDGE_HOST HIL_BRIDGE_PORT
       rtde: {dashboard} {script}  HIL_BRIDGE_DASHBOARD HIL_BRIDGE_SCRIPT
       netft: {http_port}          HIL_BRIDGE_HTTP_PORT
@@ -102,18 +103,18 @@ def conform(
         tell(describe_rules(rules))
         return
     if not command:
-        raise click.UsageError("name the client's command behind --")
+        raise click.UsageError("the client's command is missing; give it after --")
     for place in (junit, json_file):
         if place is not None:
             check_place(place, overwrite)
     trial = make_trial(cell_of(kind, config_file), rules, command, listen)
     names = choose_scenarios(trial, only)
     with as_ctrl_c():
-        played = play_all(trial, names, lambda text: click.echo(text, err=True))
+        results = play_all(trial, names, lambda text: click.echo(text, err=True))
     if junit is not None:
-        write_whole(junit, as_junit(kind, played), overwrite)
+        write_whole(junit, as_junit(kind, results), overwrite)
     if json_file is not None:
-        write_whole(json_file, as_json((trial.thing, kind), command, rules, played).encode(), overwrite)
-    tell([*table(played), totals(played), *lateness(played), *not_modelled(played)])
-    if any(one.verdict.outcome is Outcome.FAILED for one in played):
+        write_whole(json_file, as_json((trial.thing, kind), command, rules, results).encode(), overwrite)
+    tell([*table(results), totals(results), *lateness(results), *not_modelled(results)])
+    if any(one.verdict.outcome is Outcome.FAILED for one in results):
         click.get_current_context().exit(FAILED)

@@ -1,4 +1,4 @@
-"""`hil-bridge identify fidelity`: how far an emulated device is from a measured one."""
+"""`hil-bridge identify fidelity`: deviation of an emulated device from a measured one."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,20 +21,20 @@ columns_option = click.option(
     "--columns",
     type=FILE,
     metavar="MAPPING.toml",
-    help="Which column of a table is which quantity, in which unit.",
+    help="Quantity and unit of each column of a table.",
 )
 between_option = click.option(
     "--between",
     type=float,
     nargs=2,
     metavar="BEGIN END",
-    help="Stretch of the data, s from its first sample.  [default: all]",
+    help="Interval of the data, s from its first sample.  [default: all]",
 )
 
 
 @contextmanager
 def requiring_scipy() -> Iterator[None]:
-    """Raise ConfigError with the command that installs SciPy where an import in the body lacks it."""
+    """Raise ConfigError with the command that installs SciPy if an import in the context lacks it."""
     try:
         yield
     except ImportError as error:
@@ -59,7 +59,9 @@ def requiring_scipy() -> Iterator[None]:
 @between_option
 @click.option("--seed", type=int, help="Seed of every random draw in the device.")
 @json_option
-@click.option("--page", type=FILE, metavar="FILE.html", help="Draw measured and emulated over each other.")
+@click.option(
+    "--page", type=FILE, metavar="FILE.html", help="Write a page that plots measured and emulated data."
+)
 @overwrite_option
 @bag_options
 def fidelity(
@@ -74,14 +76,14 @@ def fidelity(
     overwrite: bool,
     bag: "BagChoices",
 ) -> None:
-    """Play a recording's inputs to an emulated device, and compare what it tells with what was measured.
+    """Replay the inputs of a recording to an emulated device, and compare its output with the measured data.
 
     \b
     hil-bridge identify fidelity run.mcap --as rsi
     hil-bridge identify fidelity log.csv --columns log.toml --config cell.toml --as rtde --page log.html
 
-    RECORDING is a recording of a run, a table of text with --columns, or a bag of ROS 2. The device works in virtual
-    time, over the bytes of its protocol; nothing real is opened.
+    RECORDING is a recording of a run, a text table with --columns, or a ROS 2 bag. The device runs in virtual time,
+    over the bytes of its protocol; no real device is opened.
     """
     with requiring_scipy():
         from hil_bridge.lab.fidelity.subjects import compare_with, read

@@ -1,4 +1,4 @@
-"""`hil-bridge identify cell`: what a recording shows of its cell, as values and as a configuration."""
+"""`hil-bridge identify cell`: parameters of a cell identified from a recording, as values and as a configuration."""
 
 from pathlib import Path
 
@@ -18,11 +18,11 @@ from hil_bridge.lab.commands.fidelity import between_option, columns_option, req
     "config_file",
     type=FILE,
     metavar="CELL.toml",
-    help="Kinds and settings of the cell of a table.",
+    help="Device kinds and settings of the cell, for a table.",
 )
 @between_option
 @json_option
-@output_option("PROFILE.toml", "Write a configuration that runs such a cell virtually.")
+@output_option("PROFILE.toml", "Write a configuration that emulates such a cell.")
 @overwrite_option
 def identify_cell(
     recording: Path,
@@ -33,14 +33,14 @@ def identify_cell(
     out: Path | None,
     overwrite: bool,
 ) -> None:
-    """Find latency, noise, filter, contact, friction and line errors of a cell from a recording of it.
+    """Identify latency, noise, filter, contact, friction and line errors of a cell from a recording.
 
     \b
     hil-bridge identify cell site.mcap -o profile.toml
     hil-bridge run profile.toml --virtual
 
-    Each value has an interval that holds it with 95 %, or says why the recording does not show it. RECORDING is a
-    recording of a run, or a table of text with --columns. Nothing is opened, and nothing moves.
+    Each value has a 95 % interval, or the reason why it cannot be identified. RECORDING is a recording of a run, or a
+    text table with --columns. No device is opened, and nothing moves.
     """
     with requiring_scipy():
         from hil_bridge.lab.identification.identifying import identify_run, identify_table
@@ -57,7 +57,7 @@ def identify_cell(
             click.echo(note, err=True)
     elif config_file is not None or between is not None:
         raise ConfigError(
-            "--config and --between are for a table with --columns: a recording has its own settings"
+            "--config and --between require a table with --columns; a recording has its own settings"
         )
     else:
         identified = identify_run(read(recording))

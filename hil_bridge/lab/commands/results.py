@@ -1,4 +1,4 @@
-"""What the lab adds to the commands of the core: results of campaigns in `view` and `compare`, promises in `why`.
+"""Extensions of the core commands by the lab: campaign results in `view` and `compare`, promises in `why`.
 
 Each function is an entry point of the group `hil_bridge.extensions`.
 """
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from hil_bridge.record import Recording
 
 DIFFERS = 1
-"""Exit code when the last campaign is significantly worse than the first."""
+"""Exit code if the last campaign is significantly worse than the first."""
 
 
 def view_results(file: Path, port: int) -> None:
@@ -53,7 +53,7 @@ def compare_results(files: tuple[Path, ...], out: Path, as_json: bool, overwrite
 
 
 def broken_promises(recording: "Recording") -> tuple[str, ...]:
-    """Return the promises of the guard that a run did not keep, in words."""
+    """Return the guard promises that a run broke, as text."""
     from hil_bridge.lab.invariants import promises_broken
 
     return promises_broken(recording)

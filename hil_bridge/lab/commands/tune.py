@@ -14,11 +14,11 @@ from hil_bridge.errors import ConfigError
 if TYPE_CHECKING:
     from hil_bridge.lab.tuning.comparing import Comparison
     from hil_bridge.lab.tuning.evaluating import Runs
-    from hil_bridge.lab.tuning.searching import Search, Wanted
+    from hil_bridge.lab.tuning.searching import Search, SearchPlan
     from hil_bridge.settings.configuration import Config
 
-NOTHING_FOUND = 4
-"""Exit code when no point met the constraints."""
+NO_FEASIBLE_POINT = 4
+"""Exit code if no point met the constraints."""
 
 
 @click.command(short_help="Optimise a controller's parameters for a cell.")
@@ -27,41 +27,45 @@ NOTHING_FOUND = 4
     "--controller",
     metavar="NAME",
     shell_complete=complete(controllers),
-    help="The controller.  [default: that of the configuration]",
+    help="Controller.  [default: that of the configuration]",
 )
 @click.option(
     "--vary",
     multiple=True,
     metavar="NAME[=LOW:HIGH[:log]]",
-    help="A parameter, in its unit; may be given again.  [default: all with bounds of their own]",
+    help="Parameter to vary, with bounds in its unit. Repeatable.  [default: all that define bounds]",
 )
 @click.option(
     "--minimise",
     multiple=True,
     metavar="FIGURE[=WEIGHT]",
-    help="A figure that is to be small; may be given again.  [default: rms_error_n and overshoot_percent]",
+    help="Figure to minimise. Repeatable.  [default: rms_error_n and overshoot_percent]",
 )
 @click.option(
-    "--force-limit", type=float, metavar="N", help="Largest true force.  [default: limits.force_limit_n]"
+    "--force-limit", type=float, metavar="N", help="Limit of the true force.  [default: limits.force_limit_n]"
 )
-@click.option("--duration", type=float, metavar="S", help="Duration of each run, s of its own time.")
-@click.option("--budget", type=click.IntRange(min=1), default=300, show_default=True, help="Most runs.")
+@click.option("--duration", type=float, metavar="S", help="Duration of each run, s of virtual time.")
 @click.option(
-    "--seeds", type=click.IntRange(min=2), default=3, show_default=True, help="Seeds of each point."
+    "--budget", type=click.IntRange(min=1), default=300, show_default=True, help="Maximum number of runs."
+)
+@click.option(
+    "--seeds", type=click.IntRange(min=2), default=3, show_default=True, help="Number of seeds of each point."
 )
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
     default=1,
     show_default=True,
-    help="First seed, and the optimiser's.",
+    help="First seed, also used by the optimiser.",
 )
-@click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one a core]")
+@click.option(
+    "--workers", type=click.IntRange(min=1), metavar="N", help="Number of processes.  [default: one per core]"
+)
 @output_option("TUNED.toml", "Write the tuned configuration.")
 @click.option(
     "--trade", metavar="X:Y", help="Two figures of the trade-off.  [default: rise_s:overshoot_percent]"
 )
-@click.option("--plot", type=FILE, metavar="FILE.svg", help="Draw the trade-off; .png too.")
+@click.option("--plot", type=FILE, metavar="FILE.svg", help="Plot the trade-off, as .svg or .png.")
 @click.option(
     "--json", "json_file", type=FILE, metavar="FILE.json", help="Write all points with all figures."
 )
@@ -70,14 +74,14 @@ NOTHING_FOUND = 4
     multiple=True,
     type=FILE,
     metavar="CELL.toml",
-    help="Tune in this cell at once with the other; may be given again.",
+    help="Further cell to tune in at the same time. Repeatable.",
 )
 @click.option(
     "--validate",
     multiple=True,
     type=FILE,
     metavar="CELL.toml",
-    help="Compare with the defaults in this cell too; may be given again.",
+    help="Further cell in which to compare with the defaults. Repeatable.",
 )
 @overwrite_option
 def tune(
@@ -99,13 +103,13 @@ def tune(
     validate: tuple[Path, ...],
     overwrite: bool,
 ) -> None:
-    """Find parameters of a controller by many runs in virtual time, and compare them with the defaults.
+    """Optimise the parameters of a controller by many runs in virtual time, and compare them with the defaults.
 
     \b
     hil-bridge tune cell.toml --controller pi --minimise rise_s --minimise overshoot_percent -o tuned.toml
     hil-bridge run tuned.toml --virtual
 
-    A run that the guard stops, or whose true force is above the limit, rules its point out. Exit codes: 0 done, 2 wrong
+    A run that the guard stops, or whose true force is above the limit, excludes its point. Exit codes: 0 done, 2 wrong
     input, 4 no point met the constraints, 130 interrupted, with the best so far written.
     """
     import os
@@ -113,9 +117,9 @@ def tune(
     from hil_bridge.console.progress import run_progress
     from hil_bridge.lab.tuning.evaluating import running
     from hil_bridge.lab.tuning.front import check_picture, describe_front, front, picture
-    from hil_bridge.lab.tuning.preparing import axes_of, limit_of, others, tuned_file, weights_of
+    from hil_bridge.lab.tuning.preparing import axes_of, limit_of, load_other_cell, tuned_file, weights_of
     from hil_bridge.lab.tuning.reporting import as_json, describe_parameters, fresh_comparison
-    from hil_bridge.lab.tuning.searching import Wanted, begin, search
+    from hil_bridge.lab.tuning.searching import SearchPlan, begin, search
     from hil_bridge.lab.tuning.space import space_of
     from hil_bridge.record.files import check_place, write_whole
     from hil_bridge.runs.signals import as_ctrl_c
@@ -130,22 +134,22 @@ def tune(
     values, config = _read(config_file, overrides)
     weights, limit = weights_of(minimise), limit_of(config, force_limit)
     first = tuple(range(seed, seed + seeds))
-    wanted = Wanted(space_of(config, vary), weights, limit, first, budget, seed, 1 + len(also))
-    tuned_in = [config, *(others(place, config) for place in also)]
-    cells = [(place.stem, others(place, config)) for place in validate]
+    plan = SearchPlan(space_of(config, vary), weights, limit, first, budget, seed, 1 + len(also))
+    tuned_in = [config, *(load_other_cell(place, config) for place in also)]
+    cells = [(place.stem, load_other_cell(place, config)) for place in validate]
     state: Search | None = None
     comparisons: list[Comparison] = []
     try:
         processes = workers or os.cpu_count() or 1
         with (
             as_ctrl_c(),
-            run_progress(_runs(wanted, len(cells))) as advance,
+            run_progress(_runs(plan, len(cells))) as advance,
             running(processes, lambda: advance(1, 0)) as runs,
         ):
-            state = begin(tuned_in, wanted, runs)
+            state = begin(tuned_in, plan, runs)
             search(state, runs)
-            comparisons = _validated(state, cells, runs)
-    finally:  # what was found so far is kept, also behind Ctrl-C
+            comparisons = _validate(state, cells, runs)
+    finally:  # results so far are written even after Ctrl-C
         if state is not None:
             tell(describe_parameters(state))
             best = state.best
@@ -155,27 +159,29 @@ def tune(
                 click.echo(out)
             if plot is not None:
                 write_whole(
-                    plot, picture(state.tried, state.defaults, _seen(state), axes, plot.suffix[1:]), overwrite
+                    plot,
+                    picture(state.tried, state.defaults, _best_tried(state), axes, plot.suffix[1:]),
+                    overwrite,
                 )
                 click.echo(plot)
             if json_file is not None:
                 write_whole(json_file, as_json(state, comparisons).encode(), overwrite)
                 click.echo(json_file)
-    tell(["", *describe_front(front(state.tried, *axes), wanted.space, *axes)])
+    tell(["", *describe_front(front(state.tried, *axes), plan.space, *axes)])
     fresh = fresh_comparison(state)
-    _tell_comparisons([*([fresh] if fresh else []), *comparisons], wanted, bool(cells))
+    _print_comparisons([*([fresh] if fresh else []), *comparisons], plan, bool(cells))
     if state.best is None:
-        click.get_current_context().exit(NOTHING_FOUND)
+        click.get_current_context().exit(NO_FEASIBLE_POINT)
 
 
-def _seen(state: "Search") -> Any:
-    """The best point as the search saw it, beside the others of the picture."""
+def _best_tried(state: "Search") -> Any:
+    """Return the best point with the figures of the search, as plotted with the load_other_cell."""
     best = state.best
     return None if best is None else next(one for one in state.tried if one.point == best.point)
 
 
 def _read(place: Path | None, overrides: dict[str, object]) -> tuple[dict[str, Any], "Config"]:
-    """The values of the file, with what was given beside it, and the configuration that they make with its pace."""
+    """Return the values of the file with the overrides, and the resulting configuration including its pace."""
     from hil_bridge.runs.setup import Setup
     from hil_bridge.settings.configuration import lay_over, load_config, read_values
 
@@ -184,17 +190,17 @@ def _read(place: Path | None, overrides: dict[str, object]) -> tuple[dict[str, A
     config = Setup(load_config(place, overrides)).config
     if config.robot.url or config.sensor.url:
         raise ConfigError(
-            "robot.url and sensor.url: a search runs against the emulated cell alone; leave them empty"
+            "robot.url and sensor.url: a search runs on the emulated cell only; leave them empty"
         )
     return values, config
 
 
-def _runs(wanted: "Wanted", cells: int) -> int:
-    """Runs of the search and of the validation, at most."""
-    return wanted.budget + cells * 2 * len(wanted.fresh)
+def _runs(plan: "SearchPlan", cells: int) -> int:
+    """Return the largest number of runs of the search and of the validation."""
+    return plan.budget + cells * 2 * len(plan.fresh)
 
 
-def _validated(state: "Search", cells: Sequence[tuple[str, "Config"]], runs: "Runs") -> "list[Comparison]":
+def _validate(state: "Search", cells: Sequence[tuple[str, "Config"]], runs: "Runs") -> "list[Comparison]":
     from hil_bridge.lab.tuning.preparing import compare_with_defaults
 
     if state.best is None:
@@ -202,11 +208,11 @@ def _validated(state: "Search", cells: Sequence[tuple[str, "Config"]], runs: "Ru
     return [compare_with_defaults(name, config, state, runs) for name, config in cells]
 
 
-def _tell_comparisons(comparisons: "Sequence[Comparison]", wanted: "Wanted", validated: bool) -> None:
+def _print_comparisons(comparisons: "Sequence[Comparison]", plan: "SearchPlan", validated: bool) -> None:
     from hil_bridge.lab.tuning.comparing import describe_comparison, sentence
 
-    shown = [*wanted.weights, "rise_s", "overshoot_percent", "rms_error_n"]
+    figures = [*plan.weights, "rise_s", "overshoot_percent", "rms_error_n"]
     for one in comparisons:
-        tell(["", *describe_comparison(one, [*dict.fromkeys(shown), "force_true_max_n"])])
+        tell(["", *describe_comparison(one, [*dict.fromkeys(figures), "force_true_max_n"])])
     if validated and len(comparisons) > 1:
-        tell(["", f"In cells that it was not tuned on, {sentence(comparisons[1:])}."])
+        tell(["", f"In cells not used for tuning, {sentence(comparisons[1:])}."])

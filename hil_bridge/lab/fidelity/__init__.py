@@ -1,1 +1,1 @@
-"""How far an emulated device is from a measured one: a recording's inputs are played to the emulator, and compared."""
+"""Fidelity of emulated devices: the inputs of a recording are replayed to the emulator, and its output is compared."""

@@ -1,4 +1,4 @@
-"""A bag of ROS 2 as columns of known quantities."""
+"""Conversion of a ROS 2 bag to columns of known quantities."""
 
 import numpy as np
 
@@ -11,15 +11,16 @@ from protocol.geometry import rotation_rows
 
 
 def table_of_bag(bag: Recording) -> Table:
-    """All that a bag tells: wrench along the tool's axes, place and rotation of the tool, depth and pressing force.
+    """Return the quantities of a bag: wrench in the tool frame, position and rotation of the tool, depth and force.
 
-    Moments that it does not tell are left out, and so is all but the first sample of a time. Raises ConfigError.
+    Columns with missing values are left out, and of samples with the same time only the first is kept. Raises
+    ConfigError.
     """
     times = np.array([cycle.controlled_at for cycle in bag.cycles])
     new = np.concatenate([[True], np.diff(times) > 0.0])
-    cycles = [cycle for cycle, taken in zip(bag.cycles, new, strict=True) if taken]
+    cycles = [cycle for cycle, is_new in zip(bag.cycles, new, strict=True) if is_new]
     if len(cycles) < LEAST_SAMPLES:
-        raise ConfigError(f"the bag has {len(cycles)} samples; at least {LEAST_SAMPLES} are compared")
+        raise ConfigError(f"the bag has {len(cycles)} samples; at least {LEAST_SAMPLES} are required")
     samples = [cycle.sample for cycle in cycles]
     rotations = np.array([rotation_rows(sample.quaternion) for sample in samples]).reshape(len(samples), 9)
     values = {
@@ -29,5 +30,5 @@ def table_of_bag(bag: Recording) -> Table:
         ("depth", "press"): np.array([(cycle.depth, cycle.force) for cycle in cycles]),
     }
     columns = {name: rows[:, k] for names, rows in values.items() for k, name in enumerate(names)}
-    told = {name: column for name, column in columns.items() if np.isfinite(column).all()}
-    return Table(times[new], told)
+    complete = {name: column for name, column in columns.items() if np.isfinite(column).all()}
+    return Table(times[new], complete)

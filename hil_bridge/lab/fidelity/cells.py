@@ -1,6 +1,6 @@
-"""The cells of a table of text: where its columns are, and the numbers and times in them.
+"""Parsing of a text table: position of its columns, and the numbers and times in its cells.
 
-What could be read in two ways is refused with its line.
+Ambiguous content is rejected with its line number.
 """
 
 import csv
@@ -21,59 +21,59 @@ from hil_bridge.lab.fidelity.measures import Floats
 from hil_bridge.lab.fidelity.units import split_heading
 
 ROWS_MOST = 2_000_000
-"""Chosen: rows of a table at most. An hour at 500 Hz has less."""
+"""Chosen: most rows of a table, more than an hour at 500 Hz."""
 HEADER_LINES = 1000
-"""Chosen: lines in which the names of the columns are looked for. Headers of test benches have some hundred."""
+"""Chosen: number of lines searched for the column names. Headers of test benches have some hundred."""
 _COMMENT = "#%"
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
-"""A number whose comma may set off thousands, or be its decimal sign."""
+"""Number whose comma may be a thousands separator or a decimal separator."""
 _ISO = re.compile(r"\d{4}-?\d\d-?\d\d[T ]\d")
 NUMBERS, LOCAL, ZONED = "numbers", "times without a zone", "times with a zone"
-"""What a column of times holds."""
+"""Kinds of time columns."""
 
 
 class Sheet(NamedTuple):
-    """Cells of a file."""
+    """Cells of a text table."""
 
     source: str
     names: list[str]
-    """Empty where columns have numbers alone."""
+    """Column names; empty if columns are numbered."""
     rows: list[list[str]]
     lines: list[int]
-    """The line of each row, from 1."""
+    """Line number of each row, from 1."""
 
     def where(self, row: int) -> str:
-        """A row for a message."""
+        """Return the location of a row for a message."""
         return f"{self.source}: line {self.lines[row]}"
 
 
 def read_sheet(file: Path, mapping: TableMapping) -> Sheet:
-    """The cells of a file below its line of names. Raises ConfigError."""
+    """Read the cells of a file below its header line. Raises ConfigError."""
     source = format_path(file)
     lines = read_text(file).split("\n")
     names: list[str] = []
     separator = mapping.separator or ","
     first = next((k for k, line in enumerate(lines) if line.strip() and line.lstrip()[0] not in _COMMENT), 0)
     if mapping.header:
-        wanted = [column.name for column in mapping.columns_in(file) if isinstance(column.name, str)]
-        first, separator, names = _header(lines, first, wanted, mapping.separator, source)
+        required = [column.name for column in mapping.columns_in(file) if isinstance(column.name, str)]
+        first, separator, names = _header(lines, first, required, mapping.separator, source)
         first += 1
     sheet = Sheet(source, names, [], [])
     try:
         for line, row in _split(lines[first:], separator):
             if len(sheet.rows) == ROWS_MOST:
-                raise ConfigError(f"{source} has more than {ROWS_MOST} rows; at most these are read")
+                raise ConfigError(f"{source} has more than the maximum of {ROWS_MOST} rows")
             sheet.rows.append(row)
             sheet.lines.append(first + line)
     except csv.Error as error:
         line = sheet.lines[-1] + 1 if sheet.lines else first + 1
-        raise ConfigError(f"{source}: line {line}: it is no table: {error}") from error
+        raise ConfigError(f"{source}: line {line}: not a table: {error}") from error
     _check_widths(sheet, separator)
     return sheet
 
 
 def _split(lines: Sequence[str], separator: str) -> Iterator[tuple[int, list[str]]]:
-    """The cells of each line that has some, and its number from 1. Raises csv.Error."""
+    """Yield the number, from 1, and the cells of each line that is not blank. Raises csv.Error."""
     sign = SEPARATORS[separator]
     if sign is None:
         yield from ((k, line.split()) for k, line in enumerate(lines, 1) if line.strip())
@@ -82,22 +82,20 @@ def _split(lines: Sequence[str], separator: str) -> Iterator[tuple[int, list[str
     before = 0
     for row in reader:
         if reader.line_num - before > 1:
-            raise csv.Error(
-                f"a quote is not closed in its line, and takes in {reader.line_num - before} lines"
-            )
+            raise csv.Error(f"unclosed quote, spanning {reader.line_num - before} lines")
         before = reader.line_num
         if len(row) > 1 or "".join(row).strip():
             yield reader.line_num, [cell.strip() for cell in row]
 
 
 def _header(
-    lines: Sequence[str], first: int, wanted: Sequence[str], separator: str, source: str
+    lines: Sequence[str], first: int, required: Sequence[str], separator: str, source: str
 ) -> tuple[int, str, list[str]]:
-    """Number of the line that names all wanted columns, its separator and its names. Raises ConfigError."""
-    separators = [separator] if separator else list(SEPARATORS) if wanted else [","]
-    nearest = (-1, next(iter(wanted), ""), [""])
+    """Find the line that names all required columns; return its index, separator and names. Raises ConfigError."""
+    separators = [separator] if separator else list(SEPARATORS) if required else [","]
+    nearest = (-1, next(iter(required), ""), [""])
     for k, line in enumerate(
-        lines[:HEADER_LINES] if wanted else lines[first : first + 1], 0 if wanted else first
+        lines[:HEADER_LINES] if required else lines[first : first + 1], 0 if required else first
     ):
         for text in dict.fromkeys((line, line.lstrip(f"{_COMMENT} "))):
             for one in separators:
@@ -105,10 +103,10 @@ def _header(
                     names = next(_split([text], one), (0, [""]))[1]
                 except csv.Error:
                     continue
-                missing = [name for name in wanted if not _places(name, names)]
+                missing = [name for name in required if not _places(name, names)]
                 if not missing:
                     return k, one, names
-                count = len(wanted) - len(missing)
+                count = len(required) - len(missing)
                 if count > nearest[0] and (count or k >= first):
                     nearest = (count, missing[0], names)
     refuse_known(source, "\n".join(lines[:HEADER_LINES]).encode())
@@ -117,37 +115,37 @@ def _header(
 
 
 def _places(name: str, names: Sequence[str]) -> list[int]:
-    """Columns of this name, with or without a unit behind it."""
+    """Return the indices of the columns with this name, with or without a unit suffix."""
     exact = [k for k, one in enumerate(names) if one == name]
     return exact or [k for k, one in enumerate(names) if split_heading(one)[0] == name]
 
 
 def place_of(name: str | int, sheet: Sheet) -> int:
-    """The place of a column from 0. Raises ConfigError for a name that two have."""
+    """Return the index of a column, from 0. Raises ConfigError for an ambiguous name."""
     if isinstance(name, int):
         return name - 1
     places = _places(name, sheet.names)
     if len(places) > 1:
         numbers = " and ".join(str(place + 1) for place in places[:2])
         raise ConfigError(
-            f"{sheet.source}: columns {numbers} are both named {format_value(name)}; give a number in its place"
+            f"{sheet.source}: columns {numbers} are both named {format_value(name)}; give the column's number instead"
         )
     return places[0]
 
 
 def _check_widths(sheet: Sheet, separator: str) -> None:
-    """Raise ConfigError for a row that does not fit the names, or the first row: its cells may be shifted."""
+    """Raise ConfigError for a row whose width differs from the header or the first row: its cells may be shifted."""
     width = len(sheet.names or (sheet.rows or [[]])[0])
     for k, row in enumerate(sheet.rows):
         if (len(row) > width and any(row[width:])) or (separator == "space" and len(row) < width):
             raise ConfigError(
-                f"{sheet.where(k)} has {len(row)} cells, and the {'header' if sheet.names else 'first row'} {width}: "
-                "which is which? Is the separator a part of names or of numbers with a decimal comma?"
+                f"{sheet.where(k)} has {len(row)} cells, and the {'header' if sheet.names else 'first row'} {width}; "
+                "check whether the separator occurs in names or as a decimal comma"
             )
 
 
 def cells_of(sheet: Sheet, place: int, name: str) -> list[str]:
-    """The cells of a column. Raises ConfigError for a row that ends before."""
+    """Return the cells of a column. Raises ConfigError for a row that is too short."""
     for k, row in enumerate(sheet.rows):
         if place >= len(row):
             raise ConfigError(f"{sheet.where(k)} has {len(row)} columns, {name} is in column {place + 1}")
@@ -155,7 +153,7 @@ def cells_of(sheet: Sheet, place: int, name: str) -> list[str]:
 
 
 def decimal_of(columns: Mapping[str, Sequence[str]], sheet: Sheet) -> str:
-    """The decimal sign of all these cells. Raises ConfigError where they do not show it."""
+    """Return the decimal separator of these cells. Raises ConfigError if it is ambiguous."""
     comma = point = ""
     is_decimal = False
     for name, cells in columns.items():
@@ -168,21 +166,21 @@ def decimal_of(columns: Mapping[str, Sequence[str]], sheet: Sheet) -> str:
     if not comma:
         return "."
     if point or not is_decimal:
-        also = f", and other cells have a point, as {point}" if point else ""
+        also = f", and other cells have a point, such as {point}" if point else ""
         raise ConfigError(
-            f'{comma}{also}: its comma may set off thousands; write decimal = "," or "." into the mapping'
+            f'{comma}{also}: the comma may be a thousands separator; set decimal = "," or "." in the mapping'
         )
     return ","
 
 
 def read_numbers(cells: Sequence[str], decimal: str, name: str, sheet: Sheet) -> Floats:
-    """The numbers in a column. Raises ConfigError with the line of what is none."""
+    """Parse the numbers of a column. Raises ConfigError with the line of an invalid one."""
     values = np.empty(len(cells))
     for k, cell in enumerate(cells):
         values[k] = _number(cell, decimal)
         if not math.isfinite(values[k]):
             raise ConfigError(
-                f"{sheet.source}: {name} in line {sheet.lines[k]} is no number: {format_value(cell)}"
+                f"{sheet.source}: {name} in line {sheet.lines[k]} is not a number: {format_value(cell)}"
             )
     return values
 
@@ -197,12 +195,14 @@ def _number(cell: str, decimal: str) -> float:
 
 
 def is_iso(cell: str) -> bool:
-    """Whether a cell holds a date and a time of ISO 8601."""
+    """Return whether a cell contains an ISO 8601 date and time."""
     return _ISO.match(cell) is not None
 
 
 def read_iso_times(cells: Sequence[str], sheet: Sheet) -> tuple[Floats, str]:
-    """Times of ISO 8601, s since 1970, and whether they have a zone. Digits below 1 µs are cut. Raises ConfigError."""
+    """Parse ISO 8601 times, s since 1970; return also whether they have a time zone. Digits below 1 µs are truncated.
+    Raises ConfigError.
+    """
     values, kind = np.empty(len(cells)), ""
     for k, cell in enumerate(cells):
         try:
@@ -211,12 +211,12 @@ def read_iso_times(cells: Sequence[str], sheet: Sheet) -> tuple[Floats, str]:
             at = None
         if at is None:
             raise ConfigError(
-                f"{sheet.where(k)}: {format_value(cell)} is no time of ISO 8601 as those before"
+                f"{sheet.where(k)}: {format_value(cell)} is not an ISO 8601 time like the previous ones"
             )
         zone = LOCAL if at.tzinfo is None else ZONED
         if zone != (kind := kind or zone):
             raise ConfigError(
-                f"{sheet.where(k)}: {format_value(cell)} stands between {kind}; give all a zone"
+                f"{sheet.where(k)}: {format_value(cell)} is mixed with {kind}; give all times a zone"
             )
         values[k] = (at if at.tzinfo else at.replace(tzinfo=UTC)).timestamp()
     return values, kind

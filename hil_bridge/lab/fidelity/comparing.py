@@ -1,7 +1,7 @@
-"""A measured table against that of the emulated device: figures of each quantity for both, and how far they are apart.
+"""Comparison of a measured table with that of the emulated device: figures of each quantity, and their difference.
 
-An output is judged behind its own input: the measured one behind the measured input, the emulated one behind the
-emulated input. So a set point that the devices tell differently does not count as a lag of the arm.
+Each output is judged against its own input: the measured one against the measured input, the emulated one against the
+emulated input. A setpoint that the devices report differently therefore does not count as a lag of the arm.
 """
 
 import math
@@ -19,21 +19,21 @@ from hil_bridge.lab.fidelity.tables import Table
 from hil_bridge.lab.fidelity.units import FAMILIES, unit_of
 
 SLOW_HZ = 20.0
-"""Chosen: below it variance counts as slow. Vibrations of an arm that were recorded have 9 to 16 Hz."""
+"""Chosen: frequency below which variance counts as slow. Recorded arm vibrations have 9 to 16 Hz."""
 
 INTEGRAL = "∫"
-"""Stands before an input whose way is followed."""
+"""Prefix of an input whose integral is followed."""
 
 
 class Pair(NamedTuple):
-    """Families of an input and of the output that follows it."""
+    """Families of an input and the output that follows it."""
 
     source: str
     output: str
     integrated: bool = False
-    """The output is the way that the input makes as a speed."""
+    """Whether the output follows the integral of the input, a speed."""
     free: int = 0
-    """As of `measures.shift_of`."""
+    """Free parameters, as in `measures.shift_of`."""
 
 
 ROBOT_PAIRS = (
@@ -45,45 +45,45 @@ ROBOT_PAIRS = (
     Pair("target_position", "position"),
 )
 ROBOT_FREE = ("q", "qd", "position", "force", "moment")
-"""Outputs of a robot. Of those that follow no input here, the noise alone is compared."""
+"""Outputs of a robot. If an output follows no input here, only its noise is compared."""
 
 
 class Figures(Struct, frozen=True):
-    """Figures of one output. NaN stands for one that the samples do not tell."""
+    """Figures of one output. NaN marks a figure that cannot be determined from the samples."""
 
     lag_s: float
     """Lag behind the input, s."""
     lag_spread_s: float
     """Standard deviation of the lag over parts of the recording, s."""
     rest_rms: float
-    """Root mean square of output less input, after that shift; of an output without an input, NaN."""
+    """Root mean square of output minus input after that shift (the residual); NaN without an input."""
     noise: float
-    """Of that rest, or of the output: standard deviation of successive differences, divided by √2."""
+    """Standard deviation of successive differences of the residual, or of the output, divided by √2."""
     slow_share: float
-    """Share of the variance of the same below `Comparison.slow_hz`."""
+    """Share of the residual's (or output's) variance below `Comparison.slow_hz`."""
     grid: float
-    """Step on which the output lies."""
+    """Quantisation step of the output."""
 
 
 class Line(Struct, frozen=True):
-    """One quantity."""
+    """Comparison of one quantity."""
 
     output: str
     source: str
-    """Its input; empty without one."""
+    """Its input; empty for none."""
     unit: str
     measured: Figures
     emulated: Figures
     apart_s: float
-    """Lag of the emulated output behind the measured one, s; NaN where none is told."""
+    """Lag of the emulated output behind the measured one, s; NaN if it cannot be determined."""
     apart_rms: float
-    """Root mean square of their difference after that shift, a constant taken off; NaN without an input. Of a contact:
-    without a shift, and with the constant.
+    """Root mean square of their difference after that shift, without a constant; NaN without an input. For a contact,
+    unshifted and with the constant.
     """
 
 
 class Law(Struct, frozen=True):
-    """A figure of a contact."""
+    """Figure of a contact law."""
 
     name: str
     unit: str
@@ -92,49 +92,49 @@ class Law(Struct, frozen=True):
 
 
 class Comparison(Struct, frozen=True):
-    """A recording against the emulated device."""
+    """Comparison of a recording with the emulated device."""
 
     kind: str
-    """Name of the kind."""
+    """Device kind."""
     samples: int
-    """Of the recording."""
+    """Number of samples of the recording."""
     seconds: float
-    """Length of the recording, s."""
+    """Duration of the recording, s."""
     slow_hz: float
     measured_gaps: Gaps
     emulated_gaps: Gaps
     lines: tuple[Line, ...]
     laws: tuple[Law, ...] = ()
     left_out: tuple[str, ...] = ()
-    """Families that could not be compared, in words."""
+    """Families that could not be compared, as text."""
 
 
 class Sides(NamedTuple):
-    """The two tables that are compared."""
+    """The two compared tables."""
 
     kind: str
-    """Name of the kind of the emulated device."""
+    """Kind of the emulated device."""
     measured: Table
     emulated: Table
 
     @property
     def tables(self) -> tuple[Table, Table]:
-        """Measured, then emulated."""
+        """Measured and emulated table."""
         return self.measured, self.emulated
 
-    def tell(self, *names: str) -> bool:
-        """Whether both tables tell all these columns."""
+    def have(self, *names: str) -> bool:
+        """Return whether both tables have all these columns."""
         return all(name in table.columns for name in names for table in self.tables)
 
 
 def compare_robot(sides: Sides) -> Comparison:
-    """All quantities of a robot that both tables tell. Raises ConfigError where there is none."""
+    """Compare all robot quantities that both tables have. Raises ConfigError if there is none."""
     lines, done = [], set[tuple[str, str]]()
     for pair in ROBOT_PAIRS:
         if pair.integrated and (pair.output, pair.source[:-1]) in done:
-            continue  # the places themselves are there
+            continue  # compared directly already
         for source, output in zip(FAMILIES[pair.source], FAMILIES[pair.output], strict=True):
-            if sides.tell(source, output):
+            if sides.have(source, output):
                 lines.append(followed_line(sides, source, output, pair.free, pair.integrated))
                 done.add((pair.output, pair.source))
     followed = {line.output for line in lines}
@@ -142,23 +142,23 @@ def compare_robot(sides: Sides) -> Comparison:
         lines += [
             free_line(sides, output)
             for output in FAMILIES[family]
-            if sides.tell(output) and output not in followed
+            if sides.have(output) and output not in followed
         ]
     missing = [
         family for family in FAMILIES if sides.measured.family(family) and not sides.emulated.family(family)
     ]
     if not lines:
         raise ConfigError(
-            f"nothing is left to compare: the emulated {sides.kind} does not tell {', '.join(missing)}"
+            f"nothing to compare: the emulated {sides.kind} does not report {', '.join(missing)}"
         )
-    words = tuple(f"{family}: the emulated {sides.kind} does not tell it" for family in missing)
-    return joined(sides, lines, left_out=words)
+    words = tuple(f"{family}: the emulated {sides.kind} does not report it" for family in missing)
+    return make_comparison(sides, lines, left_out=words)
 
 
-def joined(
+def make_comparison(
     sides: Sides, lines: Sequence[Line], laws: tuple[Law, ...] = (), left_out: tuple[str, ...] = ()
 ) -> Comparison:
-    """The comparison with these lines."""
+    """Build the comparison from these lines."""
     measured, emulated = (measures.gaps_of(table.times) for table in sides.tables)
     times = sides.measured.times
     return Comparison(
@@ -175,7 +175,7 @@ def joined(
 
 
 def free_line(sides: Sides, output: str) -> Line:
-    """An output without an input: its own noise."""
+    """Compare an output without an input by its noise."""
     measured, emulated = (
         _own_figures(table.times, table.columns[output], table.columns[output]) for table in sides.tables
     )
@@ -183,13 +183,13 @@ def free_line(sides: Sides, output: str) -> Line:
 
 
 def direct_line(sides: Sides, output: str) -> Line:
-    """An output whose input is the same in both, sample by sample: its difference without a shift, and noises."""
+    """Compare an output with the same input in both tables: its unshifted difference, and its noise."""
     apart = sides.emulated.columns[output] - sides.measured.columns[output]
     return replace(free_line(sides, output), apart_s=0.0, apart_rms=measures.rms(apart))
 
 
 def followed_line(sides: Sides, source: str, output: str, free: int, integrated: bool = False) -> Line:
-    """An output behind an input, or behind the way that the input makes as a speed; `free` as of `shift_of`."""
+    """Compare an output that follows an input, or the integral of an input speed; `free` as in `shift_of`."""
     figures = []
     for table in sides.tables:
         given, values = table.columns[source], table.columns[output]

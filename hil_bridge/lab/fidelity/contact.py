@@ -1,6 +1,6 @@
-"""A recording's depth at the surface of an emulated cell: its force against the measured one.
+"""Contact force of an emulated surface at the depths of a recording, compared with the measured force.
 
-The depth of a recording counts from any height. Where the tip touches is the one thing that is fitted.
+The depth of a recording has an arbitrary origin. The height at which the tip touches is the only fitted parameter.
 """
 
 import math
@@ -21,21 +21,21 @@ from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import surface_settings
 
 _RATE_HZ = 8000
-"""A surface with memory is shown at least so many samples a second. Source: `emulators.seams.Surface`."""
+"""Lowest sample rate for a surface with memory. Source: `emulators.seams.Surface`."""
 _TRIED = 61
-"""Chosen: touches that are tried before the best is looked for."""
+"""Chosen: number of touch depths tried before the refinement."""
 _FORCES_N = (1.0, 3.0, 5.0, 7.0, 9.0)
-"""Chosen: forces at which the stiffness is told."""
+"""Chosen: forces at which the stiffness is reported."""
 _LAW_SHARE = 0.05
-"""Chosen: the power law is fitted above this share of the largest force, away from noise."""
+"""Chosen: share of the largest force above which the power law is fitted, clear of noise."""
 _BEFORE_MOST = 2.0
-"""Chosen: the touch lies at most so many times the span of depths before the first of them."""
+"""Chosen: largest distance of the touch before the first depth, in multiples of the span of depths."""
 
 
 def emulate_contact(config: Config, table: Table) -> Table:
-    """Force of the surface of a configuration at the depth of a table. Raises ConfigError."""
+    """Compute the force of a configured surface at the depths of a table. Raises ConfigError."""
     if not (table.has("depth") and table.has("press")):
-        raise ConfigError("the recording has no contact: map depth and press")
+        raise ConfigError("the recording has no contact; map depth and press")
     surface, profile = _surface_of(config)
     depth, press = table.columns["depth"], table.columns["press"]
     low, high = float(depth.min()), float(depth.max())
@@ -53,7 +53,7 @@ def emulate_contact(config: Config, table: Table) -> Table:
 
 
 def _surface_of(config: Config) -> tuple[Surface, SurfaceProfile]:
-    """The surface of a configuration, and where it lies. Raises ConfigError."""
+    """Return the surface of a configuration, and its position. Raises ConfigError."""
     name = config.cell.surface_kind
     try:
         if not name:
@@ -67,7 +67,7 @@ def _surface_of(config: Config) -> tuple[Surface, SurfaceProfile]:
 
 
 def _pressed(surface: Surface, profile: SurfaceProfile, times: Floats, depth: Floats) -> Floats:
-    """Force along the vertical at these depths below the surface, N."""
+    """Return the vertical force at these depths below the surface, N."""
     fine = times
     if surface.remembered_until is not None:
         fine = np.arange(times[0], times[-1], 1.0 / _RATE_HZ)
@@ -82,7 +82,7 @@ def _pressed(surface: Surface, profile: SurfaceProfile, times: Floats, depth: Fl
 
 
 def laws_of(measured: Table, emulated: Table) -> tuple[Law, ...]:
-    """The law force = a · depth^n of both, with a, n and the touch fitted: n, and the law's stiffness at forces."""
+    """Fit force = a · depth^n to both, with a, n and the touch free; return n, and the stiffness at several forces."""
     fits = [fit_law(table) for table in (measured, emulated)]
     laws = [Law("exponent of the depth", "", *(exponent for exponent, _ in fits))]
     laws += [
@@ -101,7 +101,7 @@ def laws_of(measured: Table, emulated: Table) -> tuple[Law, ...]:
 
 
 def fit_law(table: Table) -> tuple[float, float]:
-    """Exponent n and scale a, N/m^n, of force = a · depth^n; NaN where the force tells none."""
+    """Fit force = a · depth^n; return the exponent n and the scale a, N/m^n; NaN if it cannot be determined."""
     depth, press = table.columns["depth"], table.columns["press"]
     most = float(press.max())
     inside = press > _LAW_SHARE * most

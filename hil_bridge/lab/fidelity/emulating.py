@@ -1,4 +1,4 @@
-"""A recording's inputs played to an emulated device: the table that the device then tells."""
+"""Replay of a recording's inputs to an emulated robot, which yields the table of its reports."""
 
 from typing import NamedTuple
 
@@ -12,23 +12,23 @@ from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import robot_in
 
 POWERED_S = 1000.25
-"""Chosen: when the emulated device is powered up, s. It is no round number, so that nothing counts from 0."""
+"""Chosen: power-up time of the emulated device, s; not a round number, so that no time starts at 0."""
 _DRIVES = ("order_q", "order_qd", "order_position", "target_q", "target_qd", "target_position")
-"""Families that are played, the first that is there."""
+"""Families that can be replayed, by priority."""
 _NOWHERE = (0.0, 0.0, 0.0)
 
 
 class Drive(NamedTuple):
-    """The part of a recording that is played."""
+    """Replayed part of a recording."""
 
     family: str
-    """Family in the recording; empty for a robot that stands."""
+    """Family in the recording; empty for a stationary robot."""
     order: str
-    """The same as an order."""
+    """Corresponding family of orders."""
 
 
 def drive_of(table: Table) -> Drive:
-    """The part of a recording that is played; a robot stands without one."""
+    """Return the part of a recording to replay; without one, the robot remains stationary."""
     for family in _DRIVES:
         if table.has(family):
             return Drive(family, family.replace("target_", "order_"))
@@ -36,12 +36,12 @@ def drive_of(table: Table) -> Drive:
 
 
 def emulate_robot(config: Config, table: Table) -> Table:
-    """The table of the emulated robot of a configuration. Raises ConfigError where it cannot play the recording."""
+    """Return the table of a configured robot's emulator. Raises ConfigError if it cannot replay the recording."""
     device = robot_in(config)
     emulation = device.kind.emulation
     if emulation is None or emulation.play is None:
         raise ConfigError(
-            f"{device.kind.name}: its emulator cannot be played a recording (RobotEmulation.play)"
+            f"{device.kind.name}: the emulator does not support replaying a recording (RobotEmulation.play)"
         )
     drive = drive_of(table)
     start = tuple(table.rows("q")[0].tolist()) if drive.order != "order_q" and table.has("q") else ()

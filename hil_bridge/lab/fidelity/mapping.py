@@ -1,12 +1,12 @@
-"""The mapping of a table: which column is which quantity, in which unit.
+"""Column mapping of a table: quantity and unit of each column.
 
-separator = ","            # or ";", "tab", "space"; without it the one that gives the named columns
-decimal = "."              # or ","; without it as the numbers show
-header = true              # false: columns have their numbers, from 1
+separator = ","            # or ";", "tab", "space"; default: the one that yields the named columns
+decimal = "."              # or ","; default: detected from the numbers
+header = true              # false: columns are numbered, from 1
 [time]
-column = "timestamp"       # or rate_hz = 500 where there is no such column
+column = "timestamp"       # or rate_hz = 500 if there is no such column
 unit = "s"
-clock = "device"           # or "arrival" where the computer has stamped the samples
+clock = "device"           # or "arrival" if the computer stamped the samples
 [columns]
 q = { columns = ["q_1", "q_2", "q_3", "q_4", "q_5", "q_6"], unit = "rad" }
 force = { columns = ["c1", "c2", "c3"], unit = "N", factor = 0.01 }    # N per count
@@ -23,7 +23,7 @@ from hil_bridge.lab.fidelity.units import COUNTS, FAMILIES, TIME, UNITS, plain_u
 
 SEPARATORS = {",": ",", ";": ";", "tab": "\t", "space": None}
 QUATERNION = ("qx", "qy", "qz", "qw")
-"""Parts of a rotation that is given as a quaternion."""
+"""Components of a rotation given as a quaternion."""
 _KEYS = {
     "": ("separator", "decimal", "header", "time", "columns"),
     "time": ("column", "unit", "rate_hz", "clock"),
@@ -32,24 +32,24 @@ _KEYS = {
 
 
 class Column(NamedTuple):
-    """A column of a file that is wanted."""
+    """Mapped column of a file."""
 
     part: str
-    """Quantity, or a part of a quaternion."""
+    """Quantity, or a component of a quaternion."""
     name: str | int
-    """Its name, or its number from 1."""
+    """Name of the column, or its number from 1."""
     units: Mapping[str, float]
-    """Units that it can have, and their sizes."""
+    """Allowed units, and their sizes."""
     unit: str = ""
-    """As in `UNITS`; empty where the header names it."""
+    """Unit as in `UNITS`; empty if the header names it."""
     factor: float = 1.0
-    """Its values times this are in the unit."""
+    """Factor that converts its values to the unit."""
     is_scaled: bool = False
-    """The mapping gives a factor, whatever unit the header names."""
+    """Whether the mapping gives a factor, which overrides the unit in the header."""
 
 
 class Entry(NamedTuple):
-    """Columns of a family in a file."""
+    """Mapped columns of a family in a file."""
 
     family: str
     columns: tuple[Column, ...]
@@ -57,27 +57,27 @@ class Entry(NamedTuple):
 
 
 class TableMapping(NamedTuple):
-    """A mapping as it was read."""
+    """Parsed mapping file."""
 
     separator: str
-    """A key of `SEPARATORS`; empty where the file is to show it."""
+    """Key of `SEPARATORS`; empty to detect it."""
     decimal: str
-    """`.` or `,`; empty where the numbers are to show it."""
+    """`.` or `,`; empty to detect it."""
     header: bool
     time: Column | None
-    """None for even samples."""
+    """None for evenly spaced samples."""
     rate: float
     at_arrival: bool
     entries: tuple[Entry, ...]
 
     def columns_in(self, file: Path) -> list[Column]:
-        """The wanted columns of a file, the time first."""
+        """Return the mapped columns of a file, time first."""
         named = [column for entry in self.entries if entry.file == file for column in entry.columns]
         return named if self.time is None else [self.time, *named]
 
 
 def read_mapping(path: Path, recording: Path) -> TableMapping:
-    """The mapping in a file. Raises ConfigError."""
+    """Read a mapping file. Raises ConfigError."""
     source = format_path(path)
     values = read_toml(path)
     _check_keys(values, "", source)
@@ -104,7 +104,7 @@ def read_mapping(path: Path, recording: Path) -> TableMapping:
 
 
 def _time(time: Mapping[str, Any], header: bool, source: str) -> tuple[Column | None, float]:
-    """Column of the time, and the rate where there is none."""
+    """Return the time column, or None and the sample rate."""
     _check_keys(time, "time", source)
     column, rate = time.get("column"), time.get("rate_hz")
     if (column is None) == (rate is None):
@@ -115,7 +115,7 @@ def _time(time: Mapping[str, Any], header: bool, source: str) -> tuple[Column | 
         return Column("time", column, TIME, unit), 1.0
     if not isinstance(rate, (int, float)) or isinstance(rate, bool) or not 0.0 < rate < 1e6:
         raise ConfigError(
-            f"{source}: time.rate_hz must be above 0 and below 1000000, got {format_value(rate)}"
+            f"{source}: time.rate_hz must be greater than 0 and less than 1000000, got {format_value(rate)}"
         )
     return None, float(rate)
 
@@ -123,11 +123,11 @@ def _time(time: Mapping[str, Any], header: bool, source: str) -> tuple[Column | 
 def _entry(name: str, given: Any, header: bool, recording: Path, source: str) -> Entry:
     where = f"columns.{name}"
     if name not in FAMILIES:
-        raise ConfigError(
-            f"{source}: there is no quantity {format_value(name)}; there are {', '.join(FAMILIES)}"
-        )
+        raise ConfigError(f"{source}: unknown quantity {format_value(name)}; known: {', '.join(FAMILIES)}")
     if not isinstance(given, dict):
-        raise ConfigError(f'{source}: {where} must be a table as {{ columns = ["NAME"], unit = "UNIT" }}')
+        raise ConfigError(
+            f'{source}: {where} must be a table such as {{ columns = ["NAME"], unit = "UNIT" }}'
+        )
     _check_keys(given, "columns", source)
     listed, parts = given.get("columns"), FAMILIES[name]
     if name == "rotation" and isinstance(listed, list) and len(listed) == len(QUATERNION):
@@ -135,17 +135,17 @@ def _entry(name: str, given: Any, header: bool, recording: Path, source: str) ->
     if not isinstance(listed, list) or len(listed) != len(parts):
         count = "one column" if len(parts) == 1 else f"{len(parts)} columns"
         more = ", or the 4 of a quaternion" if name == "rotation" else ""
-        raise ConfigError(f'{source}: {where}.columns must name {count}{more}, "" for one that is missing')
+        raise ConfigError(f'{source}: {where}.columns must name {count}{more}, with "" for a missing one')
     for column in listed:
         if column != "":
             _check_name(column, header, where, source)
     unit = _unit(given.get("unit", "1" if name == "rotation" else None), UNITS[name], where, source)
     if "factor" in given and not unit:
-        raise ConfigError(f"{source}: {where}.factor needs {where}.unit, which its products are in")
+        raise ConfigError(f"{source}: {where}.factor requires {where}.unit, the unit of the scaled values")
     factors = _factors(given, len(parts), where, source)
     file = given.get("file", "")
     if not isinstance(file, str):
-        raise ConfigError(f"{source}: {where}.file must be a file's name, got {format_value(file)}")
+        raise ConfigError(f"{source}: {where}.file must be a file name, got {format_value(file)}")
     columns = tuple(
         Column(part, column, UNITS[name], unit, factor, "factor" in given)
         for part, column, factor in zip(parts, listed, factors, strict=True)
@@ -155,19 +155,19 @@ def _entry(name: str, given: Any, header: bool, recording: Path, source: str) ->
 
 
 def _quaternion_parts(listed: Sequence[Any], source: str) -> tuple[str, ...]:
-    """The parts of a quaternion by the last letters of its columns' names: their order alone would not tell it."""
+    """Return the quaternion components from the last letters of the column names: the order alone is ambiguous."""
     names = [name if isinstance(name, str) else "" for name in listed]
     parts = tuple(f"q{name[-1:].lower()}" for name in names)
     if sorted(parts) != sorted(QUATERNION) or len({name[:-1] for name in names}) > 1:
         raise ConfigError(
-            f"{source}: columns.rotation: the columns of a quaternion must have names alike that end in x, y, z and w, "
-            f"as qx, qy, qz, qw, got {format_value(listed)}; give the 9 columns of a matrix where they have others"
+            f"{source}: columns.rotation: quaternion columns must have a common name ending in x, y, z and w, "
+            f"such as qx, qy, qz, qw, got {format_value(listed)}; otherwise give the 9 columns of a matrix"
         )
     return parts
 
 
 def _factors(given: Mapping[str, Any], count: int, where: str, source: str) -> list[float]:
-    """The factor of each column, with the sign."""
+    """Return the signed factor of each column."""
     sign, factor = given.get("sign", 1), given.get("factor", 1.0)
     if sign not in (1, -1) or isinstance(sign, bool):
         raise ConfigError(f"{source}: {where}.sign must be 1 or -1, got {format_value(sign)}")
@@ -187,7 +187,7 @@ def _factors(given: Mapping[str, Any], count: int, where: str, source: str) -> l
 
 
 def _unit(unit: Any, units: Mapping[str, float], where: str, source: str) -> str:
-    """A unit as `units` has it; empty for None, which leaves it to the header."""
+    """Return a unit in the spelling of `units`; empty for None, which leaves it to the header."""
     if unit is None:
         return ""
     plain = plain_unit(unit) if isinstance(unit, str) else ""
@@ -201,14 +201,14 @@ def _unit(unit: Any, units: Mapping[str, float], where: str, source: str) -> str
 
 
 def counts_problem(what: str, unit: str) -> str:
-    """The answer to values in counts."""
-    return f'{what} is in counts: give unit = "{unit}" and factor = {unit} of one count, from the sensor\'s calibration'
+    """Return the error message for values in counts."""
+    return f'{what} is in counts; set unit = "{unit}" and factor = {unit} per count, from the sensor\'s calibration'
 
 
 def _check_name(column: Any, header: bool, where: str, source: str) -> None:
     number = isinstance(column, int) and not isinstance(column, bool) and 1 <= column <= 10_000
     if not number and not (header and isinstance(column, str)):
-        what = "a name of the header, or its number from 1" if header else "a number from 1"
+        what = "a column name, or its number from 1" if header else "a column number from 1"
         raise ConfigError(f"{source}: {where} must be {what}, got {format_value(column)}")
 
 
@@ -216,4 +216,4 @@ def _check_keys(values: Mapping[str, Any], section: str, source: str) -> None:
     for key in values:
         if key not in _KEYS[section]:
             known = ", ".join(_KEYS[section])
-            raise ConfigError(f"{source}: {key!r} is not known here; there are {known}")
+            raise ConfigError(f"{source}: unknown key {key!r}; known: {known}")

@@ -1,6 +1,6 @@
-"""Figures of one signal and of two: lag, rest, noise, share of slow variance, grid, times between samples. Pure.
+"""Figures of one or two signals: lag, residual, noise, share of slow variance, grid, sample intervals.
 
-All are over samples at ascending times, s. Values are in the unit of their quantity.
+Pure functions of samples at ascending times, s. Values are in the unit of their quantity.
 """
 
 import math
@@ -15,52 +15,52 @@ from scipy.signal import periodogram
 Floats: TypeAlias = NDArray[np.float64]
 
 PARTS = 5
-"""Chosen: parts of a recording whose lags tell the spread."""
+"""Chosen: number of parts of a recording from whose lags the spread is estimated."""
 LONGEST_LAG_S = 0.5
-"""Chosen: lags are looked for up to this. Three times the longest that a recording has shown."""
+"""Chosen: largest lag searched, three times the longest of any recording so far."""
 LEAST_SAMPLES = 50
-"""Chosen: samples below which nothing is compared."""
+"""Chosen: smallest number of samples for a comparison."""
 _LEAST_PART = 20
-"""Chosen: samples that a part needs for a lag of its own."""
+"""Chosen: smallest number of samples of a part for its own lag."""
 _FINE_S = 1e-5
-"""Chosen: step to which a lag is worked out, far below any spread that was measured."""
+"""Chosen: resolution of a lag, far below any measured spread."""
 _FEW = 300
-"""Chosen: about so many samples stand for all while lags are tried."""
+"""Chosen: approximate number of samples in the coarse search for a lag."""
 _COARSE = 81
-"""Chosen: lags that are tried before the finest is looked for."""
+"""Chosen: number of lags in the coarse search."""
 _EXPLAINED = 0.2
-"""Chosen: a lag is told where the rest is below this share of the motion."""
+"""Chosen: largest residual, as a share of the motion, with which a lag is accepted."""
 _STILL = 1e-9
-"""Chosen: an input that moves by a smaller share of its value stands; that much is rounding."""
+"""Chosen: relative motion below which an input is constant; that much is rounding."""
 _AGREEING = 2
-"""Chosen: parts that must tell a lag of their own. The spread needs as many."""
+"""Chosen: smallest number of parts with their own lag, as the spread requires."""
 _INCOHERENT = 0.1
-"""Chosen: 1 less the mean resultant length of the phases on a grid, below which values lie on it."""
+"""Chosen: 1 minus the mean resultant length of the phases on a grid, below which values lie on it."""
 _DIVISORS = (1, 2, 3, 4)
-"""Chosen: the smallest differences may be so many steps of the grid, as while the value moves."""
+"""Chosen: possible sizes of the smallest differences in grid steps, larger than 1 while the value moves."""
 _NEAR = 0.1
-"""Chosen: a difference so near to two steps counts as two. Equal differences alone make no grid."""
+"""Chosen: tolerance within which a difference counts as two steps. Equal differences alone prove no grid."""
 _EQUAL = 0.01
-"""Chosen: differences that differ by less than this share of them are one step."""
+"""Chosen: relative tolerance within which differences are one step."""
 _GRID_STEPS = 12.0
-"""Chosen: differences up to so many steps of a grid are looked at. Longer ones tell it less sharply."""
+"""Chosen: largest difference used, in grid steps. Larger ones determine the grid less precisely."""
 _FLOAT_STEPS = 8.0
-"""Chosen: differences below so many steps of a 32-bit float are rounding."""
+"""Chosen: differences below this many steps of a 32-bit float are rounding."""
 
 
 class Lag(NamedTuple):
-    """How an output follows an input."""
+    """Lag of an output behind its input."""
 
     seconds: float
-    """The output is later by this; NaN where the input moves too little, in all or in all parts but one."""
+    """Delay of the output, s; NaN if the input moves too little, overall or in all parts but one."""
     spread: float
-    """Standard deviation of the lags of the parts that tell one, s."""
+    """Standard deviation of the lags of the parts, s."""
     rest: Floats
-    """Output less input, after the shift; NaN where the input does not reach."""
+    """Residual: output minus shifted input; NaN outside the range of the input."""
 
 
 class Gaps(Struct, frozen=True):
-    """Times between samples, s."""
+    """Statistics of the intervals between samples, s."""
 
     mean_s: float
     deviation_s: float
@@ -69,36 +69,36 @@ class Gaps(Struct, frozen=True):
 
 
 def shift_of(times: Floats, source: Floats, output: Floats, free: int = 0) -> Lag:
-    """The lag of `output` behind `source`, both (n,) at `times` (n,).
+    """Estimate the lag of `output` behind `source`, both (n,) at `times` (n,).
 
-    `free` is 0 where both tell the same quantity, 1 where a constant between them has no meaning, and 2 where a drift
-    has none either.
+    `free` is 0 if both are the same quantity, 1 to ignore a constant offset between them, and 2 to ignore a linear
+    drift too.
     """
     signals = _Signals(times - times[0], source, output, free)
-    whole = slice(0, len(times))
-    lag = signals.lag(whole)
+    everything = slice(0, len(times))
+    lag = signals.lag(everything)
     lags = [
         own
         for part in np.array_split(np.arange(len(times)), PARTS)
         if len(part) >= _LEAST_PART and (own := signals.lag(slice(part[0], part[-1] + 1))) is not None
     ]
     if lag is None or len(lags) < _AGREEING:
-        return Lag(math.nan, math.nan, signals.rest(0.0, whole))
-    return Lag(lag, float(np.std(lags, ddof=1)), signals.rest(lag, whole))
+        return Lag(math.nan, math.nan, signals.rest(0.0, everything))
+    return Lag(lag, float(np.std(lags, ddof=1)), signals.rest(lag, everything))
 
 
 class _Signals(NamedTuple):
-    """An input and an output."""
+    """Input and output signals."""
 
     times: Floats
-    """s, from 0."""
+    """Times from 0, s."""
     source: Floats
     output: Floats
     free: int
-    """As of `shift_of`."""
+    """As in `shift_of`."""
 
     def lag(self, part: slice) -> float | None:
-        """The lag in a part; None where the input moves too little to tell one."""
+        """Return the lag in a part; None if the input moves too little."""
         source = self.source[part]
         moved = float(np.std(source))
         if moved <= _STILL * float(np.max(np.abs(source))):
@@ -107,7 +107,7 @@ class _Signals(NamedTuple):
         return lag if rms(self.rest(lag, part)) <= _EXPLAINED * moved else None
 
     def _best(self, part: slice) -> float:
-        """The lag with the least rest: first among some over a few samples, then next to the best over all."""
+        """Return the lag with the smallest residual: a coarse search over few samples, refined over all."""
         few = slice(part.start, part.stop, max(1, (part.stop - part.start) // _FEW))
         most = min(LONGEST_LAG_S, 0.25 * float(self.times[-1]))
         tried = np.linspace(-most, most, _COARSE)
@@ -119,7 +119,7 @@ class _Signals(NamedTuple):
         return float(least_rest.x)
 
     def rest(self, lag: float, part: slice) -> Floats:
-        """Output less the shifted input, less what is free."""
+        """Return the residual: output minus the shifted input, without the free offset and drift."""
         at = self.times[part]
         shifted = np.interp(at - lag, self.times, self.source, left=math.nan, right=math.nan)
         rest: Floats = self.output[part] - shifted
@@ -134,27 +134,27 @@ class _Signals(NamedTuple):
 
 
 def rms(values: Floats) -> float:
-    """Root mean square of the values that are numbers; NaN without any."""
+    """Return the root mean square of the finite values; NaN without any."""
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
 
 
 def noise_of(values: Floats) -> float:
-    """Standard deviation of successive differences, divided by √2: that of white noise, whatever moves slowly below."""
+    """Return the standard deviation of white noise on a slow signal, from first differences divided by √2."""
     steps = np.diff(values[np.isfinite(values)])
     return float(np.std(steps) / math.sqrt(2.0)) if len(steps) else math.nan
 
 
 def smooth_noise_of(values: Floats) -> float:
-    """The same from third differences, divided by √20: a motion that is smooth over four samples adds nothing."""
+    """Return the same from third differences divided by √20, unaffected by motion smooth over four samples."""
     steps = np.diff(values[np.isfinite(values)], 3)
     return float(np.std(steps) / math.sqrt(20.0)) if len(steps) else math.nan
 
 
 def share_below(times: Floats, values: Floats, hertz: float) -> float:
-    """Share of the variance at frequencies below `hertz`, after a straight line was taken off.
+    """Return the share of the variance below `hertz`, after removal of a linear trend.
 
-    NaN where half the rate of the samples is below, or nothing varies.
+    NaN if half the sample rate is lower than that, or nothing varies.
     """
     known = np.isfinite(values)
     times, values = times[known], values[known]
@@ -165,12 +165,12 @@ def share_below(times: Floats, values: Floats, hertz: float) -> float:
         return math.nan
     even = np.linspace(times[0], times[-1], len(times))
     frequencies, power = periodogram(np.interp(even, times, values), rate, detrend="linear")
-    whole = float(power.sum())
-    return float(power[frequencies < hertz].sum()) / whole if whole > 0.0 else math.nan
+    total = float(power.sum())
+    return float(power[frequencies < hertz].sum()) / total if total > 0.0 else math.nan
 
 
 def grid_of(values: Floats) -> float:
-    """The step on which the values lie; NaN where there is none, or too few values differ.
+    """Return the quantisation step of the values; NaN if there is none, or too few values differ.
 
     The differences of successive values are multiples of it, whatever the offset.
     """
@@ -193,7 +193,7 @@ def grid_of(values: Floats) -> float:
 
 
 def _grid_near(steps: Floats, guess: float) -> tuple[float, float]:
-    """The grid next to a guess, and 1 less the mean resultant length of the phases of the steps on it."""
+    """Return the grid closest to a guess, and 1 minus the mean resultant length of the phases of the steps on it."""
     near = steps[steps < _GRID_STEPS * guess]
     if len(near) < LEAST_SAMPLES // 2:
         return guess, 1.0
@@ -214,12 +214,12 @@ def _grid_near(steps: Floats, guess: float) -> tuple[float, float]:
 
 
 def gaps_of(times: Floats) -> Gaps:
-    """Times between samples at `times`."""
+    """Return statistics of the intervals between `times`."""
     gaps = np.diff(times)
     return Gaps(float(gaps.mean()), float(gaps.std()), float(np.percentile(gaps, 99.0)), float(gaps.max()))
 
 
 def integral_of(times: Floats, speeds: Floats) -> Floats:
-    """The way that the speeds make from 0, by trapezia."""
+    """Integrate speeds from 0 by the trapezoidal rule."""
     steps = 0.5 * (speeds[1:] + speeds[:-1]) * np.diff(times)
     return np.concatenate([[0.0], np.cumsum(steps)])

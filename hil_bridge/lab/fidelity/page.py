@@ -1,4 +1,4 @@
-"""A comparison as one page: measured and emulated drawn over each other, and the table of figures."""
+"""Comparison as one page: overlaid charts of measured and emulated values, and the table of figures."""
 
 from collections.abc import Iterator, Sequence
 from html import escape
@@ -18,11 +18,11 @@ _COLOURS = {"measured": "1", "emulated": "2"}
 """Sides in the order of `Sides.tables`."""
 _TITLES = ("figure", "measured", "emulated", "distance")
 _SCALES = {"rad": (1e3, "mrad"), "rad/s": (1e3, "mrad/s"), "m": (1e3, "mm")}
-"""Units in which charts show a quantity, where they are not its own."""
+"""Scale and unit of quantities in charts, if different from their own."""
 
 
 def fidelity_page(name: str, compared: Compared) -> str:
-    """The page of a comparison; `name` is that of the recording."""
+    """Render the page of a comparison; `name` is the name of the recording."""
     comparison = compared.comparison
     charts, left_out = _charts(compared)
     title = f"{name} against the emulated {comparison.kind}"
@@ -32,12 +32,12 @@ def fidelity_page(name: str, compared: Compared) -> str:
     )
     notes = "".join(f"<p>Not compared: {escape(text)}.</p>" for text in comparison.left_out)
     body = f"""<h1>{escape(title)}</h1>
-<p>{comparison.samples} samples over {comparison.seconds:.2f} s. The emulated device was played the recording's inputs.
-A constant between both is taken off in the charts. Below each quantity stands its way from its own input.</p>
+<p>{comparison.samples} samples over {comparison.seconds:.2f} s. The recording's inputs were replayed to the emulated
+device. The charts omit a constant offset between both. Below each quantity is its deviation from its own input.</p>
 <h2>Course</h2>
 {room("fidelity", charts)}{f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""}
 <h2>Figures</h2>
-<p class="quiet">Distance is emulated less measured; of a figure that is no time, their ratio.</p>
+<p class="quiet">Distance is emulated minus measured for times, and their ratio for all other figures.</p>
 {sections}
 {notes}"""
     return document(title, body)
@@ -54,19 +54,19 @@ def _charts(compared: Compared) -> tuple[Charts, str]:
 
 
 def _of_line(line: Line, sides: Sides, sources: Sources) -> Iterator[Chart]:
-    """Charts of a quantity: both over each other, and below each less its own input."""
+    """Yield the charts of a quantity: both overlaid, and each minus its own input."""
     scale, unit = _SCALES.get(line.unit, (1.0, line.unit))
     level = float(np.mean(sides.measured.columns[line.output]))
     drawn = [_about(table.columns[line.output], level) * scale for table in sides.tables]
     yield Chart(line.output, line.output, unit, _over(line.output, sides, drawn, sources))
     if line.source:
         name, rests = f"{line.output}-{line.source}", [_rest(line, table) * scale for table in sides.tables]
-        title = f"{line.output} less {line.source}"
+        title = f"{line.output} minus {line.source}"
         yield Chart(name, title, unit, _over(name, sides, rests, sources), height_px=130)
 
 
 def _over(name: str, sides: Sides, values: Sequence[Floats], sources: Sources) -> list[Series]:
-    """Lines of both sides over each other."""
+    """Return the overlaid lines of both sides."""
     series = []
     for (side, colour), table, column in zip(_COLOURS.items(), sides.tables, values, strict=True):
         source = sources.add(side, name, table.times, {name: column})
@@ -75,7 +75,7 @@ def _over(name: str, sides: Sides, values: Sequence[Floats], sources: Sources) -
 
 
 def _rest(line: Line, table: Table) -> Floats:
-    """Output less input without any shift, about its mean."""
+    """Return the unshifted output minus input, about its mean."""
     given = table.columns[line.source.removeprefix(INTEGRAL)]
     if line.source.startswith(INTEGRAL):
         given = integral_of(table.times, given)
@@ -83,6 +83,6 @@ def _rest(line: Line, table: Table) -> Floats:
 
 
 def _about(values: Floats, level: float) -> Floats:
-    """The values with another mean."""
+    """Shift the values to another mean."""
     moved: Floats = values + (level - float(np.mean(values)))
     return moved

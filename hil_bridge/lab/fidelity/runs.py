@@ -1,4 +1,4 @@
-"""A recording of a run as columns of known quantities: the robot's orders and places, or the sensor's wrench."""
+"""Conversion of a recorded run to columns of known quantities: the robot's positions, or the sensor's wrench."""
 
 from itertools import takewhile
 
@@ -15,23 +15,23 @@ from hil_bridge.record.device_facts import devices_of
 from protocol.wrench import wrench_of
 
 _STEERED = (Phase.APPROACH, Phase.TRACK)
-"""Phases in which each cycle has an order of its own."""
+"""Phases in which each cycle has a new order."""
 
 _BEFORE_TOUCH_S = 0.5
-"""Chosen: a contact is told so much later than it begins, at most."""
+"""Chosen: largest delay between a contact and its detection."""
 
 
 def places_of(run: Recording) -> Table:
-    """Ordered and reported places of a run, by cycle. Raises ConfigError.
+    """Return ordered and reported positions of a run, by cycle. Raises ConfigError.
 
-    Only the cycles before the first retraction count, for then a robot goes a long way to one order.
+    Only the cycles before the first retraction count: a retraction is a long motion to a single order.
     """
     cycles = list(takewhile(lambda cycle: cycle.phase in _STEERED, run.cycles))
     if len(cycles) < LEAST_SAMPLES:
         raise ConfigError(
-            f"the recording has {len(cycles)} cycles before it retracts; at least {LEAST_SAMPLES} are compared"
+            f"the recording has {len(cycles)} cycles before it retracts; at least {LEAST_SAMPLES} are required"
         )
-    # A robot that streams is answered with the target of the cycle before its report.
+    # The report of a streaming robot follows the target of the previous cycle.
     late = 1 if devices_of(run).robot.pacing is Pacing.STREAMED else 0
     times = np.array([cycle.sample.now for cycle in cycles[late:]])
     targets = np.array([cycle.target for cycle in cycles[: len(cycles) - late]])
@@ -42,17 +42,17 @@ def places_of(run: Recording) -> Table:
 
 
 def wrench_before_contact(run: Recording) -> Table:
-    """The wrench between a run's zero and its first contact, of nothing but the tool. Raises ConfigError."""
+    """Return the wrench of the tool alone, between a run's zero and its first contact. Raises ConfigError."""
     facts = devices_of(run).sensor.facts
     if facts is None:
-        raise ConfigError("the recording does not tell the scales of its sensor")
+        raise ConfigError("the recording does not contain the scales of its sensor")
     touch = next((cycle.sample.sensor_at for cycle in run.cycles if cycle.in_contact), np.inf)
-    begin = run.cycles[0].started_at if run.cycles else np.inf  # the zero has been taken then
+    begin = run.cycles[0].started_at if run.cycles else np.inf  # the zero was taken before
     frames = [frame for frame in run.sensors if begin < frame.at < touch - _BEFORE_TOUCH_S]
     if len(frames) < LEAST_SAMPLES:
         raise ConfigError(
             f"the recording has {len(frames)} frames between its zero and its first contact; "
-            f"at least {LEAST_SAMPLES} are compared"
+            f"at least {LEAST_SAMPLES} are required"
         )
     times = np.array([frame.at for frame in frames])
     wrench = np.array([wrench_of(frame.counts, facts.scales) for frame in frames])

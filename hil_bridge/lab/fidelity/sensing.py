@@ -1,7 +1,7 @@
-"""A recording's load on an emulated force/torque sensor, which a run's own client reads over its wire in virtual time.
+"""Emulated force/torque sensor under a recording's load, read by the regular client over its link in virtual time.
 
-The load is the weight of what hangs below the sensor, where the recording has the sensor's rotation: mass, centre of
-gravity and zero are those that explain the measured wrench best. Else it is the mean of the measured wrench.
+If the recording has the sensor's rotation, the load is the weight of the tool, with mass, centre of gravity and zero
+fitted to the measured wrench. Otherwise it is the mean of the measured wrench.
 """
 
 import math
@@ -29,17 +29,17 @@ from protocol.wrench import WrenchFrame, wrench_of
 LOADS = tuple(f"load_{name}" for name in WRENCH)
 """Columns of the load, in the order of a wrench."""
 _POSES = 60
-"""Chosen: readings from which the tool is identified; more tell nothing new of a slow motion."""
+"""Chosen: number of readings from which the tool is identified; more add nothing for a slow motion."""
 _LEAD_S = 0.1
-"""Chosen: the sensor streams for so long before the load begins to change."""
+"""Chosen: streaming time before the load begins to change."""
 _ORTHOGONAL = 1e-3
-"""Chosen: a rotation's rows may be so far from being of length 1 and square to each other."""
+"""Chosen: tolerance of the orthonormality of a rotation matrix."""
 
 
 def with_load(table: Table) -> Table:
-    """The table with the load that it tells. Raises ConfigError for one without a wrench, or with no rotation."""
+    """Add the load to a table. Raises ConfigError without a wrench, and for an invalid rotation."""
     if not table.has("force"):
-        raise ConfigError("the recording has no wrench of a sensor: map force, and moment where there is one")
+        raise ConfigError("the recording has no sensor wrench; map force and, if present, moment")
     moments = table.rows("moment") if table.has("moment") else np.zeros((len(table.times), 3))
     wrench = np.hstack([table.rows("force"), moments])
     load = _weight(table, wrench) if table.has("rotation") else np.tile(wrench.mean(axis=0), (len(wrench), 1))
@@ -48,12 +48,12 @@ def with_load(table: Table) -> Table:
 
 
 def _weight(table: Table, wrench: Floats) -> Floats:
-    """The wrench of the tool that explains the readings best, (n, 6)."""
+    """Return the wrench of the tool's weight fitted to the readings, (n, 6)."""
     rotations = table.rows("rotation").reshape(-1, 3, 3)
     error = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max()
     if error > _ORTHOGONAL or (np.linalg.det(rotations) < 0.0).any():
         raise ConfigError(
-            f"rotation: its rows are no rotation, by up to {error:.3g}; give the sensor's frame in the base"
+            f"rotation: not a rotation matrix, deviation {error:.3g}; give the sensor's frame in the base frame"
         )
     chosen = np.linspace(0, len(wrench) - 1, min(_POSES, len(wrench))).astype(int)
     quaternions = Rotation.from_matrix(rotations[chosen]).as_quat()[:, [3, 0, 1, 2]]
@@ -70,33 +70,33 @@ def _weight(table: Table, wrench: Floats) -> Floats:
 
 
 class _Load:
-    """A `WrenchSource`: the first load until `begin`, then those of the recording, and the last behind it."""
+    """`WrenchSource` with the first load until `begin`, then those of the recording, and the last one after it."""
 
     def __init__(self, table: Table) -> None:
         self._times = table.times
         self._load = np.column_stack([table.columns[name] for name in LOADS])
         self.begin = math.inf
-        """When the recording begins, s."""
+        """Start of the recording, s."""
         self.on_change = lambda time: None
 
     def wrench(self, times: Floats) -> Floats:
-        """As `WrenchSource.wrench` says."""
+        """Return the wrench at these times; see `WrenchSource.wrench`."""
         if math.isinf(self.begin):
             return np.tile(self._load[0], (len(times), 1))
         at = times - self.begin
         return np.column_stack([np.interp(at, self._times, part) for part in self._load.T])
 
     def committed_until(self, now: float) -> float:
-        """Nothing is known ahead before it begins."""
+        """Return `now`: the start of the recording is not known in advance."""
         return now
 
     def predicted_until(self, now: float) -> float:
-        """As `committed_until`."""
+        """Return `now`, as `committed_until`."""
         return now
 
 
 def emulate_sensor(config: Config, table: Table) -> Table:
-    """The table of the emulated sensor of a configuration under the load of a table. Raises ConfigError."""
+    """Return the table of a configured sensor's emulator under the load of a table. Raises ConfigError."""
     device = sensor_in(config)
     if device.kind.emulation is None:
         raise ConfigError(f"{device.kind.name} has no emulator")
@@ -108,7 +108,7 @@ def emulate_sensor(config: Config, table: Table) -> Table:
 
 
 async def _listen(device: Sensor, seed: int, table: Table) -> tuple[Floats, Floats]:
-    """Arrival of each frame since the recording began, s, and its wrench, (n, 6)."""
+    """Return the arrival of each frame since the start of the recording, s, and its wrench, (n, 6)."""
     clock = Clock.running()
     frames: list[WrenchFrame] = []
     failures: list[BaseException] = []
@@ -129,7 +129,7 @@ async def _listen(device: Sensor, seed: int, table: Table) -> tuple[Floats, Floa
         begin = source.begin = clock.now() + _LEAD_S
         await clock.sleep_until(begin + float(table.times[-1]))
     if failures:
-        raise ConfigError(f"the emulated {device.kind.name} has failed: {failures[0]}")
+        raise ConfigError(f"the emulated {device.kind.name} failed: {failures[0]}")
     times = np.array([frame.at for frame in frames]) - begin
     values = np.array([wrench_of(frame.values, facts.scales) for frame in frames])
     clock.close()

@@ -1,4 +1,4 @@
-"""The kinds that a recording is compared with, and how: robots by orders, sensors by loads, the contact by depth."""
+"""Comparison of a recording by kind: robots by orders, sensors by loads, the contact by depth."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +16,7 @@ from hil_bridge.lab.fidelity.comparing import (
     compare_robot,
     direct_line,
     followed_line,
-    joined,
+    make_comparison,
 )
 from hil_bridge.lab.fidelity.contact import emulate_contact, laws_of
 from hil_bridge.lab.fidelity.emulating import drive_of, emulate_robot
@@ -32,52 +32,45 @@ from hil_bridge.record.ros.bag_reader import read_bag
 from hil_bridge.runs.replay import changes_of, recorded_config
 from hil_bridge.settings.configuration import Config, lay_over, load_config
 
-STANDS = "inputs: the recording has none, so the emulated robot stands"
+STANDSTILL = "inputs: the recording has none, so the emulated robot is stationary"
 _TABLES = (".csv", ".tsv", ".txt", ".dat")
-"""Ends of the names of tables."""
+"""File name suffixes of tables."""
 CONTACT = "contact"
-"""Name of the surface of an emulated cell, which is no device."""
+"""Kind name of the surface of an emulated cell, which is not a device."""
 
 
 class Compared(NamedTuple):
-    """Both tables with their comparison."""
+    """Measured and emulated tables with their comparison."""
 
     sides: Sides
     comparison: Comparison
 
 
 class Measured(NamedTuple):
-    """A recording to be compared."""
+    """Recording to be compared."""
 
     table: Table
     run: Recording | None = None
-    """The run that it is of; None for a table and for a bag."""
+    """Its run; None for a table and a bag."""
 
 
 def read(recording: Path, mapping: Path | None, kind: str, bag: BagChoices | None = None) -> Measured:
-    """The quantities of a recording for a kind: of a table with a mapping, of a bag of ROS 2, else of a run.
-
-    Raises ConfigError.
-    """
+    """Read the quantities for a kind from a table with mapping, a ROS 2 bag, or a recorded run. Raises ConfigError."""
     if is_bag(recording):
         if mapping is not None:
-            raise ConfigError(
-                f"{format_path(recording)} is a bag of ROS 2: give --topic in place of --columns"
-            )
+            raise ConfigError(f"{format_path(recording)} is a ROS 2 bag; give --topic instead of --columns")
         return Measured(table_of_bag(read_bag(recording, bag)))
     if mapping is not None:
         return Measured(read_table(recording, mapping))
     if recording.suffix.lower() in _TABLES:
-        raise ConfigError(
-            f"{format_path(recording)}: a table needs --columns, which says what its columns are"
-        )
+        raise ConfigError(f"{format_path(recording)} is a table; give its column mapping with --columns")
     run = read_recording(recording)
     return Measured(wrench_before_contact(run) if kind in SENSORS.names else places_of(run), run)
 
 
 def compare_with(kind: str, measured: Measured, config_file: Path | None, seed: int | None) -> Compared:
-    """Play a recording to an emulated device of a kind, and compare. The settings are those of the file, over those of
-    the run where it is one. Raises ConfigError.
+    """Replay a recording to an emulated device of a kind, and compare. Settings of the file override those of a
+    recorded run. Raises ConfigError.
     """
     chosen: dict[str, object]
     compare: Callable[[str, Table, Config], Compared]
@@ -89,7 +82,7 @@ def compare_with(kind: str, measured: Measured, config_file: Path | None, seed: 
         chosen, compare = {}, _contact
     else:
         known = ", ".join((*ROBOTS.names, *SENSORS.names, CONTACT))
-        raise ConfigError(f"there is no kind {kind!r}; choose one of {known}")
+        raise ConfigError(f"unknown kind {kind!r}; known: {known}")
     measured.table.check()
     chosen["run.seed"] = seed
     if measured.run is None:
@@ -100,12 +93,12 @@ def compare_with(kind: str, measured: Measured, config_file: Path | None, seed: 
 
 
 def _sides(kind: str, measured: Table, emulated: Table) -> Sides:
-    """The tables to compare. Raises ConfigError where the recording is shorter than two samples of the device."""
+    """Return the tables to compare. Raises ConfigError if the recording is shorter than two samples of the device."""
     if len(emulated.times) < 2:
         lasts_s = measured.times[-1] - measured.times[0]
         raise ConfigError(
             f"the recording lasts {lasts_s:.3g} s, too short for two samples of the emulated {kind}; "
-            "is time.unit right?"
+            "check time.unit"
         )
     return Sides(kind, measured, emulated)
 
@@ -114,7 +107,7 @@ def _robot(kind: str, measured: Table, config: Config) -> Compared:
     sides = _sides(kind, measured, emulate_robot(config, measured))
     comparison = compare_robot(sides)
     if not drive_of(measured).family:
-        comparison = replace(comparison, left_out=(*comparison.left_out, STANDS))
+        comparison = replace(comparison, left_out=(*comparison.left_out, STANDSTILL))
     return Compared(sides, comparison)
 
 
@@ -122,9 +115,9 @@ def _sensor(kind: str, measured: Table, config: Config) -> Compared:
     measured = with_load(measured)
     sides = _sides(kind, measured, emulate_sensor(config, measured))
     pairs = [pair for pair in zip(LOADS, WRENCH, strict=True) if pair[1] in measured.columns]
-    return Compared(sides, joined(sides, [followed_line(sides, *pair, free=1) for pair in pairs]))
+    return Compared(sides, make_comparison(sides, [followed_line(sides, *pair, free=1) for pair in pairs]))
 
 
 def _contact(kind: str, measured: Table, config: Config) -> Compared:
     sides = _sides(kind, measured, emulate_contact(config, measured))
-    return Compared(sides, joined(sides, [direct_line(sides, "press")], laws_of(*sides.tables)))
+    return Compared(sides, make_comparison(sides, [direct_line(sides, "press")], laws_of(*sides.tables)))

@@ -1,4 +1,4 @@
-"""A comparison as text for people."""
+"""Comparison as text."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -9,14 +9,14 @@ from hil_bridge.lab.fidelity.units import prefixed_unit
 from hil_bridge.record.analysis.figures import UNKNOWN
 
 _NOTHING = 1e-12
-"""Chosen: smaller values are rounding, in every unit here."""
+"""Chosen: smaller values are rounding, in every unit used here."""
 
 
 def describe(comparison: Comparison) -> Iterator[str]:
-    """Lines of text: what was compared, then each quantity with its figures."""
+    """Yield the comparison line by line: a summary, then each quantity with its figures."""
     yield (
         f"{comparison.kind}: {comparison.samples} samples over {comparison.seconds:.2f} s; "
-        "distance is emulated less measured, of what is no time their ratio"
+        "distance is emulated minus measured for times, else their ratio"
     )
     yield f"{'':<34}{'measured':>18}{'emulated':>18}{'distance':>14}"
     for title, rows in tables(comparison):
@@ -32,8 +32,8 @@ Row = tuple[str, str, str, str]
 
 
 def tables(comparison: Comparison) -> Iterator[tuple[str, list[Row]]]:
-    """Titles, each with its rows."""
-    yield "times between samples", list(_gap_rows(comparison.measured_gaps, comparison.emulated_gaps))
+    """Yield titles with their rows."""
+    yield "sample intervals", list(_gap_rows(comparison.measured_gaps, comparison.emulated_gaps))
     for line in comparison.lines:
         title = f"{line.output} behind {line.source}" if line.source else line.output
         yield title, list(_rows(line, comparison.slow_hz))
@@ -81,17 +81,17 @@ def _rows(line: Line, slow_hz: float) -> Iterator[Row]:
             _lag(emulated.lag_s, emulated.lag_spread_s),
             _difference(measured.lag_s, emulated.lag_s),
         )
-        yield from row("rest behind the lag, rms", measured.rest_rms, emulated.rest_rms, size)
+        yield from row("residual after the lag, rms", measured.rest_rms, emulated.rest_rms, size)
     yield from row("noise", measured.noise, emulated.noise, size)
     yield from row(f"variance below {slow_hz:g} Hz", measured.slow_share, emulated.slow_share, _percent)
     yield from row("grid", measured.grid, emulated.grid, size)
     if not math.isnan(line.apart_rms):
         apart = "" if math.isnan(line.apart_s) else _difference(0.0, line.apart_s)
-        yield "emulated less measured, rms", "", size(line.apart_rms), apart
+        yield "emulated minus measured, rms", "", size(line.apart_rms), apart
 
 
 def format_quantity(value: float, unit: str) -> str:
-    """A number of three digits with a prefix before its unit."""
+    """Format a number with three digits and a unit prefix."""
     if math.isnan(value):
         return UNKNOWN
     if abs(value) < _NOTHING:
@@ -118,7 +118,7 @@ def _difference(here: float, there: float) -> str:
 
 
 def _rounded(seconds: float, digits: int, sign: str = "") -> str:
-    """Milliseconds, without a sign before zero."""
+    """Format milliseconds, without a sign for zero."""
     value = round(seconds * 1e3, digits) + 0.0
     return f"{value:{sign if value else ''}.{digits}f}"
 

@@ -1,4 +1,4 @@
-"""Quantities of a table by family, and their units as mappings and headers write them."""
+"""Quantities of a table by family, and their units in mappings and headers."""
 
 import math
 import re
@@ -13,8 +13,8 @@ FAMILIES: Mapping[str, tuple[str, ...]] = {
     "depth": ("depth",),
     "press": ("press",),
 }
-"""Quantities by family. Beside those of robots: the rotation of the sensor in the base, row by row; the depth of a tip
-below where it is measured from, m; the force that presses it back, N.
+"""Quantities by family. In addition to those of robots: the rotation of the sensor in the base frame, row by row; the
+depth of a tip below its reference, m; the contact force on it, N.
 """
 WRENCH = (*FAMILIES["force"], *FAMILIES["moment"])
 """Columns of a wrench in their order."""
@@ -51,9 +51,9 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "moment": _MOMENT,
     "rotation": _NUMBER,
 }
-"""Units of each family, and their sizes in its own, which is the first."""
+"""Units of each family, and their sizes in its base unit, the first."""
 COUNTS = ("counts", "count", "raw", "digits", "lsb")
-"""Units whose size a sensor's calibration alone tells."""
+"""Units whose size only a sensor's calibration gives."""
 _KNOWN = {unit for units in (*UNITS.values(), TIME) for unit in units if unit != "1"} | {*COUNTS}
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 _PREFIXED = ("s", "rad", "m", "N", "N·m")
@@ -63,14 +63,14 @@ _TIMES_SIGNS = re.compile(r"\s*[*⋅·.-]\s*|\s+")
 
 
 def unit_of(column: str) -> str:
-    """The unit of a quantity; empty for a number without one."""
+    """Return the unit of a quantity; empty for a dimensionless number."""
     family = next(name for name, parts in FAMILIES.items() if column in parts)
     unit = next(iter(UNITS[family]))
     return "" if unit == "1" else unit
 
 
 def plain_unit(text: str) -> str:
-    """A unit in the spelling of `UNITS`: `uN` is `µN`; `Nm`, `N*m`, `N-m` and `N m` are `N·m`; `in-lbf` is `lbf·in`."""
+    """Normalise a unit as in `UNITS`: `uN` is `µN`; `Nm`, `N*m`, `N-m` and `N m` are `N·m`; `in-lbf` is `lbf·in`."""
     text = _TIMES_SIGNS.sub("·", text.strip()).replace("μ", "µ")  # the Greek letter
     if text.casefold() in COUNTS:
         return text.casefold()
@@ -82,8 +82,8 @@ def plain_unit(text: str) -> str:
 
 
 def prefixed_unit(largest: float, unit: str) -> tuple[float, str]:
-    """Size and name of the unit in which values of this unit, up to `largest`, are shown: with a prefix where they are
-    small and the unit takes one.
+    """Return size and name of the display unit for values up to `largest`: prefixed if they are small and the unit
+    allows a prefix.
     """
     if unit.partition("/")[0] not in _PREFIXED:
         return 1.0, unit
@@ -92,13 +92,13 @@ def prefixed_unit(largest: float, unit: str) -> tuple[float, str]:
 
 
 def is_unit(unit: str) -> bool:
-    """Whether it is a unit of any quantity, or counts; in the spelling of `plain_unit`."""
+    """Return whether it is a unit of any quantity, or counts, in the spelling of `plain_unit`."""
     return unit in _KNOWN
 
 
 def split_heading(heading: str) -> tuple[str, str, bool]:
-    """Name and unit of a column, and whether the unit is in brackets: of `fx [lbf]`, `Fx (N)`, `force_z_uN`. The unit
-    is empty where none that is known is there.
+    """Split a heading such as `fx [lbf]`, `Fx (N)` or `force_z_uN` into name and unit, and return whether the unit is
+    in brackets. An unknown unit is returned as empty.
     """
     if brackets := _BRACKETS.fullmatch(heading):
         unit = plain_unit(brackets[2] or brackets[3])

@@ -1,1 +1,1 @@
-"""A controller's parameters for a given cell and criterion, by an optimiser of SciPy's."""
+"""Optimisation of a controller's parameters for a given cell and criterion, with SciPy."""

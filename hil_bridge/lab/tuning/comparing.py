@@ -1,4 +1,4 @@
-"""Two sets of parameters on the same seeds, and whether the one is better."""
+"""Comparison of two sets of parameters on the same seeds."""
 
 import math
 import statistics
@@ -6,23 +6,23 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from hil_bridge.lab.tuning.evaluating import Worth
+from hil_bridge.lab.tuning.evaluating import Evaluation
 
 _ERRORS = 2.0
-"""Chosen: a mean difference counts that is larger than so many of its standard errors."""
+"""Chosen: standard errors that a mean difference must exceed to count."""
 
 
 class Finding(StrEnum):
-    """Findings of a comparison."""
+    """Finding of a comparison."""
 
     BETTER = "better"
     WORSE = "worse"
-    ALIKE = "no difference that these seeds can tell"
+    ALIKE = "no significant difference with these seeds"
     FAILS = "fails"
     SAVES = "works where the defaults fail"
     MORE = "both fail, the tuned ones in more runs"
     LESS = "both fail, the tuned ones in fewer runs"
-    NEITHER = "both fail, in as many runs"
+    NEITHER = "both fail, in equally many runs"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,12 +30,12 @@ class Comparison:
     """Tuned and default parameters in one cell."""
 
     name: str
-    tuned: Worth
-    defaults: Worth
+    tuned: Evaluation
+    defaults: Evaluation
 
     @property
     def finding(self) -> Finding:
-        """By the scores, pair by pair of the same seed."""
+        """Finding from the scores, paired by seed."""
         ours, theirs = len(self.tuned.failures), len(self.defaults.failures)
         if ours and theirs:
             return Finding.MORE if ours > theirs else Finding.LESS if ours < theirs else Finding.NEITHER
@@ -60,7 +60,7 @@ def _by_pairs(differences: Sequence[float]) -> Finding:
 
 
 def describe_comparison(comparison: Comparison, figures: Sequence[str]) -> Iterator[str]:
-    """Lines for people: each figure of both, mean ± standard deviation over the seeds."""
+    """Yield text lines: each figure of both, mean ± standard deviation over the seeds."""
     one = comparison
     runs = len(one.tuned.runs)
     yield f"{one.name}, {runs} {'runs' if one.tuned.cells else 'seeds'}: {one.finding}"
@@ -71,13 +71,13 @@ def describe_comparison(comparison: Comparison, figures: Sequence[str]) -> Itera
             yield f"  {label}: {len(side.failures)} of {len(side.runs)} runs failed: {side.failures[0]}"
 
 
-def _figure(side: Worth, name: str) -> str:
+def _figure(side: Evaluation, name: str) -> str:
     mean = side.mean(name)
     return "–" if mean is None else f"{mean:.3g} ± {side.spread(name):.2g}"
 
 
 def sentence(comparisons: Sequence[Comparison]) -> str:
-    """One line on all: in how many cells the tuned parameters are better, and whether they beat the defaults."""
+    """Return a summary: in how many cells the tuned parameters are better, and whether they beat the defaults."""
     better = [one for one in comparisons if one.finding in (Finding.BETTER, Finding.SAVES)]
     worse = [one for one in comparisons if one.finding in (Finding.WORSE, Finding.FAILS, Finding.MORE)]
     both = sum(bool(one.tuned.failures and one.defaults.failures) for one in comparisons)

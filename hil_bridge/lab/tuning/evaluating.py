@@ -1,4 +1,4 @@
-"""Runs of one point of the space in virtual time, and their score."""
+"""Evaluation of a point of the space: runs in virtual time, and their score."""
 
 import json
 import math
@@ -18,22 +18,22 @@ from hil_bridge.record.analysis.figures import FIGURES, TUNED
 from hil_bridge.settings.configuration import read_config
 
 FAILURE = "failure"
-"""Beside the figures of a run that raised an error: the error in words."""
+"""Additional key in the figures of a run that raised an error: its message."""
 
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """The goal of a search."""
+    """Goal of a search."""
 
     weights: Mapping[str, float]
-    """Weight of each figure that is to be small."""
+    """Weight of each minimised figure."""
     force_limit_n: float
-    """A run whose true force is above it counts as failed."""
+    """Limit of the true force, N; a run that exceeds it counts as failed."""
     scales: Mapping[str, float]
-    """The figures of the defaults: a score of 1 is as good as they are."""
+    """Figures of the defaults: a score of 1 is as good as theirs."""
 
     def score(self, figures: Figures) -> float | None:
-        """Score of a run, the less the better; None for one that failed."""
+        """Return the score of a run, lower is better; None for a failed run."""
         if self.failure(figures):
             return None
         total = sum(self.weights.values())
@@ -46,11 +46,11 @@ class Goal:
         )
 
     def failure(self, figures: Figures) -> str:
-        """Why a run failed; empty where it did not."""
+        """Return why a run failed; empty if it did not."""
         if figures["outcome"] != "completed":
             return figure_text(figures.get(FAILURE) or figures["outcome"])
         force = figures.get("force_true_max_n")
-        if force is not None and not _number(force) <= self.force_limit_n:  # one that is no number too
+        if force is not None and not _number(force) <= self.force_limit_n:  # NaN fails too
             return f"a true force of {_number(force):.1f} N"
         missing = [name for name in self.weights if figures.get(name) is None]
         if missing:
@@ -60,26 +60,26 @@ class Goal:
 
 
 @dataclass(frozen=True, slots=True)
-class Worth:
-    """A point, and what its runs gave, seed by seed."""
+class Evaluation:
+    """Point with the results of its runs, by seed."""
 
     point: Point
     runs: tuple[Figures, ...]
     scores: tuple[float | None, ...]
     failures: tuple[str, ...]
-    """Why runs failed, without those that did not."""
-    cells: tuple["Worth", ...] = ()
-    """The same cell by cell, where it was tried in several."""
+    """Reasons of the failed runs."""
+    cells: tuple["Evaluation", ...] = ()
+    """Evaluation in each cell, if it was tried in several."""
 
     @property
     def feasible(self) -> bool:
-        """No run failed."""
+        """Whether no run failed."""
         return not self.failures
 
     @property
     def score(self) -> float:
-        """Mean of its scores plus the standard error: luck with one seed is no merit. Of a point that failed: above
-        all others, the more runs failed.
+        """Mean of its scores plus the standard error, so that luck with one seed does not pay. A point with failed
+        runs scores above all others, increasing with their share.
         """
         if self.failures:
             return 1e3 * (1.0 + len(self.failures) / len(self.runs))
@@ -90,27 +90,27 @@ class Worth:
         return statistics.fmean(scores) + error
 
     def mean(self, figure: str) -> float | None:
-        """Mean of a figure over the runs that have it; of several cells, all runs together."""
+        """Return the mean of a figure over the runs of all cells that have it."""
         values = self.values(figure)
         return statistics.fmean(values) if values else None
 
     def spread(self, figure: str) -> float:
-        """Standard deviation of a figure over the seeds, of several cells their mean; 0 with one run."""
+        """Return the standard deviation of a figure over the seeds, averaged over the cells; 0 with one run."""
         if self.cells:
             return statistics.fmean(cell.spread(figure) for cell in self.cells)
         values = self.values(figure)
         return statistics.stdev(values) if len(values) > 1 else 0.0
 
     def values(self, figure: str) -> list[float]:
-        """A figure of each run that has it."""
+        """Return a figure of each run that has it."""
         return [_number(run[figure]) for run in self.runs if run.get(figure) is not None]
 
 
-def together(cells: Sequence[Worth]) -> Worth:
-    """A point in several cells as one: it fails where it fails in one of them."""
+def combine_cells(cells: Sequence[Evaluation]) -> Evaluation:
+    """Combine the evaluations of a point in several cells: it fails if it fails in one of them."""
     if len(cells) == 1:
         return cells[0]
-    return Worth(
+    return Evaluation(
         cells[0].point,
         tuple(run for cell in cells for run in cell.runs),
         tuple(score for cell in cells for score in cell.scores),
@@ -123,21 +123,23 @@ def _number(value: Any) -> float:
     return float(value)
 
 
-def worth(goal: Goal, point: Point, runs: Sequence[Figures]) -> Worth:
-    """A point with its runs, judged."""
+def evaluate(goal: Goal, point: Point, runs: Sequence[Figures]) -> Evaluation:
+    """Evaluate a point from the figures of its runs."""
     failures = tuple(text for figures in runs if (text := goal.failure(figures)))
-    return Worth(point, tuple(runs), tuple(map(goal.score, runs)), failures)
+    return Evaluation(point, tuple(runs), tuple(map(goal.score, runs)), failures)
 
 
 def scales_of(weights: Mapping[str, float], runs: Sequence[Figures]) -> dict[str, float]:
-    """Scales by the mean figures of the defaults, not below their `least`. Raises ConfigError where none is known."""
-    found = {}
+    """Return scales from the mean figures of the defaults, not below their `least`. Raises ConfigError for an unknown
+    figure.
+    """
+    scales = {}
     for name in weights:
         if name not in TUNED:
-            raise ConfigError(f"--minimise {name}: no figure to be tuned for; choose from {', '.join(TUNED)}")
+            raise ConfigError(f"--minimise {name}: not a figure for tuning; known: {', '.join(TUNED)}")
         values = [abs(_number(run[name])) for run in runs if run.get(name) is not None]
-        found[name] = max(statistics.fmean(values) if values else 0.0, FIGURES[name].least or 0.0)
-    return found
+        scales[name] = max(statistics.fmean(values) if values else 0.0, FIGURES[name].least or 0.0)
+    return scales
 
 
 # --- runs in processes
@@ -145,7 +147,7 @@ def scales_of(weights: Mapping[str, float], runs: Sequence[Figures]) -> dict[str
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A run: the whole configuration as JSON, what is laid over its controller's parameters, and a seed."""
+    """Run: the complete configuration as JSON, overrides of its controller's parameters, and a seed."""
 
     config: str
     parameters: str
@@ -153,13 +155,13 @@ class Job:
 
 
 def figures_of(job: Job) -> Figures:
-    """Figures of a run; a bug is one that failed."""
+    """Execute a run and return its figures; a bug counts as a failed run."""
     values = json.loads(job.config)
     values["controller"]["parameters"] |= json.loads(job.parameters)
     values["run"]["seed"] = job.seed
     try:
         return run(read_config(values)).figures
-    except Exception as error:  # one point that makes no sense must not lose the others
+    except Exception as error:  # an invalid point must not lose the others
         return {
             "outcome": "error",
             FAILURE: f"{type(error).__name__}: {one_line(str(error))[:200]}",
@@ -167,15 +169,15 @@ def figures_of(job: Job) -> Figures:
 
 
 Runs = Callable[[Sequence[Job]], list[Figures]]
-"""Does runs, and gives their figures in the same order."""
+"""Executes runs, and returns their figures in the same order."""
 
 
 @contextmanager
 def running(workers: int, advance: Callable[[], object]) -> Iterator[Runs]:
-    """Does runs in so many processes, in this one with a single worker; `advance` is called after each.
+    """Provide `workers` processes for runs (this process for one worker); `advance` is called after each run.
 
-    Leaving it early ends the processes. What comes back does not depend on their number.
+    Leaving the context early ends the processes. The results do not depend on their number.
     """
     with own_processes(workers) as pool:
-        # One at a time: a generation is as slow as the last of its runs.
+        # Chunks of one: a generation is as slow as its last run.
         yield lambda jobs: in_order(pool, figures_of, jobs, lambda count: advance(), chunk=1)

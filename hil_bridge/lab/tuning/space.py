@@ -1,4 +1,4 @@
-"""The parameters that are varied, and their bounds: those that the controller declares, and a person's."""
+"""Search space: the varied parameters and their bounds, declared by the controller or given by the user."""
 
 import dataclasses
 import math
@@ -11,26 +11,26 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.settings.configuration import Config
 
 Point = tuple[float, ...]
-"""Values of the parameters, in their order and their units."""
+"""Values of the parameters, in their order and units."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter that is varied."""
+    """Varied parameter."""
 
     name: str
     range: Range
     whole: bool
-    """It takes whole numbers only."""
+    """Whether it takes integers only."""
     default: float | None
-    """Its value without tuning; None where the configuration gives it no number."""
+    """Its value without tuning; None if the configuration gives no number."""
 
     def coordinate(self, value: float) -> float:
-        """The optimiser's number for a value."""
+        """Map a value to the optimiser's coordinate."""
         return math.log(value) if self.range.by_factor and not self.whole else value
 
     def value(self, coordinate: float) -> float:
-        """The value that an optimiser's number stands for, within the bounds."""
+        """Map an optimiser's coordinate to a value within the bounds."""
         low, high, by_factor = self.range
         value = math.exp(coordinate) if by_factor and not self.whole else coordinate
         if self.whole:
@@ -40,7 +40,7 @@ class Parameter:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Space:
-    """All that are varied."""
+    """All varied parameters."""
 
     parameters: tuple[Parameter, ...]
 
@@ -51,34 +51,34 @@ class Space:
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
-        """Lowest and highest of the optimiser's numbers."""
+        """Lower and upper bounds of the optimiser's coordinates."""
         return [
             (parameter.coordinate(parameter.range.low), parameter.coordinate(parameter.range.high))
             for parameter in self.parameters
         ]
 
     def point(self, coordinates: Sequence[float]) -> Point:
-        """Values of the parameters for the optimiser's numbers."""
+        """Map the optimiser's coordinates to values of the parameters."""
         return tuple(
             parameter.value(float(each)) for parameter, each in zip(self.parameters, coordinates, strict=True)
         )
 
     def coordinates(self, point: Point) -> list[float]:
-        """The optimiser's numbers for values."""
+        """Map values of the parameters to the optimiser's coordinates."""
         return [parameter.coordinate(value) for parameter, value in zip(self.parameters, point, strict=True)]
 
     @property
     def start(self) -> Point | None:
-        """The defaults, moved to the nearer bound; None where one has none."""
-        found = []
+        """The defaults, clipped to the bounds; None if a parameter has none."""
+        values = []
         for parameter in self.parameters:
             if parameter.default is None:
                 return None
-            found.append(min(max(parameter.default, parameter.range.low), parameter.range.high))
-        return tuple(found)
+            values.append(min(max(parameter.default, parameter.range.low), parameter.range.high))
+        return tuple(values)
 
     def table(self, point: Point) -> dict[str, float | int]:
-        """The same for `[controller.parameters]`."""
+        """Return the values of a point as `[controller.parameters]`."""
         return {
             parameter.name: int(value) if parameter.whole else value
             for parameter, value in zip(self.parameters, point, strict=True)
@@ -86,25 +86,27 @@ class Space:
 
 
 def space_of(config: Config, given: Sequence[str]) -> Space:
-    """The space of a configuration's controller: `NAME=LOW:HIGH`, with `:log` behind it where factors count, or NAME
-    alone for the declared bounds; without any, all that the controller declares.
+    """Return the space of a configuration's controller: `NAME=LOW:HIGH`, with `:log` for a logarithmic scale, or NAME
+    alone for the declared bounds; if none are given, all that the controller declares.
 
-    Raises ConfigError for a name that it does not have, and where there are no bounds.
+    Raises ConfigError for an unknown parameter, and if there are no bounds.
     """
     kind: Any = controller_kind(config.controller.name)
     declared = {
-        name: found for name, found in getattr(kind, "ranges", {}).items() if isinstance(found, Range)
+        name: bounds for name, bounds in getattr(kind, "ranges", {}).items() if isinstance(bounds, Range)
     }
-    asked: Mapping[str, Range] = dict(_read_range(text, declared, kind.name) for text in given) or declared
-    if not asked:
+    requested: Mapping[str, Range] = (
+        dict(_read_range(text, declared, kind.name) for text in given) or declared
+    )
+    if not requested:
         raise ConfigError(
-            f"the controller {kind.name} declares no bounds of its parameters: give them, --vary NAME=LOW:HIGH"
+            f"the controller {kind.name} declares no bounds for its parameters; give some with --vary NAME=LOW:HIGH"
         )
     fields = {field.name: field for field in dataclasses.fields(kind) if field.init}
     parameters = []
-    for name, bounds in asked.items():
+    for name, bounds in requested.items():
         if name not in fields:
-            raise ConfigError(f"{kind.name} has no parameter {name!r}, only {', '.join(fields)}")
+            raise ConfigError(f"{kind.name} has no parameter {name!r}; known: {', '.join(fields)}")
         _check(name, bounds)
         value = config.controller.parameters.get(name, fields[name].default)
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
@@ -118,7 +120,7 @@ def _read_range(text: str, declared: Mapping[str, Range], controller: str) -> tu
     if not equals:
         if name not in declared:
             raise ConfigError(
-                f"--vary {name}: {controller} declares no bounds of it; write {name}=LOW:HIGH, in its unit"
+                f"--vary {name}: {controller} declares no bounds for it; give {name}=LOW:HIGH, in its unit"
             )
         return name, declared[name]
     low, *rest = bounds.split(":")
@@ -128,12 +130,12 @@ def _read_range(text: str, declared: Mapping[str, Range], controller: str) -> tu
             raise ValueError
         return name, Range(float(low), float(rest[0]), by_factor)
     except ValueError:
-        raise ConfigError(f"--vary {text}: write NAME=LOW:HIGH or NAME=LOW:HIGH:log, in its unit") from None
+        raise ConfigError(f"--vary {text}: must be NAME=LOW:HIGH or NAME=LOW:HIGH:log, in its unit") from None
 
 
 def _check(name: str, bounds: Range) -> None:
     low, high, by_factor = bounds
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise ConfigError(f"{name}: the bounds {low:g}:{high:g} are no range; the lower one comes first")
+        raise ConfigError(f"{name}: invalid bounds {low:g}:{high:g}; give the lower one first")
     if by_factor and low <= 0.0:
-        raise ConfigError(f"{name}: bounds by factors must be above 0, got {low:g}:{high:g}")
+        raise ConfigError(f"{name}: bounds with :log must be greater than 0, got {low:g}:{high:g}")

@@ -1,4 +1,4 @@
-"""The tuned configuration as a TOML file that `run` takes as it is."""
+"""Tuned configuration as a TOML file that `run` accepts unchanged."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
@@ -13,18 +13,18 @@ from hil_bridge.settings.places import FILE_KEYS
 def tuned_values(
     values: Mapping[str, Any], config: Config, parameters: Mapping[str, float | int]
 ) -> dict[str, Any]:
-    """The values of the file that was tuned, with the parameters, and what they hold for, in `[controller]`."""
-    found = deepcopy(dict(values))
-    whole = config.controller.parameters | dict(parameters)
-    lay_over(found, {"controller.name": config.controller.name, "controller.parameters": whole})
-    lay_over(found, {"controller.sample_ms": config.controller.sample_ms})
+    """Return the values of the original file with the tuned `[controller]` and the pace for which it was tuned."""
+    result = deepcopy(dict(values))
+    combined = config.controller.parameters | dict(parameters)
+    lay_over(result, {"controller.name": config.controller.name, "controller.parameters": combined})
+    lay_over(result, {"controller.sample_ms": config.controller.sample_ms})
     if config.run.period_ms:
-        lay_over(found, {"run.period_ms": config.run.period_ms})
-    return found
+        lay_over(result, {"run.period_ms": config.run.period_ms})
+    return result
 
 
 def toml(values: Mapping[str, Any], comment: Sequence[str]) -> str:
-    """Nested tables as TOML, behind lines of comment."""
+    """Format nested tables as TOML, preceded by comment lines."""
     lines = [*(f"# {line}" for line in comment), "", *_table(values, ())]
     return "\n".join(lines).rstrip() + "\n"
 
@@ -42,7 +42,7 @@ def _table(values: Mapping[str, Any], where: tuple[str, ...]) -> Iterator[str]:
 
 
 def absolute_files(values: dict[str, Any]) -> None:
-    """Name files by whole paths: the new file may lie elsewhere."""
+    """Make file paths absolute: the new file may be in another folder."""
     for key in FILE_KEYS:
         *sections, name = key.split(".")
         table: Any = values
