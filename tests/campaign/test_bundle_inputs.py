@@ -129,6 +129,7 @@ def test_a_policy_is_packed_under_its_hash_and_found_elsewhere(
     assert verify(bundle, 1).good
 
 
+@pytest.mark.full
 def test_one_altered_byte_of_a_policy_is_named(bundle: Path, tmp_path: Path) -> None:
     """By the name that the settings have for it, also where the manifest has the hash of the altered file."""
     files = files_of(bundle)

@@ -38,6 +38,7 @@ def slower(short_results: Path, tmp_path: Path) -> tuple[Path, str]:
     return place, key
 
 
+@pytest.mark.full
 def test_compare_names_the_run_that_differs(short_results: Path, slower: tuple[Path, str]) -> None:
     same = told("compare", short_results, short_results)
     assert (same["common"], same["changed"]) == (8, [])

@@ -121,6 +121,7 @@ def test_junit_has_a_test_case_a_run(short_results: Path, tmp_path: Path) -> Non
             assert f"campaign rerun short.sqlite {run.key}" in (failure.text or "")
 
 
+@pytest.mark.full
 def test_runs_of_a_campaign_show_requirements(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text(SHORT.replace("[campaign]", '[campaign]\nrequirements = ["R-1", "R-2"]', 1))

@@ -54,6 +54,7 @@ def test_an_example_meets_its_criteria(recorded: Recorded, name: str, robot: str
     assert record.steps[-1].label.partition(" ")[2].startswith("(retract")
 
 
+@pytest.mark.full
 def test_the_dome_is_polished_until_enough_is_gone(recorded: Recorded) -> None:
     """Neither at once nor with all passes."""
     steps = read(recorded("polish-dome")).steps
@@ -74,6 +75,7 @@ def test_the_face_of_the_step_is_found_and_pressed(recorded: Recorded) -> None:
     assert pressed * 5000.0 == pytest.approx(4.0, abs=0.5)
 
 
+@pytest.mark.full
 def test_the_flat_tool_lies_down_on_the_panel(recorded: Recorded) -> None:
     """It stood 3° askew, and an S3 turns in steps of a fifth of a degree."""
     record = read(recorded("press-and-feel"))

@@ -85,6 +85,7 @@ def test_two_runs_of_one_seed_are_the_same_bytes(usual: tuple[Path, Recording, A
     assert (tmp_path / "run.mcap").read_bytes() == (place / "run.mcap").read_bytes()
 
 
+@pytest.mark.full
 def test_a_contour_is_followed_without_losing_it(tmp_path: Path) -> None:
     code, _, summary = run(tmp_path, options=CONTOUR)
     assert code == 0
@@ -176,6 +177,7 @@ def test_a_bad_network_is_lived_with_and_the_tool_retracted(faults: str, tmp_pat
     assert any("struck" in event.text and "struck 0" not in event.text for event in record.events)
 
 
+@pytest.mark.full
 def test_without_feed_forward_the_loop_closes_too(tmp_path: Path) -> None:
     code, _, summary = run(tmp_path, client="feed_forward = false", options={"run.duration_s": 3.0})
     assert code == 0

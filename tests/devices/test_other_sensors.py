@@ -186,6 +186,7 @@ def test_a_box_whose_transfer_is_switched_off_ends_the_run_with_words(tried: Try
     assert "is switched off; enable it on its page" in told["error"]
 
 
+@pytest.mark.full
 def test_a_quick_stream_does_not_drown_the_run(tried: Try) -> None:
     told = tried("netft", "[cell.netft]\nrate_hz = 3500\nboot_s = 0.1\n", duration="0.3")
     assert told["outcome"] == "completed"

@@ -99,6 +99,7 @@ def is_stopped(bench: Bench) -> bool:
     return stopped or bool(state.get("emergency_stop")) or by_fault
 
 
+@pytest.mark.full
 def test_a_universal_robot_comes_back_from_an_emergency_stop_step_by_step() -> None:
     bench = Bench("rtde")
     bench.do("emergency-stop")

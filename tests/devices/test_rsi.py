@@ -109,6 +109,7 @@ def test_the_force_holds_on_a_contour(tmp_path: Path) -> None:
     assert max(depths) - min(depths) > 2e-3  # it went up and down with the surface
 
 
+@pytest.mark.full
 def test_corrections_of_axes_keep_the_force_of_cartesian_ones(tmp_path: Path) -> None:
     """The fuzzy-adaptive controller on a contour: the same set points reach the robot by either channel."""
     runs = [
@@ -146,6 +147,7 @@ def test_the_guard_holds_a_robot_that_is_corrected_by_its_axes(
     assert max(cycle.force for cycle in run.cycles) < 15.0
 
 
+@pytest.mark.full
 def test_runs_of_one_seed_are_the_same_to_the_byte_and_replay_is_identical(tmp_path: Path) -> None:
     records = [tmp_path / f"{name}.mcap" for name in ("one", "again")]
     for record in records:

@@ -353,6 +353,7 @@ REQUESTS = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.full
 @settings(max_examples=150, deadline=None)
 @given(st.lists(REQUESTS, max_size=6))
 def test_whatever_is_asked_the_controller_can_be_brought_back(requests: list[dict[str, object]]) -> None:

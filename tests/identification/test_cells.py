@@ -46,6 +46,7 @@ def test_the_true_values_lie_within(identified: Identified, number: int) -> None
     assert {"robot.servo", "surface.stiffness", "surface.friction", "line.sensor.lost"} <= found
 
 
+@pytest.mark.full
 def test_the_intervals_are_narrow(identified: Identified, number: int) -> None:
     """An interval that holds everything would be no answer."""
     for key, share in (("surface.stiffness", 0.5), ("surface.friction", 0.3), ("robot.servo", 0.5)):

@@ -69,6 +69,7 @@ def test_the_tool_stays_perpendicular(runs: tuple[Played, Played, float]) -> Non
     assert math.sqrt(sum(skew**2 for skew in skews) / len(skews)) <= 2.0
 
 
+@pytest.mark.full
 def test_the_force_is_held_as_well_as_on_a_straight_contour(runs: tuple[Played, Played, float]) -> None:
     raster, straight, _ = runs
     tracked = [record.force - 10.0 for record in straight.cycles if record.phase == "track"]

@@ -109,6 +109,7 @@ def test_the_cut_step_is_told_with_its_cause(pair: tuple[Recording, Recording, A
     assert "resuming step 11 (track)" in told
 
 
+@pytest.mark.full
 def test_every_place_is_covered_once_or_within_the_overlap(pair: tuple[Recording, Recording, Any]) -> None:
     first, second = map(covered, pair[:2])
     for number in range(STROKES):

@@ -302,8 +302,8 @@ LinkUnderFaults.TestCase.settings = settings(
     derandomize=not NIGHTLY,
     suppress_health_check=list(HealthCheck),
 )
-test_any_interleaving_delivers_once_or_tells_the_sender = pytest.mark.timeout(0 if NIGHTLY else 120)(
-    LinkUnderFaults.TestCase
+test_any_interleaving_delivers_once_or_tells_the_sender = pytest.mark.full(
+    pytest.mark.timeout(0 if NIGHTLY else 120)(LinkUnderFaults.TestCase)
 )
 
 
