@@ -50,12 +50,12 @@ def controller_kind(name: str) -> Callable[..., Controller[Any]]:
 
 
 def controller_package(name: str) -> str:
-    """The package that offers a controller, with its version; empty for one of ours and one that no package offers."""
+    """Return the package that offers a controller, with its version; empty for a built-in and for an unknown one."""
     return next((package for offer, package, _ in offers(GROUP) if offer == name), "")
 
 
 def make_controller(name: str, **parameters: Any) -> Controller[Any]:
-    """A controller by its name. Raises ConfigError for an unknown name or a parameter that it does not
+    """Make a controller by its name. Raises ConfigError for an unknown name or a parameter that it does not
     take.
     """
     kind = controller_kind(name)
@@ -69,7 +69,7 @@ def make_controller(name: str, **parameters: Any) -> Controller[Any]:
 
 
 def trial(name: str) -> str:
-    """The fault of a controller when it is made from its defaults and given one sample; empty where nothing is.
+    """Return the error of a controller made from its defaults and given one sample; empty if there is none.
 
     One with a parameter that must be given is not tried. Raises ConfigError as `make_controller`.
     """

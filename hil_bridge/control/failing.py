@@ -22,7 +22,7 @@ class Failed(NamedTuple):
 
 
 def blame_error(controller: Controller[Any], leg: Leg, error: BaseException) -> Failed:
-    """The controller raised this, or gave an answer by which this was raised; or the step of this leg did."""
+    """Blame the controller, or the step of this leg, for an exception that it raised or that its answer caused."""
     if isinstance(error, ControllerFailed):
         raised = error.__cause__ or error
         said = failure(raised, place_of_method(controller, "step"))
@@ -40,7 +40,7 @@ def is_stiffness(value: float | None) -> bool:
 
 
 def blame_answer(controller: Controller[Any], command: Command) -> Failed:
-    """It answered with a command that is no number, or so far away that it cannot be meant."""
+    """Blame it for a command that is not a number, or too far away to be meant."""
     place = place_of_method(controller, "step")
     aside = f" and {command.across} m aside" if command.across else ""
     turn = f" and a turn of {command.turn} rad" if command.turn else ""

@@ -2,5 +2,5 @@
 
 
 def within(value: float, low: float, high: float) -> float:
-    """The value, but not below the one bound and not above the other. NaN stays NaN."""
+    """Limit the value to both bounds. NaN stays NaN."""
     return low if value < low else high if value > high else value

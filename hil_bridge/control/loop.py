@@ -195,7 +195,7 @@ class ControlLoop:
         return self._conclude(case, ruling)
 
     def _supervise_retraction(self, case: Case) -> Ruling:
-        """A retraction ends at a stop: the tool stands still."""
+        """Supervise a retraction: at a stop it ends, and the tool stands still."""
         state, intent = case.state, case.proposal.intent
         supervisor, verdict = case.guard.retreat(
             state.supervisor, case.observation, self._request(state, intent)
@@ -205,7 +205,7 @@ class ControlLoop:
         return Ruling(case.proposal.program, intent, supervisor, verdict, verdict)
 
     def _supervise_order(self, case: Case) -> Ruling:
-        """An order that presses or travels passes the limits, and the watch over the robot's path."""
+        """Supervise an order that presses or travels: by the limits, and the watch over the robot's path."""
         state, proposal, guard = case.state, case.proposal, case.guard
         request = self._request(state, proposal.intent, self._barrier(proposal, guard.limits))
         supervisor, verdict = guard.step(state.supervisor, case.observation, request)
@@ -226,7 +226,7 @@ class ControlLoop:
         return Ruling(proposal.program, proposal.intent, supervisor, verdict, verdict)
 
     def _retract(self, case: Case, ruling: Ruling, reason: Reason) -> Ruling:
-        """The retraction in place of what was proposed, from the state before this sample: the controller's answer to
+        """Retract in place of what was proposed, from the state before this sample: the controller's answer to
         it no longer matters.
         """
         state, proposal = case.state, case.proposal
@@ -295,7 +295,7 @@ class ControlLoop:
     def _decide(
         self, state: ProgramState, contact: ContactSample
     ) -> tuple[ProgramState, Intent, Failed | None]:
-        """The program's step, and what is wrong with its controller or its step; None while nothing is.
+        """Decide the program's step, and report a failure of its controller or step; None if there is none.
 
         Both may come from another package: every error that one raises, and an answer that is not of numbers or cannot
         be meant, is its failure.
@@ -341,7 +341,7 @@ class ControlLoop:
     def _watch(
         self, state: OscillationState, measurement: Measurement, intent: Intent
     ) -> tuple[OscillationState, Advice | None]:
-        """The detector's word on a sample of TRACK in contact; it begins again with every other phase."""
+        """Apply the oscillation detector to a sample of TRACK in contact; it restarts in every other phase."""
         if self.detector is None or intent.phase is not _TRACK:
             return _NO_OSCILLATION, None
         if intent.command is None or not intent.in_contact:
@@ -370,14 +370,14 @@ class ControlLoop:
 
 
 def _stop_failure(case: Case) -> Ruling:
-    """A controller or step that failed stops the run."""
+    """Stop the run because a controller or step failed."""
     failure = case.proposal.failure
     assert failure is not None
     return _stopped(case, failure)
 
 
 def _stop_oscillation(case: Case) -> Ruling:
-    """A force that oscillates at the lowest gain stops the run."""
+    """Stop the run because the force oscillates at the lowest gain."""
     advice = case.proposal.advice
     assert advice is not None
     text = f"the force goes on swinging by ±{advice.amplitude:.1f} N at the lowest gain"

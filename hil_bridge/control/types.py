@@ -148,7 +148,7 @@ def ask(
 
 
 def as_command(answer: Any) -> Command:
-    """The answer of a controller as a command whose fields have the declared types.
+    """Return the answer of a controller as a command whose fields have the declared types.
 
     A controller of another package may answer with types that only behave alike. Raises every error of the
     conversion. The values of the explanation are not converted.
@@ -180,7 +180,7 @@ def as_command(answer: Any) -> Command:
 
 
 def numeric_explanation(explanation: Mapping[Any, Any]) -> dict[str, float]:
-    """An explanation for the record, by name. A value that is no number becomes NaN.
+    """Return an explanation for the record, by name. A value that is not a number becomes NaN.
 
     The explanation moves nothing, and a controller of another package may have put any object into it.
     """

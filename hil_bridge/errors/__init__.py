@@ -62,7 +62,7 @@ class BridgeError(Exception):
         self.cause = self.cause or cause
 
     def reason(self, otherwise: Cause) -> Reason:
-        """The error as a value; `otherwise` is its cause where it names none."""
+        """Return the error as a value; `otherwise` is its cause if it names none."""
         return Reason(self.cause or otherwise, self.fact, self.remedy, late_s=self.late_s)
 
     def __str__(self) -> str:
@@ -106,7 +106,7 @@ class SettingRefused(ConfigError):
         return self.below(0)
 
     def below(self, depth: int) -> str:
-        """The same for a reader who knows the source and the first `depth` parts of the key."""
+        """Return the same message for a reader who knows the source and the first `depth` parts of the key."""
         name = ".".join(self.key[depth:])
         more = f" (and {self.further} more)" if self.further else ""
         return f"{name}{self.joint if name else ''}{self.problem}{more}"
@@ -124,7 +124,7 @@ class StepError(ConfigError):
         self.label, self.problem = label, problem
 
     def in_table(self, key: str) -> str:
-        """The message for a file whose table of steps has this name."""
+        """Return the message for a file whose table of steps has this name."""
         return _in_table(key, self.label, self.problem)
 
     def __reduce__(self) -> tuple[object, ...]:

@@ -118,5 +118,5 @@ WORKSPACE = "limits.workspace_min_m", "limits.workspace_max_m"
 
 
 def stop(cause: Cause, condition: str, part: Part, *settings: str, **more: Any) -> CauseRow:
-    """A row of a cause that retracts and ends."""
+    """Return a row of a cause that retracts and ends."""
     return CauseRow(cause, condition, settings, part, **more)

@@ -182,7 +182,7 @@ class Reason(Struct, frozen=True):
         return f"{self.text}, in step {self.step}"
 
     def in_step(self, label: str) -> "Reason":
-        """The same, come in a step of a program; the first step that was named stays."""
+        """Return the same reason, arisen in a step of a program; the first named step stays."""
         return self if self.step else structs.replace(self, step=label)
 
     def __str__(self) -> str:

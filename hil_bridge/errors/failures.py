@@ -37,12 +37,12 @@ class WrongAnswer(Exception):
 
 
 def one_line(text: str) -> str:
-    """The first line of a text from another package; half characters are written out."""
+    """Return the first line of a plug-in's text; lone surrogates are written out."""
     return (text.splitlines() or [""])[0].encode(errors="backslashreplace").decode()
 
 
 def quote_error(error: BaseException) -> str:
-    """The first line of what an exception says, whatever it is."""
+    """Return the first line of an exception's message, whatever it is."""
     try:
         return one_line(str(error))
     except Exception as second:
@@ -50,7 +50,7 @@ def quote_error(error: BaseException) -> str:
 
 
 def traceback_of(error: BaseException) -> str:
-    """The traceback of an exception, whatever it is."""
+    """Return the traceback of an exception, whatever it is."""
     try:
         return "".join(traceback.format_exception(error))
     except Exception as second:  # an exception that cannot be shown
@@ -58,12 +58,12 @@ def traceback_of(error: BaseException) -> str:
 
 
 def last_line(trace: str) -> str:
-    """The line of a traceback that tells what was raised."""
+    """Return the line of a traceback that names what was raised."""
     return trace.strip().rpartition("\n")[2]
 
 
 def failure(error: BaseException, otherwise: str = "") -> str:
-    """The text of an exception in one line, and the package and the place that it comes from where that is not ours.
+    """Describe an exception in one line, and the package and the place that it comes from if that is not ours.
 
     `otherwise` is the place where no code of others had a part in it. An exception about an answer of such code names
     the object and its method in an attribute `blamed`.
@@ -128,7 +128,7 @@ def explain_exception(error: BaseException) -> Reason:
 
 
 def code_failed(what: str, cause: BaseException, otherwise: Cause) -> BridgeError:
-    """The error that ends a device whose code has raised this; one that a person is meant to read stays as it is.
+    """Return the error that ends a device whose code has raised this; a BridgeError stays as it is.
 
     `otherwise` is its row of the table of causes where it names none.
     """
@@ -176,7 +176,7 @@ def place_of_method(thing: Any, name: str) -> str:
 
 
 def _function(found: Any) -> Any:
-    """The function behind an attribute of a class."""
+    """Return the function behind an attribute of a class."""
     return getattr(found, "fget", None) or getattr(found, "__func__", None) or found
 
 
@@ -189,7 +189,7 @@ def _foreign_place(error: BaseException) -> str:
 
 
 def _frames(error: BaseException) -> Iterator[tuple[str, str, int]]:
-    """Module, file and line of each frame of an exception, outermost first; a SyntaxError's own file is innermost."""
+    """Return module, file and line of each frame of an exception, outermost first; a SyntaxError's own file is innermost."""
     for frame, line in traceback.walk_tb(error.__traceback__):
         yield str(frame.f_globals.get("__name__", "")), frame.f_code.co_filename, line
     if isinstance(error, SyntaxError) and error.filename:
@@ -201,7 +201,7 @@ def _frames(error: BaseException) -> Iterator[tuple[str, str, int]]:
 
 
 def _short(module: str, file: str) -> str:
-    """The file from the folder of its package on."""
+    """Return the file from the folder of its package on."""
     parts = Path(file).parts
     depth = len(module.split(".")) if module not in ("", "__main__") else 1
     depth += parts[-1:] == ("__init__.py",)

@@ -87,7 +87,7 @@ _TABLE = re.compile(rb"(?!\[)(?:[^=\r\n]*\r?\n){0,8}? *%b(?: *[;,\t] *%b)+ *\r?\
 
 
 def describe_content(head: bytes) -> str:
-    """What a file with these first bytes is, and what to do with it; empty where it is not known."""
+    """Describe a file with these first bytes, and what to do with it; empty if it is unknown."""
     head = _decoded(head[:HEAD_BYTES])
     at = 0
     while head.lstrip().startswith(b"<") and (skipped := _SKIPPED_XML.match(head, at)):
@@ -101,7 +101,7 @@ def describe_content(head: bytes) -> str:
 
 
 def _decoded(head: bytes) -> bytes:
-    """The first bytes of a text without its byte-order mark; characters of UTF-16 as those of ASCII."""
+    """Decode the first bytes of a text without its byte-order mark; characters of UTF-16 as those of ASCII."""
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         head = head[2:].replace(b"\0", b"")
     return head.removeprefix(codecs.BOM_UTF8)

@@ -35,7 +35,10 @@ def offered() -> EntryPoints:
 
 @lru_cache(maxsize=1)
 def _offered(path: tuple[str, ...]) -> EntryPoints:
-    """Cached, because reading the metadata of all packages takes milliseconds. Only those that name us are parsed."""
+    """Return the entry points, cached because reading all packages takes milliseconds.
+
+    Only those that name us are parsed.
+    """
     packages = [one for one in distributions() if _PREFIX in (one.read_text("entry_points.txt") or "")]
     if len(packages) > 1:  # to read a name takes longer than all else
         packages = list(

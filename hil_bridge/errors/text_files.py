@@ -51,7 +51,7 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def read_text(path: Path, limit: int = TEXT_LIMIT_BYTES, encoding: str = "utf-8") -> str:
-    """The text of a file of at most `limit` bytes; a byte-order mark tells its encoding. Raises ConfigError naming the
+    """Read a text file of at most `limit` bytes; a byte-order mark gives its encoding. Raises ConfigError naming the
     file.
     """
     with open_ordinary(path) as file:
@@ -73,7 +73,7 @@ def read_text(path: Path, limit: int = TEXT_LIMIT_BYTES, encoding: str = "utf-8"
 
 @contextmanager
 def open_ordinary(path: Path, what: str = "") -> Iterator[BinaryIO]:
-    """An ordinary file, to be read: not a device, a pipe or a folder, which might never end or never begin.
+    """Open an ordinary file to be read: not a device, a pipe or a folder, which might never end or never begin.
 
     `what` says what it is, as "the recording". Raises ConfigError naming the file, also for an error while inside.
     """
@@ -120,7 +120,7 @@ def refuse_known_file(path: Path) -> None:
 
 
 def read_up_to(file: BinaryIO, limit: int) -> bytes:
-    """The next bytes of a file, `limit` at most, without the memory for more than there are."""
+    """Read the next bytes of a file, `limit` at most, without the memory for more than there are."""
     data = bytearray()
     while piece := file.read(min(_PIECE_BYTES, limit - len(data))):
         data += piece
@@ -128,12 +128,12 @@ def read_up_to(file: BinaryIO, limit: int) -> bytes:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The values of a TOML file. Raises ConfigError as `read_text` and `parse_toml` do."""
+    """Read the values of a TOML file. Raises ConfigError as `read_text` and `parse_toml` do."""
     return parse_toml(read_text(path, TOML_LIMIT_BYTES), format_path(path))
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
-    """The values of a TOML text. Raises ConfigError that names `source`."""
+    """Parse the values of a TOML text. Raises ConfigError that names `source`."""
     if _DEEP_KEY.search(text):
         raise ConfigError(f"{source} is no TOML of ours: {_TOO_DEEP}")
     import tomllib
@@ -151,7 +151,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 
 
 def _in_words(problem: str) -> str:
-    """The words of the TOML parser, as words of a file; of the rest its first clause."""
+    """Translate the TOML parser's message to words of a file; of the rest its first clause."""
     if (twice := _TWICE.match(problem)) is None:
         return problem.partition(";")[0]
     table = ".".join(re.findall(r"'([^']*)'", twice[1]))
@@ -159,7 +159,7 @@ def _in_words(problem: str) -> str:
 
 
 def toml_value(value: object) -> str:
-    """A plain value, an array or an inline table as TOML writes it.
+    """Format a plain value, an array or an inline table as TOML.
 
     The standard library writes no TOML, and no small library writes the comments that our files mostly are.
     """
@@ -193,7 +193,7 @@ def parse_json(text: str) -> Any:
 
 
 def format_value(value: object) -> str:
-    """A value for a message: a number with nine digits at most, and all else cut where it is long."""
+    """Format a value for a message: a number with nine digits at most, and anything else cut if it is long."""
     text = (
         f"{value:.9g}" if isinstance(value, float) and len(repr(value)) > NUMBER_CHARACTERS else repr(value)
     )
@@ -201,13 +201,13 @@ def format_value(value: object) -> str:
 
 
 def format_path(path: Path) -> str:
-    """A path for a message, which stays one line."""
+    """Format a path for a message, on one line."""
     text = str(path)
     return text if text.isprintable() else repr(text)
 
 
 def harmless(text: str) -> str:
-    """The same text without characters that act on a terminal, as a device or a package may tell them.
+    """Remove characters that act on a terminal from a text of a device or a package.
 
     Each is shown as its escape in Python; line ends and tabs stay.
     """

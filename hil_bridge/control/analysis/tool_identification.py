@@ -95,7 +95,7 @@ class ToolEstimate:
 
 
 def identify_tool(poses: Sequence[ToolPose], wrist: Wrist) -> ToolEstimate:
-    """The tool that explains the readings best. Of `wrist` only orientation and handedness are used.
+    """Estimate the tool that explains the readings best. Of `wrist` only orientation and handedness are used.
 
     Uncertainties take the larger of the residuals' and the readings' variance. A filter makes readings follow each
     other, so many of them are not taken to be better than one. Raises ConfigError when the poses cannot tell, with what
@@ -142,7 +142,10 @@ def identify_tool(poses: Sequence[ToolPose], wrist: Wrist) -> ToolEstimate:
 
 
 def _require_spread(directions: Array) -> float:
-    """The largest angle, rad, between unit vectors (n, 3). Raises ConfigError when they change in too few ways."""
+    """Return the largest angle, rad, between unit vectors (n, 3).
+
+    Raises ConfigError when they change in too few directions.
+    """
     turned = max(
         math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))
         for a in directions

@@ -10,7 +10,7 @@ from hil_bridge.errors.causes import Cause, Reason
 
 
 def calm(intent: Intent, measurement: Measurement, advice: Advice) -> Intent:
-    """The program's answer with the detector's factor on the change of command."""
+    """Return the program's answer with the detector's factor on the change of command."""
     change = intent.target.depth - measurement.commanded
     depth = measurement.commanded + advice.factor * change
     return replace(intent, target=replace(intent.target, depth=depth))

@@ -232,7 +232,7 @@ class Facing:
     def _by_moments(
         self, look: Look, mean: list[float], heading: Place, stiffness: float
     ) -> list[tuple[float, float]]:
-        """The normal as the moments at the face tell it: angle and variance along and across the heading."""
+        """Estimate the normal from the moments at the face: angle and variance along and across the heading."""
         (a, t, b), (hx, hy), noise = look.axis, heading, self.moment_noise_nm / stiffness
         told = []
         for own, skew in (

@@ -29,7 +29,7 @@ class Following:
     """Resolution of its position, m."""
 
     def after(self, trail: Trail, depths: tuple[float, float], now: float, at: float | None) -> Trail:
-        """The trail with the depth that is ordered now, s, and without what a pose of the time `at` has passed.
+        """Return the trail with the depth that is ordered now, s, and without what a pose of the time `at` has passed.
 
         `depths` are the reported and the ordered one, m: a trail begins with the place that the robot comes from.
         """

@@ -30,8 +30,10 @@ class FreeSpace(Struct, frozen=True):
 def watch_sample(
     before: FreeSpace | None, limits: Limits, now: float, pull: float, counts: tuple[bool, Vector]
 ) -> FreeSpace:
-    """The state with one more sample. `pull` is the force away from the surface, N, from the newest zero. `counts` are
-    whether the sensor's counts have changed since the sample before, and the reported position, base frame, m.
+    """Return the state with one more sample.
+
+    `pull` is the force away from the surface, N, from the newest zero. `counts` are whether the sensor's counts
+    have changed since the sample before, and the reported position, base frame, m.
     """
     changed, position = counts
     since = None

@@ -16,7 +16,7 @@ _ROUNDING = 1e-9
 def limit_turn(
     limits: Limits, home: Quaternion, before: Quaternion, wanted: Quaternion, dt: float
 ) -> tuple[Quaternion, tuple[Reason, ...]]:
-    """The orientation that may be ordered, `dt` seconds after the one before, and why it is not the wanted one.
+    """Limit the orientation ordered `dt` seconds after the one before, and say why it is not the desired one.
 
     `home` is the orientation of the start, from which the tilt counts.
     """

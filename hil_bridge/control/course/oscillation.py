@@ -200,7 +200,7 @@ class OscillationDetector:
 def _add(
     peaks: tuple[tuple[float, float], ...], at: float, error: float, band: float
 ) -> tuple[tuple[float, float], ...]:
-    """A finished peak put behind the others, of which two on one side count as the larger of both."""
+    """Append a finished peak; of two on one side only the larger counts."""
     if abs(error) <= band:
         return peaks
     if peaks and peaks[-1][1] * error > 0.0:

@@ -38,14 +38,14 @@ class Peaks:
         """An axis was at the end of its range in one of the frames since `take`."""
 
     def turn(self, wrist: WristAtOrientation, scales: Sequence[float]) -> None:
-        """The tool stands in another orientation from now on."""
+        """Note that the tool has another orientation from now on."""
         rows = [[value * scale for value, scale in zip(row, scales, strict=True)] for row in wrist.matrix]
         self._matrix = tuple(map(tuple, rows))
         self._offset = wrist.offset
         self._direction = wrist.directions[0]
 
     def frame(self, values: Sequence[float]) -> None:
-        """A frame has come: its six values. In single numbers, for this runs for every frame of a stream."""
+        """Add the six values of a frame. In single numbers, for this runs for every frame of a stream."""
         fx, fy, fz, mx, my, mz = values
         (a, b, c, _, _, _), (d, e, f, _, _, _), (g, h, i, _, _, _), r, s, t = self._matrix
         ox, oy, oz, ou, ov, ow = self._offset
@@ -67,7 +67,7 @@ class Peaks:
             self._moment = square
 
     def rezero(self, wrench: Sequence[float]) -> None:
-        """A program has taken this contact wrench for its own zero, N and N·m; `resultant` alone counts from there."""
+        """Note that a program has taken this contact wrench, N and N·m, as its own zero; only `resultant` counts from there."""
         self._own = tuple(wrench)
 
     def resultant(self, values: Sequence[float]) -> float:

@@ -76,7 +76,7 @@ def blind_goal(limits: Limits, pressed: tuple[float, float] | None, before: Retr
 
 
 def _without_false_pull(before: Retreat, seen: Observation, contact: Contact) -> tuple[Retreat, Observation]:
-    """The retraction, and the cycle without the pull that only a false zero tells.
+    """Return the retraction, and the cycle without the pull that only a false zero reports.
 
     A tool that is deeper than its force explains reads a pull while the surface still presses it. That pull comes as
     the tool is unloaded, no faster than stiffness and way explain, and until it is where it was last free. What comes
@@ -109,7 +109,7 @@ def _begin(limits: Limits, seen: Observation) -> Retreat:
 
 
 def _advance(limits: Limits, before: Retreat, seen: Observation) -> Retreat:
-    """The lowest force so far; while the retraction has not taken effect yet, the newest."""
+    """Track the lowest force so far; before the retraction has taken effect, the newest."""
     resultant = seen.sample.resultant
     front = max(before.front, seen.sample.force, seen.sample.peak_force)
     if before.from_contact and (seen.sample.now - before.began_at) * 1e3 <= limits.retract_grace_ms:

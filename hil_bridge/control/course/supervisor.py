@@ -132,7 +132,7 @@ class Supervisor:
     def _bound(
         self, state: SupervisorState, seen: Observation, request: Request
     ) -> tuple[Allow | Clamp, Quaternion | None, Quaternion | None, float]:
-        """The request within the limits of motion; the orientation allowed, that of the start, and the lag."""
+        """Limit the request; also return the allowed orientation, that of the start, and the lag."""
         verdict = _clamp(self.limits, state, request, seen.dt)
         if seen.sample.overdue > 0.0 and verdict.depth > state.depth:
             verdict = _clamp(self.limits, state, _at_depth(request, state.depth), seen.dt)
@@ -144,7 +144,7 @@ class Supervisor:
     def _in_free_space(
         self, state: SupervisorState, seen: Observation
     ) -> tuple[FreeSpace | None, Reason | None]:
-        """The watch over the sensor while the tool moves through free space, and its stop."""
+        """Update the watch over the sensor while the tool moves through free space, and return its stop."""
         if seen.position is None or seen.free_force is None:
             return None, None
         changed = seen.sample.unchanged < seen.dt  # since the decision before
@@ -158,7 +158,7 @@ class Supervisor:
     def _turn(
         self, state: SupervisorState, seen: Observation, wanted: Quaternion, verdict: Allow | Clamp
     ) -> tuple[Allow | Clamp, Quaternion, Quaternion, float]:
-        """The verdict with that on the orientation; the orientation allowed, that of the start, and the new lag."""
+        """Return the verdict combined with that on the orientation; the allowed orientation, that of the start, and the new lag."""
         before = state.quaternion or normalise(seen.sample.quaternion or wanted)
         home = state.home or before
         given, reasons = orientation.limit_turn(self.limits, home, before, wanted, seen.dt)
@@ -209,7 +209,7 @@ _BEYOND_BARRIER = Reason(Cause.BARRIER, "deeper than where the force limit is pr
 
 
 def _in_millimetres(limits: Limits, position: Vector) -> str:
-    """A hint for a box whose corners are told in mm; empty where it is none."""
+    """Return a hint for a box whose corners seem to be in mm; empty otherwise."""
     x, y, z = position
     corners = limits.workspace_min_m, limits.workspace_max_m
     if not is_inside(limits, (x * 1e3, y * 1e3, z * 1e3)):
@@ -219,7 +219,7 @@ def _in_millimetres(limits: Limits, position: Vector) -> str:
 
 
 def _at_depth(request: Request, depth: float) -> Request:
-    """The same request at another depth."""
+    """Return the same request at another depth."""
     (x, y, z), (a, b, c), by = request.position, request.direction, depth - request.depth
     return Request(depth, (x + a * by, y + b * by, z + c * by), request.direction, request.barrier)
 
@@ -240,8 +240,9 @@ def _find_press(before: tuple[float, float] | None, observation: Observation) ->
 
 
 def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) -> Allow | Clamp:
-    """The request within the limits of motion, `dt` seconds after the one before. Written in single numbers: this runs
-    in every cycle, and arrays of three would cost ten times as much.
+    """Clamp the request to the limits of motion, `dt` seconds after the one before.
+
+    Written in single numbers: this runs in every cycle, and arrays of three would cost ten times as much.
     """
     reasons: list[Reason] = []
     depth, target = request.depth, request.position
@@ -296,7 +297,7 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
 
 
 def _parts(before: Vector, after: Vector, direction: Vector) -> tuple[float, Vector]:
-    """A way from one place to another: its part along a direction, m, and that across."""
+    """Split a motion into its part along a direction, m, and the part across it."""
     (u, v, w), (x, y, z), (a, b, c) = before, after, direction
     x, y, z = x - u, y - v, z - w
     along = x * a + y * b + z * c

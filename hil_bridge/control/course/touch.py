@@ -63,13 +63,14 @@ class Touch(Struct, frozen=True):
 
 
 def begin_tracking() -> Touch:
-    """The first moments of tracking: a sensor that dies tells its lost weight by and by, through its filter."""
+    """Begin the first moments of tracking: a dead sensor reports its lost weight gradually, through its filter."""
     return Touch(Doubt.WEIGHT)
 
 
 def keep_tracking(touch: Touch, doubt: Doubt, measurement: Measurement) -> tuple[Touch | None, bool]:
-    """The same one sample later, and whether the tool must stand now and prove its touch. None once the force has shown
-    for long enough that it is none that a lost weight makes.
+    """Advance by a sample; also return whether the tool must stop now and prove its touch.
+
+    None once the force has shown for long enough that it is none that a lost weight makes.
     """
     force, reported, ordered = measurement.force, measurement.position, measurement.commanded
     if doubt is not Doubt.WEIGHT:
@@ -100,7 +101,7 @@ class TouchTest(Struct, frozen=True):
         return max(self.rise_n / self.least_stiffness, 2.0 * self.step)
 
     def after(self, touch: Touch, measurement: Measurement) -> tuple[Touch, float, Reason | None]:
-        """The touch with one more sample; the way to go deeper, m; and why it is none, None while it may be one."""
+        """Return the touch with one more sample; how far to go deeper, m; and why it is no touch, None while it may be one."""
         dt, force, reported = measurement.dt, measurement.force, measurement.position
         left = 0.0 if touch.goal is None else max(touch.goal - measurement.commanded, 0.0)
         there = left < _ROUNDING and abs(measurement.commanded - reported) <= _THERE_M

@@ -55,7 +55,7 @@ class Witness:
 
 
 def witness_of(limits: Limits, ordinary_n: float, delay_s: float) -> Witness | None:
-    """The rule by the settings and the facts of a robot that feels a force itself; None where it is not asked."""
+    """Return the rule for a robot that measures a force itself, by settings and facts; None if it is not requested."""
     if limits.witness_n == 0.0:
         return None
     allowed_n = ordinary_n if limits.witness_n is None else limits.witness_n

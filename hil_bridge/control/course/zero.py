@@ -65,7 +65,7 @@ def reading(wrenches: Sequence[Sequence[float]]) -> Reading:
 
 
 def weight_reading(wrist: Wrist, quaternion: Quaternion) -> tuple[float, ...]:
-    """Reading of the sensor for this tool and its own bias at this orientation, without contact, (6,)."""
+    """Return the sensor's reading for this tool and its own bias at this orientation, without contact, (6,)."""
     weight = tool_gravity_wrench(quaternion, wrist.mass, wrist.centre_of_gravity)
     to_sensor = wrist.alignment().T
     seen = np.concatenate([to_sensor @ weight[:3], to_sensor @ weight[3:]]) + np.asarray(wrist.bias)
@@ -141,7 +141,7 @@ def main_axes(wrist: Wrist, approach: Sequence[float], quaternion: Quaternion) -
 
 
 def lost_forces(wrist: Wrist | None, approach: Sequence[float], quaternion: Quaternion) -> tuple[float, ...]:
-    """Forces along the approach that a sensor tells from its zero once it has lost the tool's weight, N: on all axes,
+    """Return the forces along the approach that a sensor reports, from its zero, after losing the tool's weight, N: on all axes,
     or on one that the approach mainly lies on. Empty where the weight is not known.
     """
     if wrist is None:

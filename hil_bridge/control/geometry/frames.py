@@ -40,7 +40,7 @@ def unit_rows(quaternion: Sequence[float]) -> tuple[Vector, Vector, Vector]:
 
 
 def quaternion_of(rotation: Array) -> Quaternion:
-    """Unit quaternion of a rotation matrix (3, 3), its largest part above 0."""
+    """Return the unit quaternion of a rotation matrix (3, 3), its largest part above 0."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     # row k is the quaternion times 4 of its part k; the longest row is the one with the least rounding
     rows = np.array(
@@ -57,13 +57,13 @@ def quaternion_of(rotation: Array) -> Quaternion:
 
 
 def rotate(quaternion: Sequence[float], vector: ArrayLike) -> Array:
-    """A vector given in the tool frame, in the base frame. Raises ValueError for an impossible quaternion."""
+    """Convert a vector from the tool frame to the base frame. Raises ValueError for an impossible quaternion."""
     rotated: Array = rotation_matrix(quaternion) @ np.asarray(vector, dtype=float)
     return rotated
 
 
 def transform_wrench(rotation: Array, origin: ArrayLike, wrench: ArrayLike) -> Array:
-    """The wrench of frame B in frame A: f_A = R f_B, m_A = R m_B + p × f_A.
+    """Convert a wrench from frame B to frame A: f_A = R f_B, m_A = R m_B + p × f_A.
 
     `rotation` turns B's vectors into A's, `origin` is where B's origin lies in A, m.
     """
@@ -91,6 +91,6 @@ def force_along(direction_base: ArrayLike, quaternion: Sequence[float], wrench_t
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """The cross product of two vectors; numpy's own takes ten times as long for single ones."""
+    """Return the cross product of two vectors; numpy's own takes ten times as long for single ones."""
     (x, y, z), (u, v, w) = a.tolist(), b.tolist()
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

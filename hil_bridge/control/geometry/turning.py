@@ -12,7 +12,7 @@ _ALIGNED = math.radians(0.02)
 
 
 def tip_tool(home: Quaternion, axis: Vector) -> Quaternion:
-    """The orientation nearest to `home` whose tool z axis is this unit vector of the base frame."""
+    """Return the orientation nearest to `home` whose tool z axis is this unit vector of the base frame."""
     return product(_shortest(rotate(home, (0.0, 0.0, 1.0)), axis), home)
 
 
@@ -25,7 +25,7 @@ def yaw_tool(home: Quaternion, approach: Vector, before: Place, heading: Place) 
 
 
 def brought(before: Quaternion, wanted: Quaternion, angle: float) -> Quaternion:
-    """The next orientation on the way to the wanted one, at most `angle`, rad, from the one before."""
+    """Return the next orientation towards the desired one, at most `angle`, rad, from the one before."""
     if angle_between(before, wanted) < _ALIGNED:
         return before
     return towards(Pose(_NOWHERE, before), Pose(_NOWHERE, wanted), 0.0, angle).quaternion
@@ -39,7 +39,7 @@ def moment_at(wrench: Sequence[float], point: Vector) -> Vector:
 
 
 def _shortest(a: Vector, b: Vector) -> Quaternion:
-    """The smallest turn that takes one unit vector to another; of opposite ones, any half turn."""
+    """Return the smallest rotation from one unit vector to another; of opposite ones, any half turn."""
     (x, y, z), (u, v, w) = a, b
     i, j, k = y * w - z * v, z * u - x * w, x * v - y * u
     real = 1.0 + x * u + y * v + z * w

@@ -34,15 +34,15 @@ class Way:
         object.__setattr__(self, "length", self.begins[-1])
 
     def piece(self, travel: float) -> int:
-        """Number of the piece on which this length of the way lies."""
+        """Return the number of the piece that holds this length of the path."""
         return bisect_right(self.begins, travel, 1, len(self.headings)) - 1
 
     def at(self, travel: float) -> Place:
-        """The place at this length of the way, m; straight on behind its end."""
+        """Return the place at this length of the path, m; straight on beyond its end."""
         return self.place_and_heading(travel)[0]
 
     def place_and_heading(self, travel: float) -> tuple[Place, Place]:
-        """The place at this length of the way, m, as `at`, and the unit vector of its piece."""
+        """Return the place at this length of the path, m, as `at`, and the unit vector of its piece."""
         number = self.piece(travel) if len(self.headings) > 1 else 0
         (x, y), heading, rest = self.points[number], self.headings[number], travel - self.begins[number]
         return (x + rest * heading[0], y + rest * heading[1]), heading
@@ -78,7 +78,7 @@ class Way:
 
 
 def way_of(corners_mm: Sequence[Place]) -> Way:
-    """The way through these places, mm, relative to the first. Raises ValueError for one without length."""
+    """Return the path through these places, mm, relative to the first. Raises ValueError for one without length."""
     x0, y0 = corners_mm[0]
     places = [((x - x0) * 1e-3, (y - y0) * 1e-3) for x, y in corners_mm]
     points, headings, begins = [places[0]], [], [0.0]

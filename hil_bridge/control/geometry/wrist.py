@@ -47,7 +47,7 @@ class Wrist:
         return matrix * (-1.0, 1.0, 1.0) if self.flip else matrix
 
     def seen_by_sensor(self, direction_base: Sequence[float], quaternion: Sequence[float]) -> Array:
-        """A direction of the base as the three force axes of the sensor see it, shape (3,)."""
+        """Return a direction of the base in the three force axes of the sensor, shape (3,)."""
         seen: Array = self.alignment().T @ rotation_matrix(quaternion).T @ np.asarray(direction_base)
         return seen
 
@@ -161,7 +161,7 @@ class WristAtOrientation:
         )
 
     def contact_force(self, measured: Sequence[float]) -> Vector:
-        """The force of `contact_wrench` alone, N. No moment goes into them."""
+        """Return the force of `contact_wrench` alone, N. Moments do not affect it."""
         fx, fy, fz, _, _, _ = measured
         (a, b, c, _, _, _), (d, e, f, _, _, _), (g, h, i, _, _, _), _, _, _ = self.matrix
         x, y, z, _, _, _ = self.offset

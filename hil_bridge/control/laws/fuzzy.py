@@ -77,7 +77,7 @@ class InferenceSystem:
         return Inference(found["level_error"], found["level_change"], found["level_output"])
 
     def explain(self, error_percent: float, change_percent: float) -> dict[str, float]:
-        """The rules that fire, by names such as `NB∧ZO→PM`, and to what degree; then the levels of `evaluate`.
+        """Return the rules that fire, by names such as `NB∧ZO→PM`, and to what degree; then the levels of `evaluate`.
 
         With quantised inputs the rules are those of the two levels, even where a printed table says otherwise.
         """
@@ -119,7 +119,7 @@ class InferenceSystem:
         return moment / area
 
     def computed_table(self) -> Table:
-        """The output level that the rules give for each level of error (row) and change (column)."""
+        """Return the output level that the rules give for each level of error (row) and change (column)."""
         columns = range(len(self.base.change.levels))
         levels = self.base.output.levels
         return tuple(
@@ -128,7 +128,7 @@ class InferenceSystem:
         )
 
     def _fire(self, row: float, column: float) -> tuple[Strengths, Strengths]:
-        """The rules that hold, and the output terms, each as far as the strongest rule that names it."""
+        """Return the rules that fire, and the output terms, each as far as the strongest rule that names it."""
         changes = _memberships(column, self._change_terms)
         fired: Strengths = {}
         outputs: Strengths = {}
@@ -144,13 +144,13 @@ class InferenceSystem:
 
 
 def _explanation(rules: Strengths, error: float, change: float, output: float) -> dict[str, float]:
-    """The rules and the three levels, by name."""
+    """Return the rules and the three levels, by name."""
     return {**rules, "level_error": error, "level_change": change, "level_output": output}
 
 
 @cache
 def paper_system(surface: Surface) -> InferenceSystem:
-    """The paper's rule base behind one of the surfaces."""
+    """Return the paper's rule base with one of the surfaces."""
     return InferenceSystem(PAPER_RULES, surface)
 
 

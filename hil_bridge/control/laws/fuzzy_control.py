@@ -79,7 +79,7 @@ class _Fuzzy:
         gain: float = 1.0,
         stiffness: float | None = None,
     ) -> Command:
-        """The answer of the fuzzy PI."""
+        """Return the answer of the fuzzy PI."""
         correction = self._correction(explanation, gain)
         return Command(
             position=measurement.commanded + correction,
@@ -162,7 +162,7 @@ class _Adaptive(_Fuzzy):
         return AdaptiveState(error, estimate), command
 
     def _observe(self, estimate: StiffnessEstimate, measurement: Measurement) -> StiffnessEstimate:
-        """The estimate behind a sample."""
+        """Return the estimate after a sample."""
         if not measurement.in_contact:
             return contact_lost(estimate)
         return update(estimate, self._gates, measurement.position, self._force(measurement))
@@ -174,7 +174,7 @@ class _Adaptive(_Fuzzy):
     def _answer(
         self, measurement: Measurement, reference: float, explanation: dict[str, float], stiffness: float
     ) -> Command:
-        """The answer where the stiffness is known, N/m."""
+        """Return the answer for a known stiffness, N/m."""
         raise NotImplementedError
 
     def _feedforward(self, measurement: Measurement, reference: float, stiffness: float) -> float:
@@ -266,7 +266,7 @@ class ResolutionAware(_Adaptive):
 
 
 def scheduled_gain(stiffness: float) -> float:
-    """The paper's adaptation rule: factor on the fuzzy output for a stiffness in N/m."""
+    """Return the paper's adaptation rule: factor on the fuzzy output for a stiffness in N/m."""
     decade = math.log10(stiffness)
     if decade <= 4.0:
         return 1.0

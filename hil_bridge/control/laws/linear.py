@@ -241,7 +241,7 @@ class Admittance:
         return measured if 0 < measured <= 5 * nominal else nominal
 
     def _move(self, offset: float, velocity: float, force: float, cycle: float) -> tuple[float, float]:
-        """The body after a cycle. Scaling mass, damper and spring is the same as scaling the force inversely,
+        """Return the body after a cycle. Scaling mass, damper and spring is the same as scaling the force inversely,
         so the force comes already scaled.
         """
         system = np.array(

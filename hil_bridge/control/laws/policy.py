@@ -88,7 +88,7 @@ _NO_SAMPLE = (0.0,) * 10
 
 
 def observe(measurement: Measurement, reference: float, before: float | None) -> Observed:
-    """The observation of a sample; `reference` is the wanted force, `before` the force of the sample before, N.
+    """Return the observation of a sample; `reference` is the target force, `before` the force of the sample before, N.
 
     Shape `(len(OBSERVED),)`. A number that is none is 0.
     """
@@ -148,7 +148,7 @@ def _answer(
     measurement: Measurement,
     reference: float,
 ) -> tuple[PolicyState, Command]:
-    """The set point after the policy's action. A force or a position that is no number moves nothing."""
+    """Return the set point after the policy's action. A force or a position that is not a number moves nothing."""
     if not measurement.is_finite:
         return state, Command(measurement.commanded, 0.0)
     action = np.asarray(controller.policy(observe(measurement, reference, state.force)), np.float64).reshape(
@@ -274,7 +274,7 @@ class PolicyFile:
 
 @lru_cache(maxsize=4)
 def _load(content: bytes, path: str) -> tuple[Policy, int]:
-    """The policy of an ONNX file, and the number of axes that it leads. Raises ConfigError, SettingError."""
+    """Load the policy of an ONNX file, and the number of axes that it controls. Raises ConfigError, SettingError."""
     try:
         import onnxruntime
     except ImportError as error:

@@ -222,7 +222,7 @@ class Predictive:
     def _follow(
         self, state: PredictiveState, stiffness: float, measurement: Measurement, reference: float
     ) -> tuple[PredictiveState, Command]:
-        """The answer where there is an estimate, and the state after it. `state` has this sample's pair."""
+        """Return the answer given an estimate, and the state after it. `state` has this sample's pair."""
         estimate, pairs = state.estimate, state.pairs
         error, relative_error = measurement.force - reference, estimate.relative_error(self.pairing)
         band = stiffness * self.resolution_mm * 1e-3 / 2 + self.force_uncertainty_n
@@ -277,7 +277,7 @@ class Predictive:
         return error * travelled / (2 * max(measurement.force_at_position, -error))
 
     def _land(self, state: PredictiveState, correction: float, dt: float) -> float:
-        """The part of a correction that a sample of this time, s, makes at a first touch."""
+        """Return the part of a correction that a sample of this time, s, makes at a first touch."""
         landing = self.landing_ms * 1e-3
         if correction <= 0.0 or dt >= landing or state.landing > _LANDINGS * landing:
             return correction
@@ -303,7 +303,7 @@ class Predictive:
     def _fit(
         self, pairs: tuple[Pair, ...], stiffness: float, relative_error: float, at: float, reference: float
     ) -> tuple[float, float, float]:
-        """The straight line through the wanted positions: its value at this travel, its slope, and the standard error
+        """Fit a straight line through the target positions: its value at this travel, its slope, and the standard error
         of that. Weighted least squares with a slope that is 0 ± `steepest` before any pair is seen.
         """
         relative_error = relative_error if relative_error < 1.0 else 1.0
@@ -328,7 +328,7 @@ class Predictive:
         return base + (s2 * t0 - s1 * t1) / determinant, slope, math.sqrt(s0 / determinant)
 
     def _answer(self, measurement: Measurement, estimate: Stiffness, correction: float) -> Command:
-        """The command with this correction where no line is followed. Its gain is 0 without an estimate."""
+        """Return the command with this correction when no line is followed. Its gain is 0 without an estimate."""
         correction = self._limit(correction)
         gain = 1.0 / (1.0 + estimate.relative_error(self.pairing))
         return Command(measurement.commanded + correction, correction, estimate.value, gain)

@@ -54,7 +54,7 @@ class Variable:
     terms: tuple[Term, ...]
 
     def __post_init__(self) -> None:
-        """Raises ValueError for numbers or lengths that do not make a variable."""
+        """Raise ValueError for numbers or lengths that do not make a variable."""
         _check_ascending(f"{self.name}.levels", self.levels)
         # The continuous surface extends the outermost levels by the slope between two edges.
         if len(self.levels) < 3:
@@ -91,7 +91,7 @@ class RuleBase:
     """
 
     def __post_init__(self) -> None:
-        """Raises ValueError naming the first thing that is missing, contradictory or of no use."""
+        """Raise ValueError with the first rule or term that is missing, contradictory or useless."""
         for variable in (self.error, self.change):
             _check_input(variable)
         known = [{term.name for term in v.terms} for v in (self.error, self.change, self.output)]
@@ -128,7 +128,7 @@ class RuleBase:
 
 
 def parse_rules(text: str, source: str = "rules") -> RuleBase:
-    """The rule base that a TOML text describes. Raises ConfigError that names `source` and the entry.
+    """Parse the rule base in a TOML text. Raises ConfigError that names `source` and the entry.
 
     `levels` and `[terms]` at the top hold for every variable that has none of its own.
     """
@@ -140,12 +140,12 @@ def parse_rules(text: str, source: str = "rules") -> RuleBase:
 
 
 def read_rules(path: str | Path) -> RuleBase:
-    """The rule base in a TOML file. Raises ConfigError that names the file and the entry."""
+    """Read the rule base in a TOML file. Raises ConfigError that names the file and the entry."""
     return parse_rules(read_text(Path(path), TOML_LIMIT_BYTES), str(path))
 
 
 def rules_as_toml(base: RuleBase) -> str:
-    """A TOML text that `parse_rules` reads as the same rule base: a start for one's own."""
+    """Return a TOML text that `parse_rules` reads as the same rule base: a start for one's own."""
     lines = ["# Rule base of a fuzzy force controller.", ""]
     lines += [
         "# Borders between the levels of an input, percent of the desired force; degree to which each level",

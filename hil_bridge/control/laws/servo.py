@@ -35,14 +35,15 @@ class Servo:
     """Farthest that the position is taken to be from the reported one, m."""
 
     def begin(self, measurement: Measurement, coming: bool) -> Served:
-        """The state at the first sample in contact: the robot is where it reports. `coming`: it comes with an even
-        speed, as at a first touch; else it stands.
+        """Return the state at the first sample in contact: the robot is where it reports.
+
+        `coming`: it comes with an even speed, as at a first touch; else it stands.
         """
         speed = (measurement.commanded - measurement.position) / self.lag_s if coming else 0.0
         return Served(measurement.position, speed)
 
     def after(self, served: Served, measurement: Measurement) -> Served:
-        """The state after a sample. Backward Euler: stable for any time."""
+        """Return the state after a sample. Backward Euler: stable for any time."""
         reported, dt = measurement.position, measurement.dt
         frequency = 2.0 * self.damping / self.lag_s
         pull = dt * frequency

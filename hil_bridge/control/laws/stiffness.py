@@ -99,7 +99,7 @@ class Stiffness(Struct, frozen=True):
         return self.pressed / self.moved if self.moved > 0.0 else None
 
     def relative_error(self, pairing: Pairing) -> float:
-        """Standard error of the estimate, as a share of it; infinite without one."""
+        """Return the standard error of the estimate, relative to it; infinite without one."""
         if not self.moved > 0.0:
             return math.inf
         noise = pairing.force_uncertainty_n * self.moved / self.pressed

@@ -32,7 +32,7 @@ def find_across(frame: WorkFrame, sample: Sample) -> float:
 def measure_skew(
     frame: WorkFrame, face: Face, contact: ContactSample, per_angle: float
 ) -> tuple[Vector, Place | None]:
-    """The tool's axis, and how its face's moments say that it must tip, in the task frame."""
+    """Measure the tool's axis, and how its face's moments say that it must tip, in the task frame."""
     orientation = contact.sample.orientation
     if orientation is None or not per_angle or len(contact.wrench) != 6:
         return (1.0, 0.0, 0.0), None

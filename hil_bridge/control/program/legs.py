@@ -39,7 +39,7 @@ class Ground:
 
 
 def legs_of(steps: Sequence[Step], ground: Ground, written: bool = True) -> Row:
-    """The steps in one row; `written` tells whether a person has written them.
+    """Return the steps in one row; `written` tells whether the user has written them.
 
     Raises ConfigError with the number of the first step that cannot be.
     """
@@ -102,7 +102,7 @@ def _blaming(label: str) -> Iterator[None]:
 
 
 def _leg(number: str, step: Step, ground: Ground, before: tuple[Place | None, bool]) -> Leg:
-    """The leg of a step. `before` is where the tool is, mm, and whether it presses there."""
+    """Return the leg of a step. `before` is where the tool is, mm, and whether it presses there."""
     place, presses = before
     tight = _tighten(ground.limits, step.limits)
     speed = step.speed_mm_s
@@ -158,7 +158,7 @@ def _profile(step: Step, parameters: TaskParameters, way: Way | None) -> tuple[t
 
 
 def _parameters(task: TaskParameters, step: Step) -> TaskParameters:
-    """The task's parameters with those of the step."""
+    """Return the task's parameters with those of the step."""
     changes = {name: value for name, value in step.parameters(task).items() if value is not None}
     force = step.force_n
     if force is not None:

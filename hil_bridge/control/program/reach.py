@@ -54,7 +54,7 @@ def check_workspace(row: Row, frame: WorkFrame, start: Vector, limits: Limits) -
 
 
 def outermost(row: Row, frame: WorkFrame, start: Vector) -> list[tuple[str, Vector]]:
-    """The corners that lie farthest out in each direction of the base frame, of each step; each place once."""
+    """Return the corners that lie farthest out in each direction of the base frame, of each step; each place once."""
     found: dict[Vector, str] = {}
     by_step: dict[str, list[Vector]] = {}
     for label, place in corners(row, frame, start):

@@ -20,8 +20,9 @@ FIRST = 3
 
 
 def resume_row(row: Row, point: ResumePoint, stroke: Stroke) -> Row:
-    """The rest of a program: over to the place, a zero, an approach, and on. Raises ConfigError for a point that is no
-    part of it.
+    """Return the rest of a program: over to the place, a zero, an approach, and on.
+
+    Raises ConfigError for a point that is no part of it.
     """
     if not 0 <= point.leg < len(row.legs):
         raise ConfigError(
@@ -63,7 +64,7 @@ def _leg(step: Step, like: Leg, stroke: Stroke) -> Leg:
 
 
 def _cut(leg: Leg, point: ResumePoint) -> Leg:
-    """The step without the part of its path that is done."""
+    """Return the step without the finished part of its path."""
     done, step = point.way_mm * 1e-3, leg.step.resumed(point.spent_s)
     if leg.way is None or not done:
         return replace(leg, step=step)
@@ -72,7 +73,7 @@ def _cut(leg: Leg, point: ResumePoint) -> Leg:
 
 
 def rest_of(way: Way, done: float) -> Way:
-    """The way from this length of it on, m, relative to that place; at least its last hair."""
+    """Return the path from this length of it on, m, relative to that place; at least its last hair."""
     done = min(done, way.length - 1e-6)
     number, (x, y) = way.piece(done), way.at(done)
     points = [(0.0, 0.0), *((u - x, v - y) for u, v in way.points[number + 1 :])]

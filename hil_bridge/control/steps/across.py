@@ -46,7 +46,7 @@ def aside_by(
 
 
 def leaning(plan: StepPlan, before: float, pressed: tuple[StrokeState, Order], dt: float) -> float:
-    """The angle by which the controller tips the tool towards the travel, rad, with what it adds in this sample to that
+    """Return the angle by which the controller tips the tool towards the travel, rad, with what it adds in this sample to that
     before. `pressed` is what the stroke has made of it.
 
     It is no faster and no farther than the guard allows, so that nothing that was cut off is made up for later.

@@ -64,13 +64,14 @@ def step_words() -> list[str]:
 
 
 def step_package(word: str) -> str:
-    """The package that offers a step, with its version; empty for one of ours and one that no package offers."""
+    """Return the package that offers a step, with its version; empty for a built-in and for an unknown one."""
     return next((package for offer, package, _ in offers(GROUP) if offer == word), "")
 
 
 def step_kind(word: str) -> type[Step] | None:
-    """The kind of this word; None for an unknown one. Raises ConfigError for a plug-in that cannot be loaded, or that
-    is no step.
+    """Return the kind of this name; None for an unknown one.
+
+    Raises ConfigError for a plug-in that cannot be loaded, or that is no step.
     """
     found = find_plugin(GROUP, "step", word, TAKEN)
     if found is None:
@@ -97,7 +98,7 @@ def step_kind(word: str) -> type[Step] | None:
 
 
 def trial(word: str) -> str:
-    """The fault of a step when it is made from its defaults and given one sample; empty where nothing is.
+    """Return the error of a step made from its defaults and given one sample; empty if there is none.
 
     One with a setting that must be given is not tried. Raises ConfigError as `step_kind`.
     """
@@ -144,7 +145,7 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 
 
 def read_step(value: Any, read_built_in: ValidatorFunctionWrapHandler) -> Any:
-    """A step from its settings. A kind of another package is no part of the built-in union, and is read by itself."""
+    """Read a step from its settings. A plug-in's kind is not in the built-in union, and is read by itself."""
     if isinstance(value, Step):
         return value
     word = value.get("do") if isinstance(value, Mapping) else None

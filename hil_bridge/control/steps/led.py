@@ -88,7 +88,10 @@ class LedStep(PressingStep[LedMemory[M]], Generic[M]):
         raise NotImplementedError
 
     def answer(self, memory: M, sample: StepSample) -> tuple[M, Lead]:
-        """The answer of `steer`, its place in plain numbers. Raises WrongAnswer for one without a state and a Lead."""
+        """Return the answer of `steer`, its place in plain numbers.
+
+        Raises WrongAnswer for one without a state and a Lead.
+        """
         answer: Any = self.steer(memory, sample)
         if not (isinstance(answer, tuple) and len(answer) == 2 and isinstance(answer[1], Lead)):
             raise WrongAnswer(self, "steer", answer, "a state and a Lead")

@@ -211,7 +211,7 @@ Path: TypeAlias = Annotated[Line | Arc | Polyline | Raster | Spiral, Discriminat
 
 
 def _pieces(radius: float, angle: float) -> int:
-    """Number of straight pieces for a bend of this radius, mm, and angle, rad."""
+    """Return the number of straight pieces for a bend of this radius, mm, and angle, rad."""
     widest = 2.0 * math.acos(max(1.0 - CHORD_MM / radius, 0.0)) if radius > CHORD_MM else math.pi / 2
     return max(math.ceil(angle / widest), 2)
 

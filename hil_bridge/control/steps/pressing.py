@@ -152,5 +152,5 @@ def rise(fall: Place, before: Place, after: Place) -> float:
 
 
 def shift_answer(command: Command | None, ground: float) -> Command | None:
-    """A controller's answer in depths from the start point."""
+    """Return a controller's answer in depths from the start point."""
     return command if command is None or not ground else replace(command, position=command.position + ground)

@@ -214,7 +214,7 @@ class Step(Generic[M]):
         return None
 
     def parameters(self, task: TaskParameters) -> Mapping[str, Any]:
-        """Settings of the task that are others in this step, by name; None for one that stays."""
+        """Return settings of the task that differ in this step, by name; None for one that stays."""
         return {}
 
     def end(self, plan: StepPlan, begin: Place | None) -> Place | None:
@@ -245,7 +245,7 @@ class Step(Generic[M]):
         return tuple((x0 + x, y0 + y) for x, y in plan.way.points), 0.0
 
     def resumed(self, spent_s: float) -> "Step":
-        """The rest of a step that was cut after this time, s."""
+        """Return the rest of a step that was cut after this time, s."""
         return self
 
     @property
@@ -269,7 +269,7 @@ class Step(Generic[M]):
     # --- words and picture
 
     def describe(self, parameters: TaskParameters) -> Iterator[str]:
-        """Settings for which the table of a program has no column, in words."""
+        """Describe settings for which the table of a program has no column."""
         return iter(())
 
     @property

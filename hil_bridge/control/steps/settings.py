@@ -64,13 +64,14 @@ class TaskSettings(TaskParameters):
     """File with the steps of a program, beside the configuration; empty for steps that stand here, or for none."""
 
     def program(self, duration_s: float) -> tuple[Step, ...]:
-        """The steps of the run. Without a program of its own: an approach, a straight way for this time, s, and a
-        retraction.
+        """Return the steps of the run.
+
+        Without a program of its own: an approach, a straight path for this time, s, and a retraction.
         """
         return self.step or plain_steps(self, duration_s)
 
 
 def plain_steps(task: TaskParameters, duration_s: float) -> tuple[Step, ...]:
-    """The program of a run without steps: approach, track straight on, retract."""
+    """Return the program of a run without steps: approach, track straight on, retract."""
     way = Line(length_mm=task.travel_limit_mm)
     return Approach(), Track(way, for_s=duration_s, across_mm=task.travel_limit_mm), Retract()
