@@ -19,7 +19,7 @@ def install_command(extra: str = "") -> str:
 
 
 def requirement(origin: object, extra: str) -> str:
-    """Return the rest of the command, for the origin that pip keeps beside a package (PEP 610); None for that of an index."""
+    """Return the rest of the command, for the origin that pip keeps (PEP 610); None for that of an index."""
     extras = f"[{extra}]" if extra else ""
     match origin:
         case {"url": str(url), "dir_info": dict(folder)} if url.startswith("file://"):

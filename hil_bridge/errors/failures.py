@@ -189,7 +189,7 @@ def _foreign_place(error: BaseException) -> str:
 
 
 def _frames(error: BaseException) -> Iterator[tuple[str, str, int]]:
-    """Return module, file and line of each frame of an exception, outermost first; a SyntaxError's own file is innermost."""
+    """Return module, file and line of each frame of an exception, outermost first, a SyntaxError's file last."""
     for frame, line in traceback.walk_tb(error.__traceback__):
         yield str(frame.f_globals.get("__name__", "")), frame.f_code.co_filename, line
     if isinstance(error, SyntaxError) and error.filename:

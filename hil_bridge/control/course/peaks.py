@@ -67,7 +67,7 @@ class Peaks:
             self._moment = square
 
     def rezero(self, wrench: Sequence[float]) -> None:
-        """Note that a program has taken this contact wrench, N and N·m, as its own zero; only `resultant` counts from there."""
+        """Take this contact wrench, N and N·m, as the zero of a program; only `resultant` counts from there."""
         self._own = tuple(wrench)
 
     def resultant(self, values: Sequence[float]) -> float:

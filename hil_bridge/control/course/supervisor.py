@@ -158,7 +158,7 @@ class Supervisor:
     def _turn(
         self, state: SupervisorState, seen: Observation, wanted: Quaternion, verdict: Allow | Clamp
     ) -> tuple[Allow | Clamp, Quaternion, Quaternion, float]:
-        """Return the verdict combined with that on the orientation; the allowed orientation, that of the start, and the new lag."""
+        """Judge the orientation, too: verdict, allowed orientation, that of the start, and the new lag."""
         before = state.quaternion or normalise(seen.sample.quaternion or wanted)
         home = state.home or before
         given, reasons = orientation.limit_turn(self.limits, home, before, wanted, seen.dt)

@@ -101,7 +101,7 @@ class TouchTest(Struct, frozen=True):
         return max(self.rise_n / self.least_stiffness, 2.0 * self.step)
 
     def after(self, touch: Touch, measurement: Measurement) -> tuple[Touch, float, Reason | None]:
-        """Return the touch with one more sample; how far to go deeper, m; and why it is no touch, None while it may be one."""
+        """Add a sample: the touch, how far to go deeper, m, and why it is no touch; None while it may be one."""
         dt, force, reported = measurement.dt, measurement.force, measurement.position
         left = 0.0 if touch.goal is None else max(touch.goal - measurement.commanded, 0.0)
         there = left < _ROUNDING and abs(measurement.commanded - reported) <= _THERE_M

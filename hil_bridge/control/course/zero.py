@@ -141,8 +141,9 @@ def main_axes(wrist: Wrist, approach: Sequence[float], quaternion: Quaternion) -
 
 
 def lost_forces(wrist: Wrist | None, approach: Sequence[float], quaternion: Quaternion) -> tuple[float, ...]:
-    """Return the forces along the approach that a sensor reports, from its zero, after losing the tool's weight, N: on all axes,
-    or on one that the approach mainly lies on. Empty where the weight is not known.
+    """Return the forces along the approach that a sensor reports, from its zero, after losing the tool's weight, N.
+
+    It loses the weight on all axes, or on one that the approach mainly lies on. Empty if the weight is unknown.
     """
     if wrist is None:
         return ()

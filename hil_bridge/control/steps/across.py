@@ -46,8 +46,9 @@ def aside_by(
 
 
 def leaning(plan: StepPlan, before: float, pressed: tuple[StrokeState, Order], dt: float) -> float:
-    """Return the angle by which the controller tips the tool towards the travel, rad, with what it adds in this sample to that
-    before. `pressed` is what the stroke has made of it.
+    """Return the angle by which the controller tips the tool towards the travel, rad, after this sample.
+
+    `before` is the angle before it; `pressed` is the stroke's result.
 
     It is no faster and no farther than the guard allows, so that nothing that was cut off is made up for later.
     """
