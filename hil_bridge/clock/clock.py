@@ -69,7 +69,7 @@ class Clock:
 
     @classmethod
     def running(cls) -> "Clock":
-        """A clock for the running loop; the caller closes it."""
+        """Return a clock for the running loop; the caller closes it."""
         return cls(asyncio.get_running_loop())
 
     async def sleep_until(self, when: float) -> None:
@@ -85,7 +85,7 @@ class Clock:
             timer.cancel()
 
     def at_wall(self, wall: float) -> float:
-        """This clock's time of a UNIX time stamp, s, that a kernel or device made moments ago.
+        """Convert a UNIX time stamp, s, that a kernel or device made moments ago, to this clock's time.
 
         A stamp that lies in the future or more than a second back is not believed: that is now.
         """

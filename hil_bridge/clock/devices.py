@@ -20,7 +20,7 @@ as much of a processor as without. Without this time, bytes of a paced line woul
 
 
 def device_clock(clock: Clock) -> Clock:
-    """A clock for emulated devices and their lines, on the loop and the timers of this one.
+    """Return a clock for emulated devices and their lines, on the loop and the timers of this one.
 
     Within a callback of `call_at` its `now` stands at the time that was asked for, elsewhere at the loop's; it never
     goes back. In virtual time, where nothing is late, it is the clock itself.

@@ -8,7 +8,7 @@ _Thing = TypeVar("_Thing")
 
 
 def of_loop(loop: asyncio.AbstractEventLoop, make: Callable[[], _Thing], name: str) -> _Thing:
-    """The thing of this name that the loop keeps, made at the first call.
+    """Return the object of this name that the loop keeps, made at the first call.
 
     The loop itself holds it. A weak mapping from loops would keep them all, for such things refer to their loop.
     """

@@ -101,7 +101,7 @@ def real_time_thread(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
 
 @contextmanager
 def real_time_loop(wanted: RealTime, is_virtual: bool) -> Iterator[None]:
-    """The running loop's thread as wanted while inside; threads that have been started already stay as they are.
+    """Give the running loop's thread the requested priority while inside; threads that exist already are not affected.
 
     Raises ConfigError as `real_time_thread`.
     """
@@ -194,7 +194,7 @@ def _prefer(priority: int) -> None:
 
 
 def _keep_awake() -> int:
-    """The descriptor that keeps the processors awake until it is closed."""
+    """Return the descriptor that keeps the processors awake until it is closed."""
     try:
         latency = os.open(LATENCY_FILE, os.O_WRONLY | os.O_CLOEXEC)
         try:

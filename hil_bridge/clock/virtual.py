@@ -51,7 +51,7 @@ class VirtualTimer:
         self._callback = None
 
     def _run(self) -> None:
-        """Called by the loop, as it calls asyncio's own handles."""
+        """Run the callback; the loop calls this as it calls asyncio's own handles."""
         callback = self._callback
         if callback is None:
             return
@@ -157,11 +157,11 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         raise VirtualTimeError(f"no threads in virtual time: {getattr(func, '__qualname__', func)}")
 
     def add_reader(self, fd: Any, callback: Any, *args: Any) -> None:  # type: ignore[override]
-        """Always raises VirtualTimeError: virtual time does not wait for file descriptors."""
+        """Raise VirtualTimeError: virtual time does not wait for file descriptors."""
         raise VirtualTimeError("no file descriptors in virtual time: use memory wires, or real time")
 
     def add_writer(self, fd: Any, callback: Any, *args: Any) -> None:  # type: ignore[override]
-        """Always raises VirtualTimeError: virtual time does not wait for file descriptors."""
+        """Raise VirtualTimeError: virtual time does not wait for file descriptors."""
         raise VirtualTimeError("no file descriptors in virtual time: use memory wires, or real time")
 
 

@@ -11,7 +11,7 @@ from protocol.geometry import Quaternion, Vector, Wrench
 
 
 def lever_of(config: Config) -> Lever | None:
-    """The tool's end from the sensor; None where the configuration does not tell it."""
+    """Return the vector from the sensor to the tool's end; None if the configuration does not contain it."""
     if config.sensor.url and config.tool.face_mm is None:
         return None
     end, position = face(config), metres(config.sensor.position_mm)
@@ -60,7 +60,7 @@ class AxisEvidence:
         return found.hidden
 
     def hidden_at_rest(self, wrist: WristAtOrientation, measured: Wrench, tolerance_n: float) -> float:
-        """The same of the tool at rest, from a measured wrench; 0 up to a tolerance."""
+        """Return the same for a stationary tool, from a measured wrench; 0 up to a tolerance."""
         wrench = wrist.contact_wrench(measured)
         hidden = self.hidden(wrist, wrench, wrist.force_along(0, wrench)) or 0.0
         return hidden if hidden > tolerance_n else 0.0

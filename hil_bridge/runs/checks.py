@@ -81,7 +81,7 @@ def _tool(setup: Setup, start: Start) -> None:
 
 
 def _controller(setup: Setup, start: Start) -> None:
-    """The controller's parameters, and that it is tuned for the control period."""
+    """Check the controller's parameters, and that it is tuned for the control period."""
     _ = setup.loop
 
 

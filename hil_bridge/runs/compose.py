@@ -63,7 +63,10 @@ _Device = TypeVar("_Device", Robot, Sensor)
 
 
 def choose_port(device: _Device, virtual: bool) -> _Device:
-    """An emulated device with the URL at which it listens: its own, or the kind's usual one. Raises ConfigError."""
+    """Return an emulated device with the URL at which it listens: its own, or the kind's default.
+
+    Raises ConfigError.
+    """
     return replace(device, url=device.url or _emulation(device.kind).usual(device.settings, virtual))
 
 
@@ -88,7 +91,7 @@ def check_controls(kind: Any, option: str) -> None:
 
 
 def make_cell(setup: Setup, now: float) -> Cell[Any, Any]:
-    """The emulated cell of a setup, powered up `now`, s. Raises ConfigError for one that cannot be."""
+    """Make the emulated cell of a setup, powered up `now`, s. Raises ConfigError for an impossible one."""
     config, surface = setup.config, setup.cell_surface
     parts = Parts(
         _make(setup.cell_robot),
@@ -162,7 +165,7 @@ def follow_unmodelled(cell: Cell[Any, Any], listener: Callable[[NotModelled], ob
 
 
 async def connect_robot(robot: Robot, wiring: Wiring) -> RobotLink:
-    """The robot behind its wire, not started yet.
+    """Connect the robot on its wire, without starting it.
 
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
@@ -175,7 +178,7 @@ async def connect_robot(robot: Robot, wiring: Wiring) -> RobotLink:
 
 
 async def connect_sensor(sensor: Sensor, wiring: Wiring) -> ForceSensor:
-    """The sensor behind its wire, not started yet: the kind says which device stands between.
+    """Connect the sensor on its wire, without starting it: the kind names the device in between.
 
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
@@ -201,7 +204,7 @@ async def _serve_panel(panel: LocalPanel, url: str, clock: Clock) -> AsyncIterat
 
 
 def _operate(cell: Cell[Any, Any], kind: str, controls: Controls, serving: Serving) -> LocalPanel:
-    """The panel of the cell's robot. Each act wakes the cell's devices."""
+    """Serve the panel of the cell's robot. Each act wakes the cell's devices."""
     panel = Panel(cell.robot, controls, cell.ledger)
 
     def perform(request: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -255,7 +258,7 @@ async def emulated_cell(
 
 
 async def _serve(device: _Device, emulator: Any, serving: Serving) -> _Device:
-    """The device where its client reaches it."""
+    """Serve the device where its client reaches it."""
     device = choose_port(device, serving.clock.is_virtual)
     wire_at = await _emulation(device.kind).serve(device.url, emulator, device.settings, serving)
     return replace(device, url=wire_at)

@@ -49,7 +49,7 @@ class Run:
     def __init__(
         self, setup: Setup, robot: RobotLink, sensor: ForceSensor, log: RunLog, ending: Ending
     ) -> None:
-        """Raises ConfigError for what cannot be run."""
+        """Raise ConfigError for a configuration that cannot be run."""
         self._config = config = setup.config
         self._clock = clock = log.clock
         self._robot, self._sensor, self._log = robot, sensor, log
@@ -101,7 +101,7 @@ class Run:
         self._pause = seconds
 
     async def __call__(self) -> RunResult:
-        """The whole run. Raises BridgeError when a device fails before the movement has begun.
+        """Carry out the complete run. Raises BridgeError when a device fails before the movement has begun.
 
         Once the tool moves, every end but this task's own cancellation is a result, and each of them tries to retract.
         """
@@ -258,7 +258,7 @@ class Run:
         return altered(left, because="" if last is None else last.fact)
 
     async def _cycles(self, motion: Motion) -> None:
-        """The cycles from the start point to the end of the retraction."""
+        """Run the cycles from the start point to the end of the retraction."""
         period, slow, ended = self._config.run.period_ms * 1e-3, SlowCycles(self._config), False
         async for cycle, started_at in cycle_starts(self._clock, period, self._journal.event):
             self.fail(slow.cycle(started_at))
@@ -341,7 +341,7 @@ class Run:
         return failed
 
     def _frame(self) -> WrenchFrame:
-        """The newest frame of the sensor."""
+        """Return the newest frame of the sensor."""
         frame = self._sensor.newest
         assert frame is not None, "the tare waited for a frame"
         return frame

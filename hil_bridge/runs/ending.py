@@ -131,11 +131,11 @@ class Ending:
         return self.state in (RunState.MOVING, RunState.LEAVING, RunState.STOPPING)
 
     def begin_movement(self) -> None:
-        """A movement sequence begins. What was asked for before still holds."""
+        """Begin a movement sequence. Earlier requests still hold."""
         self.state = RunState.MOVING if self.asked is None else RunState.LEAVING
 
     def end_movement(self) -> None:
-        """The movement sequence has ended."""
+        """End the movement sequence."""
         self.state = RunState.ENDED
 
     def ask(self, cause: Cause, stimulus: Stimulus = Stimulus.ASKED) -> Act:
@@ -155,7 +155,7 @@ class Ending:
         return TRANSITIONS[self.state, Stimulus.FAILED].act
 
     def close(self) -> None:
-        """The run ends before any order."""
+        """End the run before any order."""
         self.state = RunState.CLOSING
 
     def end_as_asked(self) -> Reason:

@@ -14,7 +14,7 @@ chain, over 156 ms.
 
 
 def usual_cycle_s(config: Config, robot: RobotFacts) -> float:
-    """The longest cycle that is usual: the run's period, or that of the robot where its own is longer, s."""
+    """Return the longest usual cycle: the run's period, or that of the robot if its own is longer, s."""
     floor = (robot.line_floor_s or 0.0) * ANSWERED_SHARE
     return max(config.run.period_ms * 1e-3, robot.cycle_s or 0.0, floor) or SAMPLE_MS * 1e-3
 

@@ -50,7 +50,7 @@ async def stand_still(motion: Motion) -> Sent:
 
 
 def in_words(force: float, saturated: bool) -> str:
-    """A force, N, for a person; NaN for one that is not known."""
+    """Format a force, N; NaN stands for an unknown one."""
     if not math.isfinite(force):
         return "an unknown force"
     return f"at least {force:.1f} N at the end of the sensor's range" if saturated else f"{force:.1f} N"

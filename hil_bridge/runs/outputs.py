@@ -55,7 +55,7 @@ class Outputs:
 
 
 def settle_outputs(outputs: Outputs, config_file: Path | None) -> Outputs:
-    """The same with every place named and its folder made, before the robot moves.
+    """Return the outputs with every path named and its folder made, before the robot moves.
 
     Raises ConfigError for what cannot be written afterwards, and for what is there already. `config_file`, or the
     recording that is resumed, is never written over, and no two outputs go into one file.
@@ -132,7 +132,7 @@ def write_outputs(
 
 
 def figures(summary: Summary) -> list[str]:
-    """The figures that a person wants to see at once, a line each."""
+    """Return the figures to be shown at once, a line each."""
     tracked, figures = summary.phases_s.get("track", 0.0), summary.figures
     steps = step_lines(summary.steps)
     if not figures:
@@ -220,7 +220,7 @@ def _kind(source: Path) -> str:
 
 
 def _own_folder(name: str) -> Path:
-    """A new folder for a run that begins now, with a counter behind its name when there is one. Raises ConfigError."""
+    """Make a new folder for a run that begins now, with a counter after its name if it exists. Raises ConfigError."""
     _make(RUNS)
     _check_space(RUNS)
     wanted = f"{wall_time():%Y-%m-%d-%H%M-%S}-{name[:_NAME_LENGTH]}"

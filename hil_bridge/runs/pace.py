@@ -33,8 +33,7 @@ from protocol.geometry import Vector
 
 
 def set_pace(config: Config, robot: RobotFacts, frame_s: float) -> Config:
-    """The configuration with period, sample time, tuning and rise of the travel written out, so that the record and a
-    replay have them.
+    """Return the configuration with period, sample time, tuning and rise of the travel, for record and replay.
 
     `robot` is what is known of the robot, `frame_s` the time between two frames of the sensor, 0 where it is not known.
     It stays as it is for a robot without a cycle of its own, and where it gives `controller.sample_ms` itself.
@@ -92,7 +91,7 @@ def describe_pace(config: Config, paced: Config, cycle_s: float | None) -> str:
 
 
 def _find_given(config: Config) -> Controller[Any] | None:
-    """The controller that a program gave as an object."""
+    """Return the controller that a program gave as an object."""
     return config.controller.controller if isinstance(config.controller, GivenController) else None
 
 
@@ -103,7 +102,7 @@ def _tunings(kind: Any) -> tuple[Tuning, ...]:
 
 
 def _servo_parameters(kind: Any, robot: RobotFacts) -> dict[str, float]:
-    """The servo of a robot that reports its position with noise, for a controller that has these parameters."""
+    """Return the servo of a robot with a noisy reported position, for a controller that has these parameters."""
     if robot.servo is None or not robot.position_noise_m:
         return {}
     known = {"servo_lag_ms": robot.servo.lag_s * 1e3, "servo_damping": robot.servo.damping_ratio}
@@ -165,7 +164,7 @@ def control_loop(config: Config, robot: RobotFacts) -> ControlLoop:
 
 
 def program(config: Config, stroke: Stroke) -> Program:
-    """The program of a run; `stroke` has the run's own parameters.
+    """Return the program of a run; `stroke` has the run's own parameters.
 
     Raises ConfigError with the number of the first step that cannot be.
     """
@@ -213,7 +212,7 @@ def program(config: Config, stroke: Stroke) -> Program:
 
 
 def face(config: Config) -> Face:
-    """The tool's end: that of the configuration, or of the emulated cell."""
+    """Return the tool's end: that of the configuration, or of the emulated cell."""
     centre, radius = config.tool.face_mm, config.tool.face_radius_mm
     if not config.sensor.url:
         own = config.cell.tool
@@ -227,7 +226,7 @@ def face(config: Config) -> Face:
 
 
 def metres(vector_mm: Vector) -> Vector:
-    """A vector in m, of one in mm."""
+    """Convert a vector from mm to m."""
     x, y, z = vector_mm
     return x * 1e-3, y * 1e-3, z * 1e-3
 
@@ -235,7 +234,7 @@ def metres(vector_mm: Vector) -> Vector:
 async def cycle_starts(
     clock: Clock, period: float, tell: Callable[[str, str], object]
 ) -> AsyncIterator[tuple[int, float]]:
-    """Number and begin of each cycle: as fast as the robot reports, or at whole multiples of a period, s.
+    """Return number and begin of each cycle: as fast as the robot reports, or at whole multiples of a period, s.
 
     After an overrun the cycles missed are skipped, never caught up; `tell` is given the kind and text of an event.
     """

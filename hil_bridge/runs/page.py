@@ -36,20 +36,20 @@ class Page:
             self._feed.cycle(record)
 
     def devices(self, facts: Mapping[str, str]) -> None:
-        """The devices are ready."""
+        """Note that the devices are ready."""
         self._feed.devices(facts)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """A page shows no attachment."""
+        """Ignore an attachment: a page shows none."""
 
     def pause(self, seconds: float) -> None:
-        """The page is sent by a thread of its own."""
+        """Do nothing in a pause: a thread of its own sends the page."""
 
     def close(self, end: Mapping[str, str]) -> None:
-        """The session tells the end, which may be another than the record's."""
+        """Leave the end to the session, which may know another than the record's."""
 
     def begin(self, run: Running) -> None:
-        """The devices of the run are open."""
+        """Note that the devices of the run are open."""
         self._run = run
         scene = scene_of(run.setup, run.facts, run.run.legs, self._record)
         self._feed.begin(scene, run.clock.wall_ns(0.0))
@@ -61,7 +61,7 @@ class Page:
     async def serving(
         self, setup: Setup, log: RunLog, stopping: Stopping, terminal: Terminal
     ) -> AsyncIterator[None]:
-        """The page while a run goes on."""
+        """Serve the page while the run continues."""
         feed, clock = self._feed, log.clock
         feed.listen(
             lambda: stopping.end_by_hand(Cause.PAGE, "asked for the end on the page in the browser"),
@@ -80,6 +80,6 @@ class Page:
             yield
 
     def end(self, end: RunEnd) -> None:
-        """The run is over."""
+        """Note that the run is over."""
         self._feed.end(end)
         self._feed.close()

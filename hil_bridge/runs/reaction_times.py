@@ -57,7 +57,7 @@ def _order_s(robot: RobotFacts, cycle_s: float) -> float:
 
 
 def following(robot: RobotFacts, cycle_s: float) -> Following | None:
-    """The watch over this robot with decisions every `cycle_s`, s; None where its servo is not known."""
+    """Return the watch over this robot with decisions every `cycle_s`, s; None if its servo is not known."""
     if robot.servo is None:
         return None
     takes_s = _order_s(robot, cycle_s) + robot_motion(robot) + (TRAILS - 1.0) * robot.servo.trail_s

@@ -51,7 +51,7 @@ class Recording(reader.Recording):
 
     @classmethod
     def of(cls, found: reader.Recording) -> "Recording":
-        """The same records."""
+        """Return a recording of the same records."""
         return cls(**{field.name: getattr(found, field.name) for field in fields(found)})
 
     def __repr__(self) -> str:
@@ -80,7 +80,7 @@ class Recording(reader.Recording):
         return summarise(self)
 
     def plot(self, *charts: str) -> "Figure":
-        """A figure of matplotlib with the charts of the report, all or those of these ids, as `plot("force")`.
+        """Return a matplotlib figure with the charts of the report, all or those of these ids, as `plot("force")`.
 
         Raises ConfigError for an id that is none, for a run without any cycle, and where matplotlib is not installed.
         """
@@ -105,7 +105,7 @@ class Recording(reader.Recording):
 
 
 def read(path: Path | str, bag: BagChoices | None = None) -> Recording:
-    """The recording in a file, or a bag of ROS 2 as a recording: a folder, or its MCAP file alone.
+    """Read the recording in a file, or a bag of ROS 2 as a recording: a folder, or its MCAP file alone.
 
     A bag needs the extra `ros`. It has a sample for each wrench in place of a cycle; what it does not tell, as
     decisions and verdicts, is NaN or empty. `bag` says which topics are taken, and what is taken for granted of them.

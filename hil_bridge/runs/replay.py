@@ -54,7 +54,7 @@ class ReplayedCycle:
 def recorded_config(
     recording: Recording, changes: Mapping[str, Any], controller: Controller[Any] | None = None
 ) -> Config:
-    """The configuration of a recorded run, with these tables laid over it.
+    """Return the configuration of a recorded run, overlaid with these tables.
 
     `controller` takes the place of one that a program gave as an object, of which a recording tells the name alone.
     Raises ConfigError when the recording holds none of this version, its controller is not installed here, or for a
@@ -135,7 +135,7 @@ def _steps(table: Any) -> list[dict[str, Any]]:
 
 
 def changes_of(path: Path | None, controller: str | None) -> dict[str, Any]:
-    """Changes to the recorded run from a TOML file and an option. Raises ConfigError."""
+    """Return changes to the recorded run from a TOML file and an option. Raises ConfigError."""
     changes: dict[str, Any] = {}
     if path is not None:
         changes = read_values(path)

@@ -20,7 +20,7 @@ _BAND_SHARE = 0.1
 
 
 def resume_config(recording: Recording, changes: dict[str, Any], overlap_mm: float = OVERLAP_MM) -> Config:
-    """The configuration of a recorded run with these changes, and the point where its program goes on.
+    """Return the configuration of a recorded run with these changes, and the point at which its program continues.
 
     Raises ConfigError for a run without a program, one that was not cut, and one whose program cannot be compiled.
     """
@@ -35,7 +35,7 @@ def resume_config(recording: Recording, changes: dict[str, Any], overlap_mm: flo
 
 
 def _point(program: Program, recording: Recording, config: Config, overlap_mm: float) -> ResumePoint:
-    """The place where it was cut, and a little before."""
+    """Return the place where it was cut, and a little before."""
     cycles, before = recording.cycles, config.task.resume
     number = max((cycle.step for cycle in cycles), default=0) - 1
     if number < 0:
@@ -80,7 +80,7 @@ def _way_done(leg: Leg, own: list[CycleRecord], origin: tuple[float, float], ove
 
 
 def _in_frame(program: Program, cycle: CycleRecord) -> tuple[float, float]:
-    """The start point in the work frame, m."""
+    """Return the start point in the work frame, m."""
     frame = program.frame
     if frame.origin is None:
         return 0.0, 0.0

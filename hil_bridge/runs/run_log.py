@@ -111,7 +111,7 @@ class RunLog:
             raise failure
 
     def devices(self, facts: Mapping[str, str]) -> None:
-        """The devices are ready, and this is known of them."""
+        """Log that the devices are ready, and what is known of them."""
         for watcher in self._watchers:
             watcher.devices(facts)
 
@@ -123,7 +123,7 @@ class RunLog:
     # --- of the run
 
     def cycle(self, record: CycleRecord) -> None:
-        """A cycle has ended."""
+        """Log the end of a cycle."""
         self.put(record.answered_at, record)
 
     def event(self, record: EventRecord) -> None:
@@ -131,19 +131,19 @@ class RunLog:
         self.put(record.at, record)
 
     def step(self, record: StepRecord) -> None:
-        """A step of a program has ended."""
+        """Log the end of a step of a program."""
         self.put(record.at, record)
 
     # --- of the devices
 
     def frame(self, frame: WrenchFrame) -> None:
-        """A complete frame of the sensor has arrived."""
+        """Log a complete frame of the sensor."""
         self._wires["robot"].age(frame.at)  # while the robot is silent, frames alone come
         if SensorRecord in self._takers:
             self.hand_over(SensorRecord(frame.at, frame.sequence, frame.values))
 
     def notice(self, kind: str, text: str) -> None:
-        """A device, or what is around the run, tells something that is worth a line in the record."""
+        """Log a notice of a device, or of the run's environment."""
         self.tell(kind, text)
 
     def tell(self, kind: str, text: str, **values: Any) -> None:
@@ -151,7 +151,7 @@ class RunLog:
         self.event(EventRecord(self.clock.now(), kind, text, **values))
 
     def traffic(self, device: str, direction: Direction, data: Any) -> None:
-        """Data have just gone over a device's wire."""
+        """Log data that have just gone over a device's wire."""
         if self._taken[device]:
             self._wires[device].take(self.clock.now(), direction, data)
         if device == "robot" and direction is Direction.SENT and len(data) > 1:

@@ -58,7 +58,7 @@ class Running:
             self.run.fail(Reason(Cause.CELL_FAILED, record.text))
 
     def stand_still(self, seconds: float) -> None:
-        """A fault of the computer: it stands still."""
+        """Halt, as a fault of the computer."""
         if self.clock.is_virtual:
             self.run.stand_still(seconds)
         else:
@@ -76,11 +76,11 @@ class _Truth:
         )
 
     def cycle(self, record: CycleRecord) -> None:
-        """A cycle has ended."""
+        """Note that a cycle has ended."""
         self._ask(lambda truth: truth.cycle(record))
 
     def close(self) -> None:
-        """The run is over."""
+        """Note that the run is over."""
         self._ask(GroundTruth.close)
         if self._truth is not None and (removed := self._truth.removed_map()) is not None:
             self._log.attach(REMOVED_NAME, MEDIA_TYPE, removed.as_json())
@@ -107,7 +107,7 @@ async def running(
     wrap: Wrap = unwrapped,
     ending: Ending | None = None,
 ) -> AsyncIterator[Running]:
-    """A run over open devices, not begun; the devices are closed when the context is left.
+    """Return a run over open devices, not begun; the devices are closed when the context exits.
 
     `cell` is the emulated cell where a check has made it, `wrap` may put something between each wire and its client.
     `ending` is shared with what may end the run from outside. Faults of the configuration are injected, and the truth
@@ -154,7 +154,7 @@ def _join_cell(run: Running, cell: Cell[Any, Any], after: AsyncExitStack) -> Non
 
 
 def run_end(result: RunResult, run: Running | None, facts: RobotFacts) -> RunEnd:
-    """The end of a run, for the record; `facts` are those of a robot that was never connected."""
+    """Return the end of a run, for the record; `facts` are those of a robot that was never connected."""
     sensor = None if run is None else run.sensor
     return RunEnd(
         outcome=result.outcome,

@@ -45,7 +45,7 @@ class Sampler:
         """After the last order that the robot took; None before the first cycle."""
 
     def expect_turns(self) -> None:
-        """A program turns the tool: the weight of a known tool counts at each orientation."""
+        """Note that a program turns the tool: the weight of a known tool counts at each orientation."""
         self._turns = True
         self._wrist = known_wrist(self._config) or self._wrist
 

@@ -46,7 +46,7 @@ def serve(setup: Setup, as_json: bool, web_port: int | None = None) -> None:
 
 @contextmanager
 def _open_page(port: int | None) -> Iterator[Feed | None]:
-    """The feed of a page with the robot's panel, where one is wanted. Raises ConfigError."""
+    """Open the feed of a page with the robot's panel, if requested. Raises ConfigError."""
     if port is None:
         yield None
         return
@@ -165,7 +165,7 @@ def _where(served: ServedCell) -> dict[str, str]:
 
 
 def client_of(where: Mapping[str, str], can_probe: bool) -> str:
-    """A command that talks to the devices that are served; no run takes a robot without a sensor."""
+    """Return a command that talks to the served devices; no run accepts a robot without a sensor."""
     match where:
         case {"robot": robot, "sensor": sensor, "tool-mass-kg": mass}:
             return f"hil-bridge run --robot '{robot}' --sensor '{sensor}' --tool-mass-kg {mass}"

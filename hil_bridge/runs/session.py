@@ -150,7 +150,7 @@ class Session:
     """Joins a run of the command line with its watchers, inside its event loop, and closes everything in order."""
 
     def __init__(self, setup: Setup, outputs: Outputs, terminal: Terminal, signals: Signals) -> None:
-        """`outputs` names a record, kept or temporary."""
+        """Prepare a session; `outputs` names a record, kept or temporary."""
         assert outputs.record is not None
         self._setup, self._outputs, self._path = setup, outputs, outputs.record
         self.terminal, self.signals, self.notes = terminal, signals, Notes()
@@ -177,7 +177,7 @@ class Session:
         return self._stopping is not None and self._stopping.take_stray(error)
 
     def recording(self) -> Recording:
-        """The recording of the run: from memory where it is whole, else read from its file. Raises ConfigError."""
+        """Return the recording of the run: from memory if it is complete, else from its file. Raises ConfigError."""
         if self._kept is not None and self._kept.is_whole and self.record_error is None:
             return self._kept.recording()
         return read(self._path)
@@ -259,7 +259,7 @@ class Session:
 
 
 def _collector(clock: Clock) -> Callable[[CycleRecord], object]:
-    """Collects what is no longer used, now and then."""
+    """Return a function that collects garbage from time to time."""
 
     def collect(record: CycleRecord) -> None:
         if (record.cycle + 1) % _COLLECT_EVERY:

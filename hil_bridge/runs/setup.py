@@ -94,7 +94,7 @@ class Setup:
         return self.identified(self.robot.kind.facts(self.robot.url, self.robot.settings))
 
     def identified(self, facts: RobotFacts) -> RobotFacts:
-        """The facts that a robot tells, with the name of its kind and whether it is emulated."""
+        """Return the facts that a robot reports, with the name of its kind and whether it is emulated."""
         robot = self.robot
         return msgspec.structs.replace(facts, kind=robot.kind.name, emulated=robot.is_emulated)
 

@@ -25,7 +25,7 @@ class Views:
 
 @contextmanager
 def open_feed(views: Views, virtual: bool) -> Iterator[Feed | None]:
-    """The feed of the page, if one is wanted. Raises ConfigError."""
+    """Open the feed of the page, if requested. Raises ConfigError."""
     if views.web is None:
         yield None
         return

@@ -112,7 +112,7 @@ def at_once(number: int) -> None:
 
 
 def unless_hung_up(number: int) -> None:
-    """The same, but a terminal that closes does not keep files from being written. Raises KeyboardInterrupt."""
+    """Raise KeyboardInterrupt, except for a closed terminal, so that files are still written."""
     if number != signal.SIGHUP:
         raise KeyboardInterrupt
 

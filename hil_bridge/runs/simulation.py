@@ -117,7 +117,7 @@ class Result:
         return self.recording.figures
 
     def plot(self, *charts: str) -> "Figure":
-        """A figure of matplotlib with charts of the run, see `Recording.plot`."""
+        """Return a matplotlib figure with charts of the run, see `Recording.plot`."""
         return self.recording.plot(*charts)
 
     def report(self, directory: Path | str, *, overwrite: bool = False) -> Path:
@@ -219,7 +219,7 @@ class Simulation(OpenDevices):
                 self._task.cancel()
 
     async def _whole(self) -> RunResult:
-        """The run, and its result also where `interrupt` ended it before anything moved."""
+        """Carry out the run; return its result also if `interrupt` ended it before anything moved."""
         self._begun = True
         try:
             return _NEVER_MOVED if self._ended_early else await self._run()
@@ -288,7 +288,7 @@ def _callers_level() -> int:
 
 @asynccontextmanager
 async def simulating(config: Config, observe: Observe | None) -> AsyncIterator[Simulation]:
-    """A run that is under way while inside. See `api.simulation`."""
+    """Run in the background while inside. See `api.simulation`."""
     clock = Clock.running()
     observer = None if observe is None else _Observer(observe)
     reached = _Reached()
@@ -337,7 +337,7 @@ async def _end(simulation: Simulation) -> None:
 
 
 def _how_ended(simulation: Simulation | None) -> RunResult:
-    """The result of a run that has ended, or never began."""
+    """Return the result of a run that has ended, or never began."""
     if simulation is None or (task := simulation._task) is None:
         return _NEVER_MOVED
     if task.cancelled():
@@ -352,7 +352,7 @@ def _how_ended(simulation: Simulation | None) -> RunResult:
 
 @asynccontextmanager
 async def opening_devices(config: Config) -> AsyncIterator[OpenDevices]:
-    """Started robot and sensor while inside. See `api.open_devices`."""
+    """Keep robot and sensor started while inside. See `api.open_devices`."""
     try:
         refuse_faults(config.faults, "open_devices", "call `panel.inject`")
     except ValueError as error:

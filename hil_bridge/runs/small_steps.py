@@ -87,13 +87,13 @@ class SmallSteps:
                 )
 
     async def quiet(self) -> Reading:
-        """Reading of the sensor on the way to a zero, once its filter has settled."""
+        """Read the sensor before a zero, once its filter has settled."""
         since = self._clock.now() + TIME_CONSTANTS * self._sensor.delay
         await self._clock.sleep_until(since)
         return await self._reading(since, FRAMES_MIN, Cause.ZERO_SILENT)
 
     async def steady(self, change_n: float) -> Reading:
-        """Reading of the sensor once it drifts by less than `change_n`, N. Raises DeviceError when it does not."""
+        """Read the sensor once it drifts by less than `change_n`, N. Raises DeviceError if it does not."""
         sensor = self._sensor
         patience = self._clock.now() + STEADY_PATIENCE_S + TIME_CONSTANTS * sensor.delay
         while True:
@@ -111,7 +111,7 @@ class SmallSteps:
                 )
 
     async def _reading(self, since: float, count: int, silent: Cause = Cause.STREAM) -> Reading:
-        """Reading from at least so many frames from this time on, and from as many as their noise asks for.
+        """Average at least this many frames from this time on, and as many as their noise requires.
 
         Raises DeviceError with the cause `silent` when they do not come.
         """

@@ -18,7 +18,7 @@ class StepLog(Protocol):
     """The part of a run's log that steps need."""
 
     def step(self, record: StepRecord) -> None:
-        """A step of a program has ended."""
+        """Report a step of a program that has ended."""
 
 
 class StepTeller:
@@ -35,7 +35,7 @@ class StepTeller:
         """Steps that have been told."""
 
     def number(self, leg: int) -> int:
-        """Number of a step in the record, from 1; 0 where no person has written it."""
+        """Return the number of a step in the record, from 1; 0 for one that the user did not write."""
         return leg + 1 if self.legs else 0
 
     def ended(self, state: ProgramState) -> None:
@@ -83,7 +83,7 @@ def step_record(leg: Leg, done: Done) -> StepRecord:
 
 
 def describe_step(leg: Leg, done: Done) -> str:
-    """A step that has ended, in one line."""
+    """Describe a step that has ended, in one line."""
     parts = [f"{done.ended - done.began:.1f} s"]
     if done.way:
         parts.append(f"{done.way * 1e3:.1f} mm")

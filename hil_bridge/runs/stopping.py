@@ -76,9 +76,9 @@ class Stopping:
             self._task.cancel()
 
     def take_stray(self, error: BaseException) -> bool:
-        """An exception has left a callback of the loop, which asyncio does not take: the run retracts and ends.
+        """Handle an exception of a loop's callback, which asyncio does not pass on: the run retracts and ends.
 
-        False where nothing is there that could end in order.
+        Return False if there is nothing that could end in order.
         """
         if is_asked(error) or self._task is None:
             return False

@@ -49,12 +49,12 @@ class TerminalView(Listener):
             self._tell_check(record)
 
     def pause(self, seconds: float) -> None:
-        """A block is on the robot's line: draw meanwhile."""
+        """Draw while a block is on the robot's line."""
         if seconds >= _DRAWING_S:
             self._may_draw.set()
 
     def _tell_check(self, record: EventRecord) -> None:
-        """Findings about the sensor, while a person can still intervene."""
+        """Report findings about the sensor, while an operator can still intervene."""
         text = record.text
         if self._view is None:
             self._terminal.out.say(f"sensor: {text}")
@@ -70,7 +70,7 @@ class TerminalView(Listener):
 
     @asynccontextmanager
     async def showing(self, run: Running, stopping: Stopping, record: str) -> AsyncIterator[None]:
-        """The live view of a run, drawn by the screen's thread. `record` names the recording that is kept.
+        """Show the live view of a run, drawn by the screen's thread. `record` names the recording that is kept.
 
         No part of it waits for the terminal: the loop goes on when that is paused or gone.
         """
@@ -111,7 +111,7 @@ class Keys:
         self._marks = 0
 
     def press(self, key: str) -> None:
-        """A key has been pressed; others than these do nothing."""
+        """Handle a pressed key; unknown keys do nothing."""
         if key in _ENDING_KEYS:
             self._stopping.end_by_hand(Cause.KEY, f"asked for the end with the key {key}", key)
         elif key == _HOLD_KEY:

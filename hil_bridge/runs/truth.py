@@ -57,7 +57,7 @@ class GroundTruth:
         self._waiting: deque[tuple[_Cycle, TrueState]] = deque()
 
     def cycle(self, record: CycleRecord) -> None:
-        """A cycle has just ended, and no further order is under way."""
+        """Note that a cycle has just ended, and no further order is under way."""
         cell, cycles = self._cell, self._cycles
         cell.robot.path.advance(record.answered_at)
         sampled_at = cell.sensor.sampled_at(record.sensor_counter) if self._sensor_is_emulated else None
@@ -82,7 +82,7 @@ class GroundTruth:
         return pack_map(*removed)
 
     def close(self) -> None:
-        """The run is over: put what is still waiting, as far as it is known."""
+        """Close at the end of the run: write what is still waiting, as far as it is known."""
         self._ask()
         self._tell(everything=True)
 

@@ -11,13 +11,13 @@ class Log(Protocol):
     """Log of a run for its records; must not block."""
 
     def cycle(self, record: CycleRecord) -> None:
-        """A cycle has ended."""
+        """Note that a cycle has ended."""
 
     def event(self, record: EventRecord) -> None:
         """Something happened beside the cycles."""
 
     def step(self, record: StepRecord) -> None:
-        """A step of a program has ended."""
+        """Note that a step of a program has ended."""
 
 
 class Watcher(Protocol):
@@ -37,7 +37,7 @@ class Watcher(Protocol):
         """Take an attachment."""
 
     def pause(self, seconds: float) -> None:
-        """A block is on the robot's line, and nothing can answer it before its last character, s."""
+        """Note that a block is on the robot's line, and nothing can answer it before its last character, s."""
 
     def close(self, end: Mapping[str, str]) -> None:
         """Take the end. Harmless when called again. Raises BridgeError for records that could not be kept."""

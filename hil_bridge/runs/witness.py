@@ -24,7 +24,7 @@ class OwnForce:
         self._zero: Vector | None = None
 
     def stands(self, report: RobotReport) -> None:
-        """The tool stands away from the surface: this report counts for the zero."""
+        """Count this report for the zero: the tool is stationary, away from the surface."""
         if report.force is not None:
             x, y, z = (total + part for total, part in zip(self._sum, report.force, strict=True))
             self._sum, self._count = (x, y, z), self._count + 1

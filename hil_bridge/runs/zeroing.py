@@ -71,9 +71,9 @@ def wrist(config: Config) -> Wrist:
 
 
 def known_wrist(config: Config) -> Wrist | None:
-    """The wrist with a tool whose weight is known: that of the configuration, or of the emulated cell; None for a
-    sensor that a person lets run unchecked.
+    """Return the wrist with a tool of known weight, of the configuration or of the emulated cell.
 
+    None for a sensor that the user leaves unchecked.
     Raises ConfigError for a real sensor whose tool is neither known nor left unchecked.
     """
     seen = wrist(config)
@@ -181,7 +181,7 @@ class Zeroing:
         return is_vouched(self.axes.lever or _ALONG_Z, (x, y, z))
 
     def _in_grams(self, quaternion: Quaternion) -> str:
-        """A hint for a mass that is told in g; empty where it is none."""
+        """Return a hint for a mass that seems to be in g; empty otherwise."""
         assert self._known is not None, "a weight is judged of a tool that is known"
         limits, lighter = self._config.limits, replace(self._known, mass=self._known.mass * 1e-3)
         expected = weight_reading(lighter, quaternion)
@@ -231,7 +231,7 @@ class Zeroing:
         return f"full scales {told}{facts.model and f'; {facts.model}'}"
 
     def judge_at_rest(self) -> Peaks | None:
-        """The reference for the contact force of a frame from here on, beside the zero; None where it cannot be known.
+        """Return the reference for the contact force from here on, beside the zero; None if it cannot be known.
 
         It cannot be known without the tool's weight, and while the device may or may not have taken its zero.
         """
@@ -298,7 +298,7 @@ class Zeroing:
             )
 
     async def _lift(self, motion: Motion, start: RobotReport, interrupted: Callable[[], bool]) -> RobotReport:
-        """The way to the zero, step by step; where the robot is at its end."""
+        """Move to the place of the zero, step by step; return where the robot is at its end."""
         task, approach = self._config.task, self._config.frame.approach
         step = min(task.zero_step_mm, task.single_step_mm)
         count = math.ceil(task.zero_lift_mm / step - 1e-9)

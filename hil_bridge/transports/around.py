@@ -28,11 +28,11 @@ class Around(Generic[Data]):
         self._inner.start(self._arrived, self._inner_ended)
 
     def _arrived(self, data: Data) -> None:
-        """The inner transport has data."""
+        """Note that the inner transport has data."""
         raise NotImplementedError
 
     def _inner_ended(self, error: TransportError) -> None:
-        """The inner transport has ended."""
+        """Note that the inner transport has ended."""
         raise NotImplementedError
 
     def _leave(self, data: Data) -> None:

@@ -21,7 +21,7 @@ Notice = Callable[[str, str], None]
 
 
 def waits() -> Iterator[float]:
-    """Times to wait before each further try, s; without end."""
+    """Return times to wait before each further try, s; without end."""
     wait = FIRST_WAIT_S
     while True:
         yield wait

@@ -48,7 +48,7 @@ class Exchange:
         return self._client is not None
 
     def attach(self, client: Transport[bytes]) -> None:
-        """A client has come."""
+        """Attach a client."""
         self._client = client
         if self._started:
             client.start(self._delivery.data, self._left)

@@ -29,7 +29,7 @@ class _Door:
 
 
 def _listeners(clock: Clock) -> dict[str, _Listener]:
-    """Listeners of this loop by their names."""
+    """Return the listeners of this loop by their names."""
     return of_loop(clock.loop, dict, "listeners of byte wires")
 
 

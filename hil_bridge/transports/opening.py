@@ -150,7 +150,7 @@ async def _listen_rfc2217(parsed: WireUrl, line: LineSettings, clock: Clock) -> 
 def _device_line(
     wire: Transport[bytes], parsed: WireUrl, line: LineSettings, clock: Clock, far: Uart | None
 ) -> PacedLine:
-    """The line between an emulated device and what leads to its client."""
+    """Return the line between an emulated device and what leads to its client."""
     adapted = _with_adapter(wire, parsed, clock, Direction.SENT)
     return PacedLine(adapted, Uart(lambda: line, _damaged(parsed)), clock, _fifo(parsed), far)
 
@@ -165,7 +165,7 @@ def _with_adapter(
 
 
 def _fifo(parsed: WireUrl) -> int:
-    """An adapter takes every character as it comes."""
+    """Return the size of the receive buffer: an adapter accepts every character as it comes."""
     return 1 if "usb_latency_ms" in parsed.options else FIFO
 
 
@@ -199,7 +199,7 @@ async def _open_can(parsed: WireUrl, clock: Clock, accept: Sequence[CanFilter]) 
 
 
 async def _adapter_line(parsed: WireUrl, clock: Clock) -> Transport[bytes]:
-    """The byte wire to an slcan adapter."""
+    """Return the byte wire to an slcan adapter."""
     if parsed.scheme in HOST_PORTS:
         return await connect_tcp(*parsed.host_port, clock, parsed.name)
     from hil_bridge.transports.serial.serial_port import open_serial_port

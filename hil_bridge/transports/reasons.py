@@ -85,7 +85,7 @@ def broken(scheme: str, name: str, target: str, error: BaseException) -> Transpo
 
 
 def error_number(error: BaseException | None) -> int | None:
-    """The operating system's error number, wherever a library has wrapped it."""
+    """Return the operating system's error number, wherever a library has wrapped it."""
     while error is not None:
         for attribute in ("errno", "error_code"):
             if isinstance(number := getattr(error, attribute, None), int):

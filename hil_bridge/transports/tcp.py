@@ -86,7 +86,7 @@ async def listen_tcp(
 
 
 async def _listen(host: str, port: int, clock: Clock, name: str) -> tuple[socket.socket, Any]:
-    """The socket on which clients are waited for, and its address. Raises TransportUnavailable."""
+    """Return the listening socket and its address. Raises TransportUnavailable."""
     try:
         found = await clock.loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         server = _listening(found[0])
@@ -123,7 +123,7 @@ async def listen_tcp_clients(
 
 
 def _listening(found: Any) -> socket.socket:
-    """A socket that listens on one of the addresses that were found. Raises OSError."""
+    """Return a socket that listens on one of the resolved addresses. Raises OSError."""
     family, kind, protocol, _, address = found
     server = socket.socket(family, kind, protocol)
     try:
@@ -174,7 +174,7 @@ class _Server:
         self.exchange.attach(self._around(_FirstByteWatch(wire, self._settle)))
 
     def _settle(self) -> None:
-        """The port is the client's, or there is none any more."""
+        """Settle the port: it is the client's, or there is none any more."""
         self._silent = None
         if (listening := self._server.fileno()) >= 0:
             self._clock.loop.remove_reader(listening)

@@ -277,7 +277,7 @@ def parse_url(url: str, schemes: Mapping[str, _Scheme], given: str = "") -> Wire
 
 
 def split_option(url: str, name: str) -> tuple[str, str | None]:
-    """A URL without one of its options, and the text of that option; None where the URL has none.
+    """Split one option from a URL: the rest, and the text of that option; None if the URL has none.
 
     Raises ConfigError for an option that is given twice.
     """
@@ -293,12 +293,12 @@ def split_option(url: str, name: str) -> tuple[str, str | None]:
 
 
 def with_option(url: str, name: str, text: str) -> str:
-    """The URL with one option more."""
+    """Add an option to a URL."""
     return f"{url}{'&' if '?' in url else '?'}{name}={text}"
 
 
 def with_line(url: str, line: LineSettings) -> str:
-    """The URL with what it leaves out of its serial line."""
+    """Add the missing settings of a serial line to a URL."""
     head, _, query = url.partition("?")
     options = [option for option in query.split("&") if option]
     named = {option.partition("=")[0] for option in options}
@@ -308,7 +308,7 @@ def with_line(url: str, line: LineSettings) -> str:
 
 
 def with_baudrate(url: str, baudrate: int, schemes: Mapping[str, _Scheme]) -> str:
-    """The URL with a device's own baud rate, bit/s, where its wire can have one and the URL names none."""
+    """Add a device's own baud rate, bit/s, to a URL that can have one and names none."""
     scheme = schemes.get(url.partition(":")[0])
     if scheme is None or "baudrate" not in scheme.options or split_option(url, "baudrate")[1] is not None:
         return url

@@ -44,7 +44,7 @@ class ForceOptions:
 
 
 def make_surface(config: Config) -> Surface:
-    """The surface of a configuration. Raises ConfigError for a kind that is not known, and for one that cannot be."""
+    """Make the surface of a configuration. Raises ConfigError for an unknown kind, and for impossible settings."""
     name = config.cell.surface_kind
     if name:
         kind = SURFACES.kind(name)
@@ -67,7 +67,7 @@ class ForceSource:
         self.largest_n = 0.0
 
     def wrench(self, seen: Seen) -> Wrench:
-        """The wrench about the flange, along its axes, N and N·m, for the tool as it was seen.
+        """Return the wrench about the flange, along its axes, N and N·m, for the observed tool.
 
         Raises DeviceError for a force that is too large, and for a clock that goes back.
         """

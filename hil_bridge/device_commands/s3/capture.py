@@ -55,7 +55,7 @@ class Piece:
 
 
 def parse_capture(text: str, name: str) -> Iterator[Piece]:
-    """The pieces of a text capture in order. Raises ConfigError with `name` and the line that is wrong."""
+    """Read the pieces of a text capture in order. Raises ConfigError with `name` and the line that is wrong."""
     newest = 0.0
     for number, line in enumerate(text.splitlines(), 1):
         content = line.partition("#")[0].strip()
@@ -77,7 +77,7 @@ def parse_capture(text: str, name: str) -> Iterator[Piece]:
 
 
 def link_pieces(records: Iterable[LinkRecord], name: str) -> Iterator[Piece]:
-    """The pieces of a recording's raw traffic in order. Raises ConfigError when they are not what they should be."""
+    """Read the pieces of a recording's raw traffic in order. Raises ConfigError for invalid ones."""
     for piece in recorded_pieces(records, name):
         if piece.is_event:
             continue

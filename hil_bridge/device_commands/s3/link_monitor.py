@@ -130,7 +130,7 @@ class LinkMonitor:
         }
 
     def next_line(self) -> Line | None:
-        """The oldest line not yet taken, or None."""
+        """Return the oldest line not yet taken, or None."""
         return self._lines.popleft() if self._lines else None
 
     def take(self, piece: Piece) -> None:
@@ -161,7 +161,7 @@ class LinkMonitor:
             self._unanswered_bid(bid)
 
     def finish(self) -> None:
-        """The capture has ended: tell what is still open."""
+        """End the capture: report what is still open."""
         for sender in Sender:
             self._break_off(sender)
             self._end_garbage(sender)
@@ -249,7 +249,7 @@ class LinkMonitor:
         self._pending = _Pending(sender, at, block, marks, trouble)
 
     def _close(self, how: str, trouble: bool = False, acknowledged: bool = False) -> None:
-        """The line of the pending block, whose answer is known."""
+        """Report the line of the pending block, whose answer is known."""
         pending, self._pending = self._pending, None
         assert pending is not None
         direction = self._directions[pending.sender]
@@ -274,7 +274,7 @@ class LinkMonitor:
             self._close("no answer", trouble=self._pending.sender is not Sender.UNKNOWN)
 
     def _stray(self, at: float, sender: Sender, text: str) -> None:
-        """A control byte out of place. Where directions are unknown, the monitor cannot tell."""
+        """Report a control byte out of place. Where directions are unknown, the monitor cannot tell."""
         if sender is not Sender.UNKNOWN:
             self._trouble(at, sender, text)
 
@@ -284,7 +284,7 @@ class LinkMonitor:
     # --- control bytes
 
     def _answers(self, sender: Sender) -> _Pending | None:
-        """The block that a control byte of this sender may answer."""
+        """Return the block that a control byte of this sender may answer."""
         pending = self._pending
         return pending if pending is not None and _faces(sender, pending.sender) else None
 

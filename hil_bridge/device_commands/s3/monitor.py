@@ -129,7 +129,7 @@ async def listen(
 
 
 def _pieces(path: Path) -> tuple[list[Piece], LinkProfile]:
-    """The pieces in a file and the link's settings that it tells."""
+    """Read the pieces in a file and the link's settings that it contains."""
     with open_ordinary(path) as file:
         head = file.read(len(MCAP_MAGIC))
     if head == MCAP_MAGIC:
@@ -139,7 +139,7 @@ def _pieces(path: Path) -> tuple[list[Piece], LinkProfile]:
 
 
 def _recorded_link(config: str) -> LinkProfile:
-    """The settings of the robot's link in a recorded configuration; the usual ones where it tells none."""
+    """Return the settings of the robot's link in a recorded configuration; the defaults if it has none."""
     try:
         robot = parse_json(config)["robot"]
         link = TypeAdapter(LinkProfile).validate_python(robot["link"])

@@ -82,7 +82,7 @@ def probe_robot(
 
 
 def link_settings(finding: Finding) -> KindSettings[Any, Any]:
-    """The settings of a robot whose link was found."""
+    """Return the settings of a robot whose link was found."""
     link = LinkProfile(
         **{
             **settings_of_profile(finding.profile),
@@ -101,7 +101,7 @@ async def probe(
     on_try: Callable[[Try, Outcome], object],
     on_said: Callable[[str], object],
 ) -> Finding | None:
-    """The settings under which the robot behind a URL answers, or None.
+    """Return the settings under which the robot behind a URL answers, or None.
 
     `on_try` is told of each try when it has ended, `on_said` what the robot says by itself. Raises ConfigError for
     the URL, TransportUnavailable when the wire cannot be opened at all, TransportError when it breaks.
@@ -178,7 +178,7 @@ class _Session:
 
 
 def url_with_line(url: str, line: LineSettings) -> str:
-    """The URL with these line settings in place of those that it names."""
+    """Return the URL with these line settings in place of its own."""
     head, _, query = url.partition("?")
     options = dict(parse_qsl(query, keep_blank_values=True))
     options |= {"baudrate": str(line.baudrate), "parity": line.parity.value, "stopbits": str(line.stopbits)}
@@ -191,14 +191,14 @@ def line_text(line: LineSettings | None) -> str:
 
 
 def try_text(attempt: Try) -> str:
-    """A try in words."""
+    """Describe a try."""
     stuffing = "doubled" if attempt.dle_stuffing == "double" else "single"
     query = attempt.query.name.lower()
     return f"{line_text(attempt.line)}, length {attempt.length_style}, 10h {stuffing}, {query} status"
 
 
 def finding_rows(url: str, finding: Finding) -> list[tuple[str, str]]:
-    """Findings, as a table of two columns."""
+    """Return the findings as a table of two columns."""
     stuffing = finding.dle_stuffing
     evidence = finding.stuffing_evidence or "not decided: a query with 10h was refused either way"
     return [
@@ -219,7 +219,7 @@ def profile_evidence(finding: Finding) -> str:
 
 
 def site_toml(url: str, finding: Finding) -> str:
-    """A configuration file with the settings that work, and as comments those that a person must know."""
+    """Return a configuration file with the settings that work, and as comments those that an operator must know."""
     line, evidence = finding.line, finding.stuffing_evidence
     rows = [
         *FOUND,

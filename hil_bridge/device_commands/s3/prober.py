@@ -66,7 +66,7 @@ class Prober:
         self._take()
 
     def next_event(self) -> ProbeEvent | None:
-        """The oldest event not yet taken, or None."""
+        """Return the oldest event not yet taken, or None."""
         return self._events.popleft() if self._events else None
 
     def data_to_send(self, now: float) -> bytes:
@@ -74,7 +74,7 @@ class Prober:
         return self._host.data_to_send(now)
 
     def next_deadline(self) -> float | None:
-        """The link's next time-out."""
+        """Return the link's next time-out."""
         return self._host.next_deadline()
 
     def handle_deadline(self, now: float) -> None:
@@ -119,7 +119,7 @@ def _state(status: Status) -> str:
 
 
 def profile_of(attempt: Try, patience: float, answer_patience: float) -> LinkProfile:
-    """The link's settings for a try. One repeat, so that what does not fit fails fast.
+    """Return the link's settings for a try. One repeat, so that wrong settings fail fast.
 
     `patience` is the longest wait for an ACK, `answer_patience` that for the answer telegram; both s.
     """

@@ -24,7 +24,7 @@ _SUFFIXED = (TelegramType.ORDER, TelegramType.SPONTANEOUS, TelegramType.FURTHER_
 def telegram_text(
     raw: bytes, from_robot: bool, further: int | None = None, orders: OrderBook = KNOWN
 ) -> tuple[str, int | None]:
-    """A telegram in words, and its function if another block of it follows.
+    """Describe a telegram; also return its function if another block of it follows.
 
     `further` is the function of which a block was announced. Fields that are 0 are left out.
     """
@@ -51,7 +51,7 @@ def telegram_text(
 
 
 def _field_text(field: Mapping[str, object]) -> str:
-    """A field in words, flags by their names; empty for one that is 0."""
+    """Describe a field, flags by their names; empty for one that is 0."""
     name, value = str(field["name"]), field["value"]
     if name in _FLAGS and isinstance(value, (int, float)):
         raised = (flag.replace("_", " ") for flag, bit in _FLAGS[name].items() if int(value) >> bit & 1)

@@ -71,7 +71,7 @@ class FaultSchedule:
         )
 
     def cycle(self, record: CycleRecord) -> None:
-        """A cycle has ended."""
+        """Note that a cycle has ended."""
         if not self._waiting:
             return
         self._arm(
@@ -85,7 +85,7 @@ class FaultSchedule:
         )
 
     def close(self) -> None:
-        """The run is over: nothing is injected any more. Harmless when called again.
+        """End the run: nothing is injected any more. Idempotent.
 
         Tells how often each fault had an effect, and which never came.
         """

@@ -20,7 +20,7 @@ def file_descriptor(bus: can.BusABC) -> int:
 
 
 def to_message(frame: CanFrame) -> can.Message:
-    """A frame as a message; the bytes of a remote frame say how many it asks for."""
+    """Convert a frame to a message; the bytes of a remote frame give the number that it requests."""
     return can.Message(
         arbitration_id=frame.identifier,
         is_extended_id=frame.extended,
@@ -31,7 +31,7 @@ def to_message(frame: CanFrame) -> can.Message:
 
 
 def from_message(message: can.Message, at: float) -> CanFrame | None:
-    """A message as a frame, or None when it is not a classical CAN frame."""
+    """Convert a message to a frame; None if it is not a classical CAN frame."""
     if message.is_fd or (len(message.data) != message.dlc and not message.is_remote_frame):
         return None
     if message.is_error_frame and message.dlc != REPORT_BYTES:

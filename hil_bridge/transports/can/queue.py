@@ -66,7 +66,7 @@ class SendQueue:
         return len(self.frames)
 
     def statistics(self, arrived: "Arrived", overruns: int, malformed: int = 0) -> CanStatistics:
-        """Counts of the node that sends from here."""
+        """Return the counts of the node that sends from here."""
         return CanStatistics(
             self.sent, arrived.frames, self.dropped, arrived.reports, arrived.bus_off, malformed, overruns
         )
@@ -96,7 +96,7 @@ class SendQueue:
         self.frames.extend([(now, frame) for frame in frames])
 
     def left(self, now: float) -> None:
-        """The next frame has left."""
+        """Note that the next frame was sent."""
         self.frames.popleft()
         self.progress = now
         self.sent += 1

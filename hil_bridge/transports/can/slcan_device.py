@@ -24,7 +24,7 @@ class Adapter(Protocol):
         """Frames seen on the adapter's bus."""
 
     def next_event(self) -> CanFrame | None:
-        """A frame that the host sends, or None when there is no more."""
+        """Return a frame that the host sends, or None if there are no more."""
 
     def data_to_send(self, now: float) -> bytes:
         """Bytes for the host."""

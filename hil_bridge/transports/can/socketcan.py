@@ -33,7 +33,7 @@ class Link(Protocol):
         """Whether frames can pass."""
 
     def renew(self, bus: can.BusABC) -> can.BusABC:
-        """The bus to go on with: the same one, or another when this one is of no use any more; then it is shut.
+        """Return the bus to continue with: the same one, or another if this one is unusable; then it is shut.
 
         Raises OSError or can.CanError when that fails.
         """

@@ -258,7 +258,7 @@ class CanWire:
                 self._timer = None
 
     def _fail(self, error: BaseException) -> None:
-        """An interface that is down may come back, anything else breaks the wire."""
+        """Handle an error: an interface that is down may come back, anything else breaks the wire."""
         if self._link is None or reasons.error_number(error) not in LINK_LOST:
             self._break(error)
         elif self._outage is None or not self._outage.link:

@@ -57,7 +57,7 @@ class _Network:
 
 
 def _network(clock: Clock) -> _Network:
-    """The network of this loop."""
+    """Return the network of this loop."""
     return of_loop(clock.loop, _Network, "network of datagrams")
 
 
@@ -155,7 +155,7 @@ class MemoryDatagrams:
             del self._ends[self._address]
 
     def _reach(self, datagram: bytes, target: str) -> None:
-        """A datagram of ours has come to the other end's side of the network."""
+        """Deliver a datagram of ours to the other end's side of the network."""
         there = self._ends.get(target)
         if there is None:
             self._counts["unreachable"] += 1

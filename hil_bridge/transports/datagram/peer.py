@@ -55,7 +55,7 @@ class Presence:
         """Datagrams for which no program was there since it was heard last."""
 
     def hear(self) -> None:
-        """It has sent something."""
+        """Note that the peer has sent something."""
         self._heard, self._missed = True, 0
 
     def miss(self, wire: str, place: str, advice: str) -> None:

@@ -58,7 +58,7 @@ _ON_THE_WAY = frozenset(
 
 
 async def connect_udp(address: tuple[str, int], clock: Clock, name: str, on_notice: Notice) -> "UdpWire":
-    """A wire to this host and port, from the address of this computer that leads there. Raises TransportUnavailable."""
+    """Return a wire to this host and port, from the local address that leads there. Raises TransportUnavailable."""
     try:
         family, peer = await _resolve(address, clock)
         with socket.socket(family, socket.SOCK_DGRAM) as route:
@@ -73,7 +73,7 @@ async def connect_udp(address: tuple[str, int], clock: Clock, name: str, on_noti
 async def listen_udp(
     address: tuple[str, int], clock: Clock, name: str, on_notice: Notice, refuse_strangers: bool
 ) -> tuple["UdpWire", str, int]:
-    """A wire at this address of this computer, and the host and port that it really has.
+    """Return a wire at this local address, and the host and port that it really has.
 
     Raises TransportUnavailable.
     """

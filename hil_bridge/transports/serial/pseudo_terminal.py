@@ -32,7 +32,7 @@ class PseudoTerminal:
     """
 
     def __init__(self, clock: Clock, link: Path | None = None, line: LineSettings | None = None) -> None:
-        """A client that sets nothing finds the device set to `line`.
+        """Set the device to `line` for a client that sets nothing.
 
         Raises TransportUnavailable when there is no pseudo-terminal left or the link cannot be made.
         """

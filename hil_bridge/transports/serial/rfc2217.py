@@ -44,12 +44,12 @@ _STATE_OF = {
 
 
 def port_settings(line: LineSettings) -> PortSettings:
-    """A line's settings in RFC 2217's terms."""
+    """Return a line's settings in RFC 2217's terms."""
     return PortSettings(line.baudrate, _PARITIES[line.parity], StopSize(line.stopbits))
 
 
 def line_settings(port: PortSettings) -> LineSettings:
-    """The settings of a port that our server serves."""
+    """Return the settings of a port that our server serves."""
     return LineSettings(port.baudrate, _PARITY_OF[port.parity], int(port.stop_size))
 
 
@@ -140,12 +140,12 @@ class Rfc2217Port:
         """Called when a client begins and ends a break."""
 
     def serve(self, wire: Transport[bytes]) -> Transport[bytes]:
-        """The transport of a client that has come."""
+        """Return the transport of a new client."""
         self._client = Rfc2217Server(wire, self, self._clock)
         return self._client
 
     def flawed(self, flaw: Flaw) -> None:
-        """The port has received a damaged character."""
+        """Note that the port has received a damaged character."""
         if self._client is not None:
             self._client.notify(flaw)
 

@@ -107,7 +107,7 @@ class Character:
 
 
 def taken(characters: list[Character], damaged: Damaged) -> bytes:
-    """The bytes that the owner of a UART takes of what it has read."""
+    """Return the bytes that the owner of a UART accepts of what it has read."""
     match damaged:
         case Damaged.KEEP:
             return bytes(character.byte for character in characters)
@@ -118,7 +118,7 @@ def taken(characters: list[Character], damaged: Damaged) -> bytes:
 
 
 def levels(byte: int, settings: LineSettings) -> tuple[int, ...]:
-    """The level of each bit of a character in the order in which they are sent; 1 is the level of an idle line."""
+    """Return the level of each bit of a character in the order of sending; 1 is the level of an idle line."""
     data = tuple(byte >> k & 1 for k in range(DATA_BITS))
     match settings.parity:
         case Parity.NONE:
@@ -172,7 +172,7 @@ class Receiver:
         return self.settings.bits - self.settings.stopbits + 1
 
     def character(self, byte: int, begun: float, sender: LineSettings) -> None:
-        """A character is put on the line; `begun` is the time of its start bit, s."""
+        """Put a character on the line; `begun` is the time of its start bit, s."""
         before = 1
         for k, level in enumerate(levels(byte, sender)):
             if level != before:
@@ -180,7 +180,7 @@ class Receiver:
                 before = level
 
     def hold(self, low: bool, at: float) -> None:
-        """A break begins or ends at this time, s: the line is held low meanwhile, whatever is sent."""
+        """Begin or end a break at this time, s: the line is held low meanwhile, whatever is sent."""
         heapq.heappush(self._edges, (at, True, not low))
 
     def retune(self, settings: LineSettings) -> None:
@@ -190,7 +190,7 @@ class Receiver:
         self.settings = settings
 
     def listen(self, until: float) -> list[Character]:
-        """The characters that are complete by `until`, s, up to which all edges must have been told."""
+        """Return the characters that are complete by `until`, s, up to which all edges must be known."""
         read: list[Character] = []
         while True:
             if self._begun is None:

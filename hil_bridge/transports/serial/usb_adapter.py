@@ -162,7 +162,7 @@ class _ToHost:
         return len(self._held) + self._frames.waiting
 
     def put(self, data: bytes) -> None:
-        """The adapter has received this."""
+        """Put received data into the adapter."""
         now, size = self._clock.now(), self._profile.packet_bytes
         self._held += data
         while len(self._held) >= size:
@@ -208,6 +208,6 @@ class _ToHost:
 
 
 def _next_tick(since: float, period: float) -> float:
-    """The first multiple of a period that is later than `since`; both in s."""
+    """Return the first multiple of a period that is later than `since`; both in s."""
     # a time that is the tick itself but for rounding belongs to the next one
     return (math.floor(since / period + 1e-6) + 1) * period

@@ -23,14 +23,14 @@ __all__ = [
 
 
 def _buses(clock: Clock) -> dict[str, MemoryCanBus]:
-    """The buses of this loop by name."""
+    """Return the buses of this loop by name."""
     return of_loop(clock.loop, dict, "buses of CAN")
 
 
 def join_memory_can(
     name: str, bitrate: int | None, clock: Clock, accept: Sequence[CanFilter] = ()
 ) -> MemoryCanNode:
-    """A node on the bus of this name in this loop; the first one makes the bus and sets its bit rate.
+    """Join the bus of this name in this loop as a node; the first one makes the bus and sets its bit rate.
 
     Raises ConfigError when the bus is there with another bit rate.
     """
@@ -44,7 +44,7 @@ def join_memory_can(
 
 
 def memory_can_bus(name: str, clock: Clock) -> MemoryCanBus:
-    """The bus itself, to read its load or to disturb it. Raises ConfigError for a bus without nodes."""
+    """Return the bus itself, to read its load or to disturb it. Raises ConfigError for a bus without nodes."""
     bus = _buses(clock).get(name)
     if bus is None or bus.empty:
         raise ConfigError(f"can+memory:{name}: no node is on this bus; open a node first")

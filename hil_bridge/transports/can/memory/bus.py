@@ -126,7 +126,7 @@ class MemoryCanBus:
             self._joins()
 
     def now(self) -> float:
-        """The bus's time, s."""
+        """Return the bus's time, s."""
         return self._clock.now()
 
     def load(self) -> float:
@@ -140,7 +140,7 @@ class MemoryCanBus:
         return self._busy / self.bitrate
 
     def connect(self, accept: Sequence[CanFilter] = ()) -> MemoryCanNode:
-        """A new node that receives what one of the filters accepts; everything without filters."""
+        """Connect a new node that receives what one of the filters accepts; everything without filters."""
         node = MemoryCanNode(self, accept)
         self._nodes.append(node)
         if not self._joins():
@@ -155,7 +155,7 @@ class MemoryCanBus:
             self._schedule(self._clock.now())
 
     def wake(self, node: MemoryCanNode) -> None:
-        """A node has something to send."""
+        """Note that a node has something to send."""
         # else the end of the attempt, of the callbacks or of bus-off sees to it
         if node.on_bus and not self._calling_back and not self._joins() and self._attempt is None:
             self._schedule(self._clock.now())
@@ -255,7 +255,7 @@ class MemoryCanBus:
             attempt.repeat(max(1, math.ceil(left / attempt.cycle)))
 
     def _cut_repeats(self) -> None:
-        """A node came: the repetition under way is the last one without it."""
+        """Note that a node was connected: the repetition under way is the last one without it."""
         attempt = self._attempt
         if attempt is not None and attempt.repeats > 1:
             passed = (self._clock.now() - self._at(attempt.start)) * self.bitrate

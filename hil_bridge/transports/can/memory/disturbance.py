@@ -27,7 +27,7 @@ class BitErrors:
         self._draw = random.Random(seed)
 
     def __call__(self, frame: CanFrame, bits: int) -> int | None:
-        """The first bit that goes wrong, if it belongs to the frame."""
+        """Return the first bit that goes wrong, if it belongs to the frame."""
         # one draw a frame: the number of good bits before the first bad one is geometrically distributed
         first = 1 + int(math.log(1.0 - self._draw.random()) / math.log1p(-self._rate))
         return first if first <= bits else None

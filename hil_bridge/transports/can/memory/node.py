@@ -23,13 +23,13 @@ class Line(Protocol):
         """URL of the bus."""
 
     def now(self) -> float:
-        """The bus's time, s."""
+        """Return the bus's time, s."""
 
     def wake(self, node: "MemoryCanNode") -> None:
-        """The node has something to send."""
+        """Note that the node has something to send."""
 
     def disconnect(self, node: "MemoryCanNode") -> None:
-        """The node leaves."""
+        """Disconnect the node."""
 
 
 class MemoryCanNode:
@@ -96,7 +96,7 @@ class MemoryCanNode:
     # --- for the bus
 
     def frame_sent(self, at: float) -> None:
-        """The next frame of the queue was acknowledged."""
+        """Note that the next frame of the queue was acknowledged."""
         self.queue.left(at)
         if self.counters.transmit:
             self._count(self.counters.sent(), at)
@@ -104,7 +104,7 @@ class MemoryCanNode:
             self._settle()
 
     def frame_received(self, frame: CanFrame, at: float) -> None:
-        """A frame of another node was good."""
+        """Note that a frame of another node was valid."""
         if self.counters.receive:
             self._count(self.counters.received(), at)
         if self._accept:
@@ -117,7 +117,7 @@ class MemoryCanNode:
         self._delivery.data((frame,))
 
     def send_failed(self, acknowledge_missing: bool, at: float, times: int) -> None:
-        """An own frame failed, `times` in a row."""
+        """Note that an own frame failed, `times` in a row."""
         counters = self.counters
         for _ in range(times):
             after = counters.send_failed(acknowledge_missing)
@@ -127,7 +127,7 @@ class MemoryCanNode:
         self._count(counters, at, ErrorClass.NO_ACKNOWLEDGE if acknowledge_missing else _NO_CAUSE)
 
     def receive_failed(self, at: float) -> None:
-        """A frame of another node was spoilt."""
+        """Note that a frame of another node was spoilt."""
         self._count(self.counters.receive_failed(), at)
 
     def recover(self, at: float) -> None:
