@@ -59,7 +59,7 @@ class Push:
         self.sample_ms = sample_ms
 
     def initial(self) -> None:
-        """It keeps nothing."""
+        """Return no memory."""
 
     def step(self, state: None, measurement: Measurement, reference: float) -> tuple[None, Command]:
         """Deeper, at the fastest speed that is allowed."""
@@ -68,7 +68,7 @@ class Push:
 
 
 def settings(robot: str, sensor: str, period_ms: int, stiffness_kn_m: int) -> dict[str, Any]:
-    """A run that approaches a surface which is expected to have 5 kN/m, and tracks it for 0.6 s."""
+    """Return a run that approaches a surface which is expected to have 5 kN/m, and tracks it for 0.6 s."""
     values: dict[str, Any] = {
         "run": {"duration_s": 0.6, "seed": 1},
         "robot": {"emulated": robot},

@@ -36,7 +36,7 @@ class Page:
         """The messages of the page's console on errors and of refused scripts and styles."""
 
     async def call(self, method: str, **parameters: object) -> Any:
-        """A command of the DevTools protocol."""
+        """Send a command of the DevTools protocol."""
         number = next(self._numbers)
         await self._socket.send_json({"id": number, "method": method, "params": parameters})
         async with asyncio.timeout(PATIENCE_S):
@@ -95,14 +95,14 @@ class Page:
             raise AssertionError(f"never true: {script}\n{text}\n{self.errors}") from None
 
     async def screenshot(self, path: Path, whole: bool = False) -> None:
-        """The page as a PNG."""
+        """Save the page as a PNG."""
         told = await self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
         path.write_bytes(base64.b64decode(told["data"]))
 
 
 @asynccontextmanager
 async def browser() -> AsyncIterator[Page]:
-    """A page of a new browser with an empty profile, which is gone afterwards. Raises FileNotFoundError."""
+    """Open a page of a new browser with an empty profile, which is deleted afterwards. Raises FileNotFoundError."""
     if (path := found()) is None:
         raise FileNotFoundError("there is no Chromium on this machine")
     with tempfile.TemporaryDirectory(prefix="chromium-", ignore_cleanup_errors=True) as folder:

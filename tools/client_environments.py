@@ -18,7 +18,7 @@ class ClientMissing(Exception):
 
 
 def interpreter(*requirements: str) -> Path:
-    """The Python of an environment with these pinned packages, made once; anew where an earlier try was cut short.
+    """Return the Python of an environment with these pinned packages; make it if it is missing or incomplete.
 
     Raises ClientMissing.
     """

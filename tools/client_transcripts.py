@@ -100,7 +100,7 @@ def write(transcript: Transcript, path: Path) -> None:
 
 
 def read(path: Path) -> Transcript:
-    """The transcript of a file."""
+    """Read the transcript of a file."""
     transcript = Transcript({})
     for line in path.read_text(encoding="ascii").splitlines():
         if line[0] == " ":
@@ -119,13 +119,13 @@ def read(path: Path) -> Transcript:
 
 
 def written(data: bytes) -> str:
-    """Data as they stand in a file."""
+    """Format data as they are written in a file."""
     is_text = all(byte in b"\r\n\t" or 32 <= byte < 127 for byte in data)
     return json.dumps(data.decode("ascii")) if is_text else data.hex()
 
 
 def octets(text: str) -> bytes:
-    """The data that stand in a file as this text."""
+    """Parse data that are written in a file as this text."""
     return json.loads(text).encode("ascii") if text.startswith('"') else bytes.fromhex(text)
 
 
@@ -178,7 +178,10 @@ class Stage:
             yield from self._said(due)
 
     def take(self, step: Step) -> Iterator[Step]:
-        """A step of the client; what the device answers at once. Whatever is due before must have happened."""
+        """Take a step of the client; return what the device answers at once.
+
+        Whatever is due before must have happened.
+        """
         port = step.wire.partition("-")[0]
         if step.wire in self._sockets:
             self._take_of_program(step)
@@ -200,14 +203,14 @@ class Stage:
         yield from self._said(step.now)
 
     def _open_for_program(self, host: str, port: int) -> ProgramSocket:
-        """A program at the device connects to its client."""
+        """Connect a program at the device to its client."""
         wire = f"{SERVICES[port]}-{len(self._sockets) + 1}"
         self._ends[wire], self._sockets[wire] = self._device.connect_program(self._device.controller.now)
         self._opened.append(wire)
         return self._sockets[wire]
 
     def _take_of_program(self, step: Step) -> None:
-        """The client takes such a connection, says something, or closes it."""
+        """Accept such a connection, send on it, or close it, as the client."""
         if step.event == OPENS:
             self._sockets[step.wire].opened()
         elif step.event == CLOSES:
@@ -231,12 +234,12 @@ class Stage:
 
 
 def read_frame(data: bytes) -> CanFrame:
-    """The CAN frame that stands in a file as these bytes."""
+    """Parse the CAN frame that is written in a file as these bytes."""
     return CanFrame(int.from_bytes(data[:2], "big"), data[2:])
 
 
 def write_frame(frame: CanFrame) -> bytes:
-    """A CAN frame as it stands in a file."""
+    """Format a CAN frame as it is written in a file."""
     return frame.identifier.to_bytes(2, "big") + frame.data
 
 
@@ -250,7 +253,7 @@ def _wrench_at(times: Floats) -> Floats:
 
 
 def replayed(transcript: Transcript) -> list[Step]:
-    """The answers of the device now to the steps of the client."""
+    """Return the device's present answers to the steps of the client."""
     stage = Stage(transcript.head["device"], json.loads(transcript.head["settings"]))
     said: list[Step] = []
     for step in transcript.steps:

@@ -42,7 +42,7 @@ def control_bytes() -> str:
 
 
 def header() -> str:
-    """The first bytes of every telegram."""
+    """Return the first bytes of every telegram."""
     return field_table(HEADER, 0)
 
 
@@ -70,7 +70,7 @@ def refusals() -> str:
 
 
 def payloads() -> str:
-    """The data of every order, answer and message of which they are known."""
+    """Return the data of every order, answer and message of which they are known."""
     parts = []
     for definition in KNOWN_ORDERS:
         suffixes = "; ".join(
@@ -104,7 +104,7 @@ def length(payload: Payload) -> str:
 
 
 def payload_table(payload: Payload) -> str:
-    """The fields of a payload; bytes are counted from the telegram's first one."""
+    """Return the fields of a payload; bytes are counted from the telegram's first one."""
     if not payload.names:
         return "no data"
     if payload.rest is None:
@@ -157,7 +157,7 @@ def ends(field: Field) -> str:
 
 
 def profile() -> str:
-    """Settings of the link with their defaults and marks."""
+    """Return settings of the link with their defaults and marks."""
     return table(
         ("setting", "default", "unit", "mark", "meaning"),
         (

@@ -155,7 +155,7 @@ def all_names() -> dict[str, list[str]]:
 
 
 def of_tests(path: Path) -> Iterator[Kept]:
-    """What the tests struck, or the runs of --strike."""
+    """Read what the tests struck, or the runs of --strike."""
     told = _read(path)
     for group, key in (
         (CONDITIONS, "causes"),
@@ -167,7 +167,7 @@ def of_tests(path: Path) -> Iterator[Kept]:
 
 
 def of_campaign(path: Path) -> Iterator[Kept]:
-    """What the runs of a campaign told: their causes, the faults that struck, the criteria that they missed."""
+    """Read what a campaign's runs reported: their causes, the faults that struck, the criteria that they missed."""
     with Store.open(path) as store:
         for done in store.runs():
             where = f"seed {done.seed} of {path.name}"
@@ -178,7 +178,7 @@ def of_campaign(path: Path) -> Iterator[Kept]:
 
 @cache
 def of_plan(path: Path) -> tuple[Kept, ...]:
-    """The matrix of what a campaign may inject where, from its own draws: faults by phase, targets by devices."""
+    """Return what a campaign may inject where, from its own draws: faults by phase, targets by devices."""
     plan, cells = read_plan(path, (1,)), dict[tuple[str, str], None]()
     assert plan.draw is not None
     for case in plan.possible:
@@ -275,7 +275,7 @@ def strike(job: Job) -> tuple[str, str, str]:
 
 
 def strike_all(names: Sequence[str]) -> dict[str, Any]:
-    """A run for each of these faults."""
+    """Run each of these faults once."""
     jobs = [Job(*name.split(": ")) for name in names]
     with own_processes() as pool:
         ends = list(in_order(pool, strike, jobs, chunk=1))

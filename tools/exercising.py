@@ -120,7 +120,7 @@ class Exercising:
             self._strike("causes", reason.cause)
 
     def _raised(self, error: BridgeError) -> None:
-        """A refusal counts where the product made it, not a test."""
+        """Count a refusal if the product made it, not a test."""
         frame = sys._getframe(2)
         while frame.f_back is not None and frame.f_code.co_name in ("__init__", "beside"):
             frame = frame.f_back
@@ -170,7 +170,7 @@ class Exercising:
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node: Any) -> None:
-        """A process of tests has ended."""
+        """Collect the evidence of a process of tests that has ended."""
         found = json.loads(getattr(node, "workeroutput", {}).get("exercised", "{}"))
         for group, struck in found.items():
             for name, test in struck.items():

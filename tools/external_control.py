@@ -119,7 +119,7 @@ class Order(NamedTuple):
     mode: int
 
     def encode(self) -> bytes:
-        """The message."""
+        """Encode the message."""
         return _ORDER.pack(self.timeout_ms, *self.values, self.mode)
 
 
@@ -138,13 +138,13 @@ class Point(NamedTuple):
     """µm; of a spline its kind."""
 
     def encode(self) -> bytes:
-        """The message."""
+        """Encode the message."""
         values = (round(value * MICRO) for value in (*self.target, *self.other, *self.rest))
         return _POINT.pack(*values, round(self.time * MICRO), self.blend, self.kind)
 
 
 def encode_command(command: Command, *values: float) -> bytes:
-    """A message to the port of commands; values in SI units."""
+    """Encode a message to the port of commands; values in SI units."""
     numbers = [round(value * MICRO) for value in values]
     return _COMMAND.pack(command, *numbers, *(0,) * (27 - len(numbers)))
 
@@ -190,19 +190,20 @@ _HOST = re.compile(rb'connect_socket_with_retry\("([^"]+)"')
 def control_program(
     host: str = "127.0.0.1", lookahead_s: float = 0.03, gain: int = 2000, *, optimised: bool = True
 ) -> str:
-    """The program, with its client's address and the settings of servoj; without the motions that came with PolyScope
-    5.21 where `optimised` is false.
+    """Return the program, with its client's address and the settings of servoj.
+
+    Without the motions that came with PolyScope 5.21 where `optimised` is false.
     """
     text = _TEXT if optimised else _OPTIMISED.sub("", _TEXT)
     return text.replace("HOST", host).replace("AHEAD", str(lookahead_s)).replace("GAIN", str(gain))
 
 
 def recorded_form(text: bytes) -> bytes:
-    """A program that stands in a transcript for that of a client."""
+    """Return a program that stands in a transcript for that of a client."""
     address = _HOST.search(text)
     return b"def externalControl():\n# %s\nend\n" % (address[1] if address else b"127.0.0.1")
 
 
 def played_form(data: bytes) -> bytes:
-    """Data of a transcript, with our program in the place of its short form. The controller is an older one."""
+    """Restore data of a transcript, with our program in the place of its short form. The controller is an older one."""
     return _RECORDED.sub(lambda short: control_program(short[1].decode(), optimised=False).encode(), data)

@@ -53,7 +53,7 @@ class Job(NamedTuple):
 
 
 def faults_of_device(name: str) -> Mapping[str, Mapping[str, Fault]]:
-    """The faults of an emulated device by target, those alone that it can have."""
+    """Return the faults of an emulated device by target, those alone that it can have."""
     if name == CELL:
         return OWN_FAULTS
     kind = ROBOTS.kind(name) if name in ROBOT_NAMES else SENSORS.kind(name)
@@ -70,7 +70,7 @@ def jobs() -> Iterator[Job]:
 
 
 def settings(job: Job) -> Mapping[str, object]:
-    """The settings of a run; all others stand at their defaults."""
+    """Return the settings of a run; all others have their defaults."""
     robot = job.device if job.device in ROBOT_NAMES else PARTNER_ROBOT
     sensor = job.device if job.device in SENSOR_NAMES else BUS_SENSOR if job.on == "bus" else PARTNER_SENSOR
     given = GIVEN.get((job.on, job.fault), {})
@@ -89,7 +89,7 @@ def settings(job: Job) -> Mapping[str, object]:
 
 
 def measured(job: Job) -> Mapping[str, Any]:
-    """The end of one run: its exit code, and the first line of its cause."""
+    """Return the end of one run: its exit code, and the first line of its cause."""
     try:
         result = simulate(load_config(None, settings(job)))
     except BridgeError as error:
@@ -104,7 +104,10 @@ def _first_line(text: str) -> str:
 
 
 def measure(devices: Sequence[str], before: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The ends of all runs by the name of each, those of these devices measured anew; of all where none is named."""
+    """Return the ends of all runs by name, with those of these devices measured again.
+
+    Without a name all devices are measured again.
+    """
     wanted = list(jobs())
     anew = [job for job in wanted if not devices or job.device in devices or job.key not in before]
     found = {job.key: end for job, end in zip(anew, run_jobs(measured, anew), strict=True)}

@@ -121,7 +121,7 @@ class Row(NamedTuple):
 
 
 def cell(number: int) -> dict[str, Any]:
-    """Settings of a cell, drawn by its number."""
+    """Return settings of a cell, drawn by its number."""
     robot, sensor = CELLS[number]
     lost = [_lost("sensor-wire"), *([_lost("wire")] if robot in ("egm", "rsi") else [])]
     draw = Draw((*SURFACE, *ROBOT[robot], *SENSOR[sensor]), tuple(lost), len(lost), len(lost))
@@ -151,7 +151,7 @@ def _lost(on: str) -> dict[str, Any]:
 
 
 def true_values(settings: Mapping[str, Any]) -> dict[str, float]:
-    """The true values of a cell that its settings tell, by key."""
+    """Return the true values of a cell that its settings tell, by key."""
     robot, sensor = settings["robot"]["emulated"], settings["sensor"]["emulated"]
     cell, surface = settings["cell"], settings["cell"]["surface"]
     found = {
@@ -246,12 +246,12 @@ def _six(cell: Mapping[str, Any]) -> list[float]:
 
 
 def run_of(number: int) -> Recording:
-    """The recording of a cell."""
+    """Return the recording of a cell."""
     return hil_bridge.simulate(cell(number)).recording
 
 
 def rows_of(number: int, values: Values) -> list[Row]:
-    """The values of a cell that have a true one."""
+    """Return the values of a cell that have a true one."""
     true = true_values(cell(number))
     rows = []
     for value in values:
@@ -309,7 +309,7 @@ def _draws() -> Iterator[tuple[str, str, str, str]]:
 
 
 def _format_default(key: str) -> str:
-    """The default of a setting; of one for each axis, those of the three axes."""
+    """Return the default of a setting; of one for each axis, those of the three axes."""
     robot, sensor = next(
         (robot, sensor)
         for robot, sensor in CELLS
@@ -337,7 +337,7 @@ def all_rows(figures: Sequence[Mapping[str, Any]]) -> list[tuple[Mapping[str, An
 
 
 def within_of(rows: Sequence[Row]) -> tuple[int, int]:
-    """Number of values within their intervals, and of all that are seen."""
+    """Return the number of values within their intervals, and of all estimated ones."""
     seen = [row for row in rows if row.found is not None]
     return sum(row.within for row in seen), len(seen)
 

@@ -23,7 +23,7 @@ class NoDriver(Unavailable):
 
 
 def check() -> None:
-    """Raises NoDriver for a kernel without the driver, Unavailable where there is no kernel."""
+    """Raise NoDriver for a kernel without the driver, Unavailable if there is no kernel."""
     unpacked_kernel()
     if not any(CACHE.glob(f"lib/modules/**/{MODULE}.ko*")):
         raise NoDriver(f"the package of the kernel has no module {MODULE}")

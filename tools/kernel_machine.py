@@ -93,7 +93,10 @@ def skipped(what: str, reason: object) -> int:
 
 
 def unpacked_kernel() -> Path:
-    """The kernel's image, with its modules where the package has them. Raises Unavailable, without commands too."""
+    """Return the kernel's image, with its modules if the package has them.
+
+    Raises Unavailable, also without commands.
+    """
     missing = [package for name, package in PACKAGES.items() if which(name) is None]
     if missing:
         raise Unavailable(f"a virtual machine needs `apt-get install {' '.join(missing)}`")

@@ -67,7 +67,7 @@ _TOLD = (Mark.OBSERVED, Mark.DERIVED, Mark.STANDARD, Mark.ASSUMED, Mark.CHOSEN)
 
 
 def known_devices() -> str:
-    """The page."""
+    """Return the page."""
     config = with_all_kinds()
     parts = [
         "# Robots and sensors, and what is known of them",

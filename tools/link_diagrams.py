@@ -139,7 +139,7 @@ def arrows(role: Role, sending: bool) -> dict[tuple[State, State], list[str]]:
 
 
 def labels(drawn: dict[tuple[State, State], list[str]]) -> dict[tuple[str, str], list[str]]:
-    """The lines that stand on each arrow."""
+    """Return the lines that stand on each arrow."""
     return {
         (source.value, target.value): textwrap.wrap(", ".join(stimuli), 18, break_on_hyphens=False)
         for (source, target), stimuli in drawn.items()
@@ -166,7 +166,7 @@ def draw_receiving() -> str:
 
 
 def action_table() -> str:
-    """Action and next state, by state and stimulus."""
+    """Return action and next state, by state and stimulus."""
     rows = dict[tuple[str, str, str], list[str]]()
     for (state, stimulus), transition in TRANSITIONS.items():
         conditions = CONDITIONS.get(transition.action, {})

@@ -94,7 +94,7 @@ class Place:
 
 
 def changed(node: ast.AST) -> Iterator[ast.AST]:
-    """The mistakes that this piece of syntax allows."""
+    """Return the mistakes that this piece of syntax allows."""
     other = copy.deepcopy(node)
     match other:
         case ast.Compare(ops=[operator]) if type(operator) in COMPARISONS:
@@ -180,7 +180,7 @@ def drawn(root: Path, seed: int, count: int, areas: Sequence[str] = tuple(AREAS)
 
 
 def again(root: Path, file: Path) -> Iterator[Place | Mutant]:
-    """The mutants of an earlier draw at their places of now; one that has no place any more comes as it was."""
+    """Return the mutants of an earlier draw at their present places; one without a place is returned as it was."""
     for record in json.loads(file.read_text(encoding="utf-8")):
         mutant = Mutant(**record["mutant"])
         path = root / mutant.path
@@ -282,7 +282,7 @@ def judge_all(mutants: Sequence[Place | Mutant], limit_s: float, tell: Callable[
 
 
 def text_of(mutant: Mutant, line: int) -> str:
-    """A mutant as a person reads it."""
+    """Describe a mutant."""
     before = mutant.before if len(mutant.before) < 90 else f"{mutant.before[:87]}..."
     after = mutant.after if len(mutant.after) < 90 else f"{mutant.after[:87]}..."
     return f"{mutant.area}: {mutant.path}:{line} {mutant.function}: {before} → {after}"

@@ -52,7 +52,10 @@ class Command(NamedTuple):
 
 
 def commands(source: str) -> list[Command]:
-    """The commands of a fence. Raises ValueError for text before the first one, and for output that says nothing."""
+    """Parse the commands of a fence.
+
+    Raises ValueError for text before the first one, and for output that says nothing.
+    """
     found: list[Command] = []
     for part in re.split(r"^(?=\$ )", source, flags=re.MULTILINE):
         if not part.strip():
@@ -173,7 +176,7 @@ def ended(process: subprocess.Popen[bytes], by: signal.Signals = signal.SIGINT) 
 
 
 def environment(place: Path) -> dict[str, str]:
-    """The variables for a fresh environment that has all of this one, so that a page can install its own packages."""
+    """Return the variables for a fresh environment on top of this one, so that a page can install packages."""
     venv.create(place, symlinks=True)
     (site_packages,) = place.glob("lib/python*/site-packages")
     parents = [path for path in sys.path if path.endswith("site-packages")]
@@ -222,7 +225,7 @@ def write_file(example: Example) -> None:
 
 
 def fences(document: Document) -> Iterable[Region]:
-    """The fences that are run, and those that are files."""
+    """Return the fences that are run, and those that are files."""
     for region in FencedCodeBlockLexer("console")(document):
         region.parsed, region.evaluator = commands(region.lexemes["source"]), run_fence
         yield region

@@ -61,7 +61,7 @@ _DRAWN_S = 0.5
 
 
 async def take_run(page: Page, folder: Path, place: Path) -> None:
-    """The page of a run that goes on, that has stopped, and that on a telephone."""
+    """Picture the page of a run that continues, that has stopped, and that on a telephone."""
     run = WebRun(folder, ("--duration", "40"), STOPPED)
     try:
         await page.open(run.origin, *SCREEN)
@@ -82,7 +82,7 @@ async def take_run(page: Page, folder: Path, place: Path) -> None:
 
 
 async def take_reports(page: Page, folder: Path, place: Path) -> None:
-    """The reports."""
+    """Picture the reports."""
     for name, (size, settings, faults) in REPORTS.items():
         result = hil_bridge.simulate(hil_bridge.load(settings, faults=faults, seed=7))
         written = write_report(result.recording, summarise(result.recording), folder / name)
@@ -93,7 +93,7 @@ async def take_reports(page: Page, folder: Path, place: Path) -> None:
 
 
 def draw_maps(place: Path) -> None:
-    """The maps of a program, each above a chart of it."""
+    """Draw the maps of a program, each above a chart of it."""
     recording = hil_bridge.simulate(DOME).recording
     charts, _ = run_charts(recording)
     with matplotlib.rc_context(STYLE):

@@ -76,7 +76,7 @@ class Look:
 
 
 def cases(kind: str) -> Iterator[Case]:
-    """A healthy robot of this kind, and one with each of its faults."""
+    """Return a healthy robot of this kind, and one with each of its faults."""
     emulation = ROBOTS.kind(kind).emulation
     assert emulation is not None
     yield Case(kind)
@@ -131,14 +131,14 @@ async def _ask(look: Look, robot: Any, clock: Clock) -> None:
 
 
 def _place(robot: Any, now: float) -> list[float]:
-    """True position of the tool, m."""
+    """Return the true position of the tool, m."""
     robot.path.advance(now)
     positions, _ = robot.path.trajectory(np.array([now]))
     return [float(value) for value in positions[0]]
 
 
 def answer(look: Look, healthy: Look) -> str:
-    """The answer in a cell of a table: the refusals, or what differs from a healthy robot's."""
+    """Return the answer in a cell of a table: the refusals, or what differs from a healthy robot's."""
     facts = [trouble.fact.removeprefix(f"{look.url}: ") for trouble in look.refusals]
     usual = {name for name, _ in healthy.rows} if facts else ()
     more = [

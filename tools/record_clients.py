@@ -107,7 +107,7 @@ class Recorder:
         self._selector.register(wire.file, selectors.EVENT_READ, wire)
 
     def start(self) -> None:
-        """The device is powered up now."""
+        """Power the device up now."""
         self.began = time.monotonic()
 
     def turn(self) -> None:
@@ -151,8 +151,10 @@ class Recorder:
             wire.file.close()
 
     def _without_program(self, wire: str, data: bytes) -> bytes:
-        """The recorded form of a script port: in place of each whole program one that the device knows by the same name
-        and registers, for the text is its author's.
+        """Return the recorded form of a script port.
+
+        In place of each whole program one that the device knows by the same name and registers, for the text is its
+        author's.
         """
         text = self._programs[wire] = self._programs.get(wire, b"") + data
         if (end := _PROGRAM_END.search(text)) is None:

@@ -130,7 +130,7 @@ def wires() -> str:
 
 
 def panels() -> str:
-    """Controls of each emulated robot's panel, and its faults, from the tables by which the panel works."""
+    """Return controls of each emulated robot's panel, and its faults, from the tables by which the panel works."""
     parts = [
         "# Panels of emulated robots",
         "`hil-bridge panel URL CONTROL POSITION` moves a control; `--panel` of `emulate` and `run` prints the URL. The "
@@ -194,7 +194,7 @@ def topics() -> str:
 
 
 def controllers() -> str:
-    """Controllers with their parameters."""
+    """Return the controllers with their parameters."""
     parts = [
         "# Controllers and their parameters",
         "`controller.name` chooses one; its parameters stand in `[controller.parameters]`. Units are part of the "
@@ -226,7 +226,7 @@ def controllers() -> str:
 
 
 def _cell(text: str) -> str:
-    """A text as one line that is no markup of tables, links or lists."""
+    """Return a text as one line that is no markup of tables, links or lists."""
     return " ".join(text.split()).replace("[", "\\[").replace("<", "&lt;")
 
 

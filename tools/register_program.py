@@ -12,17 +12,17 @@ _OFFSET = re.compile(rb"# float register offset[^\n]*\n\s*(\d{1,2})\b")
 
 
 def register_program(offset: int = 0) -> str:
-    """The program, with its registers from an offset on: 0 or 24."""
+    """Return the program, with its registers from an offset on: 0 or 24."""
     return _TEXT.replace("OFFSET", str(offset))
 
 
 def recorded_form(name: bytes, text: bytes) -> bytes:
-    """A program that stands in a transcript for that of a client."""
+    """Return a program that stands in a transcript for that of a client."""
     found = _OFFSET.search(text)
     offset = 24 if found is not None and int(found[1]) == 24 else 0
     return b"def %s():\n# float register offset\n%d\nend\n" % (name, offset)
 
 
 def played_form(data: bytes) -> bytes:
-    """Data of a transcript for the script port, with our program in the place of its short form."""
+    """Restore data of a transcript for the script port, with our program in the place of its short form."""
     return _RECORDED.sub(lambda found: register_program(int(found[1])).encode(), data)

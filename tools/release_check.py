@@ -79,7 +79,7 @@ def exercised(release: Release) -> str:
 
 
 def told_changes(release: Release) -> str:
-    """The changelog begins with this version, which is no development version."""
+    """Check that the change log begins with this version, and that it is no development version."""
     if ".dev" in release.version:
         raise RuntimeError(
             f"pyproject.toml has {release.version}, a development version; name the release there"
@@ -94,7 +94,7 @@ def told_changes(release: Release) -> str:
 
 
 def serves(release: Release) -> str:
-    """The wheel in an environment of the oldest Python: a new configuration runs, its recording is replayed."""
+    """Check the wheel in an environment of the oldest Python: a new configuration runs, its recording is replayed."""
     core = release.core
     core.install(release.wheel)
     if release.version not in core.run("hil-bridge", "--version"):
@@ -108,7 +108,7 @@ def serves(release: Release) -> str:
 
 
 def light(release: Release) -> str:
-    """A clean installation of the core: its size without pip, and what a run imports."""
+    """Check a clean installation of the core: its size without pip, and what a run imports."""
     (release.place / "clean").mkdir()
     clean = Elsewhere(release.place / "clean")
     clean.install(release.wheel)

@@ -273,7 +273,7 @@ def conditions_table() -> str:
 
 
 def ends_table() -> str:
-    """What each stimulus leads to in each state of a run."""
+    """Describe what each stimulus leads to in each state of a run."""
     rows = (
         (f"**{state}**", *(_transition(TRANSITIONS[state, stimulus]) for stimulus in Stimulus))
         for state in RunState

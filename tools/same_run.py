@@ -57,7 +57,7 @@ def flat(value: object, name: str = "") -> dict[str, object]:
 
 
 def read(path: Path) -> Run:
-    """The cycles and the metadata of a recording."""
+    """Return the cycles and the metadata of a recording."""
     with path.open("rb") as file:
         reader = make_reader(file)
         cycles = [flat(json.loads(message.data)) for _, _, message in reader.iter_messages(CYCLES)]

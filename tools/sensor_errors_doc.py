@@ -66,7 +66,7 @@ def jobs() -> list[Job]:
 
 
 def settings(job: Job) -> Mapping[str, Any]:
-    """The settings of a run; all others stand at their defaults."""
+    """Return the settings of a run; all others have their defaults."""
     stiffness_n_m = job.stiffness_kn_m * 1e3
     own_noise = {"force_noise_n": (1.0, 1.0, 1.0)} if job.robot == "rtde" and job.errors == "as a CB3" else {}
     fault = {"on": "signal", "phase": "track", "after_s": SETTLED_S, **FAULTS.get(job.fault, {})}
@@ -134,7 +134,7 @@ def _total(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def faults_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """A row for each fault, a column for each robot and kind of errors."""
+    """Return a row for each fault, a column for each robot and kind of errors."""
     columns = list(product(FAULT_ROBOTS, ERRORS))
     lines = [
         (fault, *(_faulty(where(rows, fault=fault, robot=robot, errors=errors)) for robot, errors in columns))

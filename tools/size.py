@@ -27,7 +27,7 @@ def files(tree: Path, folder: str) -> list[Path]:
 
 
 def lines_by_room(tree: Path) -> Counter[str]:
-    """Number of lines of each room: a folder on the first level below its root, or the root itself."""
+    """Return the number of lines of each room: a folder on the first level below its root, or the root itself."""
     rooms: Counter[str] = Counter()
     for path in (path for folder in FOLDERS for path in files(tree, folder)):
         parts = path.relative_to(tree).parts
@@ -47,7 +47,7 @@ def exceeded(tree: Path) -> Iterator[str]:
 
 
 def exceeded_functions(text: str) -> Iterator[str]:
-    """The same for the functions of a module, by their lines in it."""
+    """Return the same for the functions of a module, by their lines in it."""
     for node in ast.walk(ast.parse(text)):
         if not isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
             continue

@@ -53,7 +53,7 @@ def draw_states(title: str, arrows: Mapping[tuple[str, str], Sequence[str]], lay
 
 
 def _curve(layout: Layout, pair: tuple[str, str]) -> Curve:
-    """A quadratic curve between the borders of two boxes."""
+    """Return a quadratic curve between the borders of two boxes."""
     (x, y), (u, v) = (layout.places[name] for name in pair)
     aside = 2.0 * layout.bends.get(pair, Bend()).aside / math.hypot(u - x, v - y)
     control = (x + u) / 2.0 - (v - y) * aside, (y + v) / 2.0 + (u - x) * aside
@@ -70,7 +70,7 @@ def _border(middle: Point, towards: Point) -> Point:
 
 
 def _on(curve: Curve, share: float) -> Point:
-    """A point of a curve, at this share of its path."""
+    """Return a point of a curve, at this share of its path."""
     a, b, c = (1.0 - share) ** 2, 2.0 * share * (1.0 - share), share**2
     x, y = (a * p + b * q + c * r for p, q, r in zip(*curve, strict=True))
     return x, y

@@ -37,7 +37,7 @@ TOUCH_S, TOUCHED_S = 2.5, 1.0
 
 
 def surfaces(stiffnesses_kn_m: Sequence[int]) -> Mapping[str, Mapping[str, Any]]:
-    """Settings of a level and a curved surface of each stiffness, by name."""
+    """Return settings of a level and a curved surface of each stiffness, by name."""
     return {
         f"{shape}, {stiffness} kN/m": {"stiffness_n_m": stiffness * 1e3, **how}
         for shape, how in SHAPES.items()
@@ -122,7 +122,7 @@ def _cell(row: Mapping[str, Any]) -> str:
 
 
 def controllers_table(figures: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """A row for each robot and controller, a column for each surface."""
+    """Return a row for each robot and controller, a column for each surface."""
     known = {_key(row): row for row in figures["controllers"]}
     lines = []
     for robot, controller in dict.fromkeys(key[:2] for key in known):
@@ -133,7 +133,7 @@ def controllers_table(figures: Mapping[str, Sequence[Mapping[str, Any]]]) -> str
 
 
 def touch_table(figures: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """A row for each robot and speed of the approach, a column for each surface."""
+    """Return a row for each robot and speed of the approach, a column for each surface."""
     known = {_key(row): row for row in figures["touch"]}
     lines = (
         (f"`{robot}`", f"{speed:g} mm/s", *(_cell(known[robot, speed, surface]) for surface in TOUCHED))

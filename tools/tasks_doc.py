@@ -71,7 +71,7 @@ def measure(names: Sequence[str]) -> None:
 
 
 def picture(path: Path) -> bytes:
-    """The picture of an example."""
+    """Return the picture of an example."""
     config = load_config(path, {})
     row: Any = Setup(config).loop.program.row
     steps = list_steps(config.task.step, row)
@@ -88,7 +88,7 @@ def section_table(word: str, section: Any) -> str:
 
 
 def limits_table() -> str:
-    """The limits that a step can have of its own, with those of the run that they tighten."""
+    """Return the limits that a step can have of its own, with those of the run that they tighten."""
     meanings, run = field_docstrings(Limits), Limits()
     rows = (
         (
@@ -102,7 +102,7 @@ def limits_table() -> str:
 
 
 def frame_table() -> str:
-    """The settings of the frame that a program uses."""
+    """Return the settings of the frame that a program uses."""
     meanings, frame = field_docstrings(FrameConfig), FrameConfig()
     return rows_table((f"`{name}`", _value(getattr(frame, name)), meanings[name]) for name in FRAME_SETTINGS)
 
@@ -132,7 +132,7 @@ def _fields(word: str, section: Any, names: tuple[str, ...] = ()) -> Iterator[tu
 
 
 def _default(word: str, field: Any) -> str:
-    """The default in words."""
+    """Return the default in words."""
     if (stands := OF_THE_TASK.get((word, field.name))) is not None:
         return f"`task.{stands}`, {_value(getattr(TaskParameters(), stands))}"
     if field.default is dataclasses.MISSING:
@@ -141,7 +141,7 @@ def _default(word: str, field: Any) -> str:
 
 
 def _value(value: object) -> str:
-    """A default as a file would have it."""
+    """Return a default as a file would have it."""
     match value:
         case None | "" | () | StepLimits():
             return "none"
@@ -156,7 +156,7 @@ def _value(value: object) -> str:
 
 
 def _choices(annotation: Any) -> tuple[str, ...]:
-    """The words that a setting may have; empty for one that is no word of a few."""
+    """Return the words that a setting may have; empty for one that is no word of a few."""
     if get_origin(annotation) is Literal:
         return get_args(annotation)
     if get_origin(annotation) in (Union, UnionType):

@@ -68,7 +68,7 @@ RUNS = (
 
 
 def seen(picture: Picture) -> Snapshot:
-    """The view's state at the wanted moment of a run."""
+    """Return the view's state at the given moment of a run."""
     result = hil_bridge.simulate(picture.settings, faults=picture.faults)
     record: Recording = result.recording
     config = read_config(picture.settings)
@@ -98,7 +98,7 @@ def seen(picture: Picture) -> Snapshot:
 
 
 def draw(picture: Picture) -> str:
-    """The picture as SVG, the same for the same code."""
+    """Return the picture as SVG, the same for the same code."""
     width, height = picture.width, picture.height
     console = Console(record=True, width=width, height=height, color_system="truecolor", file=StringIO())
     console.print(panel(seen(picture), width, height))

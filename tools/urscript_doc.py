@@ -26,7 +26,7 @@ def function_table() -> str:
 
 
 def _version(since: Number) -> str:
-    """The first version of a function; empty for one that was always there, or is taken to be."""
+    """Return the first version of a function; empty for one that was always there, or is taken to be."""
     return "never" if since == NEVER else ".".join(map(str, since)) if any(since) else ""
 
 

@@ -66,7 +66,7 @@ def inside(arguments: Sequence[str], seconds: float, driver: bool) -> int:
 
 
 def together(codes: Sequence[int]) -> int:
-    """The exit code of several: the first failure, else 0 where any tests ran."""
+    """Return the exit code of several: the first failure, else 0 where any tests ran."""
     return next((code for code in codes if code not in (0, SKIPPED)), min(codes))
 
 

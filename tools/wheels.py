@@ -51,7 +51,7 @@ class Elsewhere:
         ran(self.place, sys.executable, "-m", "uv", "pip", "install", "--quiet", "--python", python, *wheels)
 
     def closes_the_loop(self, name: str, *options: str | Path) -> Path:
-        """The recording of a run that comes to its force. Raises RuntimeError for one that does not."""
+        """Return the recording of a run that comes to its force. Raises RuntimeError for one that does not."""
         record, summary = self.place / f"{name}.mcap", self.place / f"{name}.json"
         self.run(
             "hil-bridge",
@@ -112,7 +112,7 @@ def check_same(elsewhere: Elsewhere, wheel: Path) -> None:
 
 
 def run_alone(elsewhere: Elsewhere) -> None:
-    """The command by itself, with the default cell."""
+    """Run the command by itself, with the default cell."""
     elsewhere.run("hil-bridge", "--version")
     summary = elsewhere.place / "s.json"
     elsewhere.run("hil-bridge", "run", "--virtual", "--duration", "5", "--no-view", "--summary", summary)
@@ -121,7 +121,7 @@ def run_alone(elsewhere: Elsewhere) -> None:
 
 
 def run_examples(elsewhere: Elsewhere) -> None:
-    """Runs that know the toys by their names alone, in virtual and in real time. The tests run all other surfaces."""
+    """Run the toys by their names alone, in virtual and in real time. The tests run all other surfaces."""
     told = json.loads(elsewhere.run("hil-bridge", "list", "plugins", "--json"))
     wrong = [row["told"] for row in told if row["state"] != "ok"]
     if wrong or {row["name"] for row in told} != OFFERS:

@@ -25,7 +25,7 @@ def devices_in(facts: Mapping[str, str]) -> Devices:
 
 
 def recorded_configuration(recording: Recording) -> Mapping[str, Any]:
-    """The configuration that the run has recorded; empty when there is none that can be read."""
+    """Return the configuration that the run has recorded; empty if none can be read."""
     found = json_or_none(recording.metadata.get("config"))
     return found if isinstance(found, dict) else {}
 

@@ -108,7 +108,7 @@ def reason_of(end: Mapping[str, str]) -> Reason | None:
 
 
 def _seconds(text: str) -> float:
-    """A recorded time, s; 0 where none was recorded."""
+    """Return a recorded time, s; 0 if none was recorded."""
     try:
         return msgspec.json.decode(text, type=float)
     except msgspec.DecodeError:
@@ -124,7 +124,7 @@ def followed_of(end: Mapping[str, str]) -> tuple[Reason, ...]:
 
 
 def words_of(end: Mapping[str, str]) -> dict[str, object]:
-    """The end for a page: outcome, cause, place and what followed, in words; and whether the tool was retracted."""
+    """Describe the end for a page: outcome, cause, place and consequences; and whether the tool was retracted."""
     reason = reason_of(end)
     try:
         rest = msgspec.json.decode(end.get("rest") or "{}", type=dict[str, object])

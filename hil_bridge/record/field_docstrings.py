@@ -7,7 +7,7 @@ from functools import cache
 
 
 def field_docstrings(cls: type) -> dict[str, str]:
-    """The text right under each field of a class as one line, by field; empty where Python has no source of it."""
+    """Return the text right under each field of a class as one line, by field; empty if Python has no source of it."""
     found: dict[str, str] = {}
     for base in reversed(cls.__mro__):
         found |= _by_class(base.__module__).get(base.__name__, {})

@@ -27,7 +27,7 @@ def check_place(path: Path, overwrite: bool) -> None:
 
 
 def check_record_place(path: Path, overwrite: bool) -> None:
-    """The same for `open_record`, which takes nothing but a file. Raises ConfigError."""
+    """Check the place of a record for `open_record`, which accepts only a file. Raises ConfigError."""
     mode = _mode(path)
     if mode is not None and not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
         raise ConfigError(f"cannot record into {path}: it is no file but a pipe or device; name a file")
@@ -131,7 +131,7 @@ def _write_beside(place: Path, data: bytes, overwrite: bool) -> None:
 
 
 def _part(place: Path) -> tuple[Path, int]:
-    """A new file beside `place` that nothing else uses, and its descriptor."""
+    """Return a new file beside `place` that nothing else uses, and its descriptor."""
     for number in count():
         part = place.with_name(f".{place.name[:200]}.{os.getpid()}-{number}.part")
         with suppress(FileExistsError):

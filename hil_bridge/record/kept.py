@@ -87,7 +87,7 @@ class KeptRecords:
         )
 
     def recording(self) -> Recording:
-        """The same as `read` tells of the file that `save` writes."""
+        """Return the recording that `read` would return for the file that `save` writes."""
         assert self._end is not None, "the run has not ended"
         steps = self._steps
         devices: Mapping[str, str] = {}
@@ -133,7 +133,7 @@ class KeptRecords:
 
 
 def _add_times(steps: list[_Step]) -> list[_Step]:
-    """The same, with the time of the record before it for a record without one, as the file has it."""
+    """Return the steps with a time: a record without one gets that of the record before it, as in the file."""
     newest, timed = 0.0, list(steps)
     for place, step in enumerate(steps):
         if (time_of := _TIMES.get(type(step))) is None:

@@ -48,7 +48,7 @@ class Damage(Exception):
 
 
 def read_mcap(path: Path, what: str) -> bytes:
-    """A file as it is, and of one that is too long, or is no MCAP file, no more than shows that. `what` says what it
+    """Read a file; of one that is too long, or is no MCAP file, only as much as shows that. `what` says what it
     is, as "the recording". Raises ConfigError.
     """
     with open_ordinary(path, what) as file:
@@ -63,7 +63,7 @@ def check_size(data: bytes) -> None:
 
 
 def refusal(path: Path, error: TooMuch, advice: str) -> ConfigError:
-    """The answer to a file that is refused."""
+    """Return the error for a refused file."""
     return ConfigError(
         f"{format_path(path)} is refused: it says that it holds {error}, but at most {UNPACKED_LIMIT_BYTES} bytes "
         f"are read, {CHUNK_LIMIT_BYTES} of them in a chunk; {advice}"
@@ -119,8 +119,10 @@ def _records(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
 
 
 def _unpack(chunk: Chunk) -> bytes:
-    """A chunk's records. No more memory is taken than the chunk claims, whatever its data unpack to: a frame's own
-    header is not asked. Raises ValueError when that is not what it claims, and what the libraries raise.
+    """Return a chunk's records.
+
+    No more memory is taken than the chunk claims, whatever its data unpack to: a frame's own header is not asked.
+    Raises ValueError when that is not what it claims, and what the libraries raise.
     """
     size = chunk.uncompressed_size
     match chunk.compression:

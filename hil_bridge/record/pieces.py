@@ -31,7 +31,10 @@ class RecordedPiece(NamedTuple):
 
 
 def recorded_pieces(records: Iterable[LinkRecord | WireRecord], name: str = "") -> Iterator[RecordedPiece]:
-    """The pieces of these records in order. Raises ConfigError, with the `name` of the recording, for a wrong line."""
+    """Return the pieces of these records in order.
+
+    Raises ConfigError, with the `name` of the recording, for a wrong line.
+    """
     for record in records:
         for text in record.pieces:
             line = _LINE.fullmatch(text)
@@ -48,5 +51,5 @@ def is_frame(part: str) -> bool:
 
 
 def not_readable(text: str, what: str, name: str = "") -> ConfigError:
-    """The error for a part of a piece that is not `what` it should be."""
+    """Return the error for a part of a piece that is not `what` it should be."""
     return ConfigError(f"{name and f'{name}: '}{text[:_SHOWN]!r} is {what}; record the run again")

@@ -79,7 +79,7 @@ class RawTraffic:
 
 
 def read(path: Path) -> Recording:
-    """The record in a file, as far as it can be read. A run that ended before its first cycle has events, and no cycle.
+    """Read the record in a file, as far as possible. A run that ended before its first cycle has events, and no cycle.
 
     Raises ConfigError when there is no such file, when it is no record of a run, or damaged before anything happened.
     """
@@ -90,7 +90,7 @@ def read(path: Path) -> Recording:
 
 
 def dated(recording: Recording, path: Path) -> Recording:
-    """The recording with the time at which this file of it was written, where there is such a file."""
+    """Return the recording with the time at which its file was written, if there is such a file."""
     try:
         return replace(recording, written_at=path.stat().st_mtime)
     except OSError:
@@ -98,7 +98,7 @@ def dated(recording: Recording, path: Path) -> Recording:
 
 
 def read_with_traffic(path: Path) -> tuple[Recording, RawTraffic]:
-    """The same with the raw traffic of the wires. Errors as `read`."""
+    """Read the record with the raw traffic of the wires. Raises the errors of `read`."""
     found = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT, STEP, LINK, WIRE))
     return _recording(found), RawTraffic(tuple(found.records[LINK.name]), tuple(found.records[WIRE.name]))
 
@@ -121,7 +121,7 @@ def _recording(found: "_Contents") -> Recording:
 
 
 def read_link(path: Path) -> tuple[tuple[records.LinkRecord, ...], Mapping[str, str]]:
-    """The raw traffic of the robot's link in a recording as far as it can be read, and what was known before the
+    """Read the raw traffic of the robot's link in a recording as far as possible, and what was known before the
     run. A run that never came to a cycle has it too.
 
     Raises ConfigError when there is no such file or it is no record of a run.
@@ -145,7 +145,7 @@ class _Contents:
 
 
 def _contents(path: Path, topics: Sequence[Topic]) -> _Contents:
-    """Records of topics, and all metadata. Raises ConfigError."""
+    """Return records of topics, and all metadata. Raises ConfigError."""
     if path.is_dir():
         raise ConfigError(f"{path} is a folder, and no recording of a run; {_BAG_READERS}")
     data = read_mcap(path, "the recording")

@@ -250,7 +250,7 @@ class Recorder:
         self._file.close()
 
     def _work(self) -> None:
-        """The writer thread: drains in bursts, and finishes a chunk when nothing comes any more."""
+        """Write records in a thread: drain in bursts, and finish a chunk when nothing more comes."""
         idle, wait, emptied = 0.0, WAKE_SECONDS, time.monotonic()
         while True:
             paused = self._wake.acquire(timeout=wait)

@@ -54,7 +54,7 @@ def pack_map(
     spacing: float,
     depths: Array,
 ) -> RemovedMap:
-    """A map from m, cut to the part where something is gone, with a cell about it. It is halved until it is small
+    """Pack a map from m, cut to the part where something is gone, with a cell about it. It is halved until it is small
     enough. Something must be gone.
     """
     rows, columns = (np.flatnonzero(depths.any(axis=axis)) for axis in (1, 0))
@@ -77,7 +77,7 @@ def pack_map(
 
 
 def from_json(data: bytes) -> RemovedMap:
-    """The map of an attachment. Raises ValueError that says what is wrong with it."""
+    """Read the map of an attachment. Raises ValueError with the reason for an invalid one."""
     if len(data) > BYTES_LIMIT:
         raise ValueError(f"longer than {BYTES_LIMIT} bytes")
     try:

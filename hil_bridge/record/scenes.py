@@ -261,7 +261,7 @@ class Scenes:
         return True
 
     def _extend(self, position: Sequence[float]) -> None:
-        """The trail with this point, if it is far enough from the last."""
+        """Extend the trail by this point, if it is far enough from the last."""
         point = _place(position)
         if self._trail:
             last = self._trail[-1]
@@ -285,7 +285,7 @@ class Scenes:
         return SceneUpdate((_Entity(self._time(at), frame, name, **things),))
 
     def _body(self, at: float, frame: str, color: _Color) -> SceneUpdate:
-        """A pin whose tip is the frame's origin; the tool frame's z axis points out of the tool."""
+        """Return a pin whose tip is the frame's origin; the tool frame's z axis points out of the tool."""
         size = _Vector3(TOOL_WIDTH_M, TOOL_WIDTH_M, TOOL_LENGTH_M)
         pin = _Cylinder(_Pose(_Vector3(z=-TOOL_LENGTH_M / 2)), size, 1.0, 0.3, color)
         return self._update(at, frame, frame, cylinders=(pin,))
@@ -293,7 +293,7 @@ class Scenes:
     def _arrow(
         self, at: float, frame: str, origin: Sequence[float], force: Sequence[float], color: _Color
     ) -> SceneUpdate:
-        """An arrow from a point along a force, both in this frame."""
+        """Return an arrow from a point along a force, both in this frame."""
         newton = math.hypot(*force)
         length = newton * METRES_PER_NEWTON
         pose = _Pose(_place(origin), _along(force, newton))
@@ -303,7 +303,7 @@ class Scenes:
 
 
 def whole_text(text: str) -> str:
-    """The same with half characters, as undecodable bytes of a path leave them, written out."""
+    """Escape lone surrogates, which undecodable bytes of a path leave, in a text."""
     return text.encode(errors="backslashreplace").decode()
 
 
@@ -316,7 +316,7 @@ def _finite(*numbers: float) -> bool:
 
 
 def _along(vector: Sequence[float], length: float) -> _Quaternion:
-    """The shortest turn that brings the x axis to a vector of this length."""
+    """Return the shortest rotation that brings the x axis to a vector of this length."""
     if length < 1e-9:
         return _Quaternion()
     x, y, z = (part / length for part in vector)

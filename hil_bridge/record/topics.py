@@ -74,11 +74,14 @@ class Topic:
         return msgspec.json.Decoder(self.record)
 
     def timed(self, record: Record, at: float) -> Record:
-        """The same record with this for its time, s on the run's clock."""
+        """Return the same record with this time, s on the run's clock."""
         return structs.replace(record, **{self.time: at})
 
     def encode(self, record: Record) -> bytes:
-        """A record as compact strict JSON. Its time must be finite, or its message is not valid by the schema."""
+        """Encode a record as compact strict JSON.
+
+        Its time must be finite, or its message is not valid by the schema.
+        """
         try:
             data = _to_json(record)
         except UnicodeEncodeError:
@@ -90,7 +93,7 @@ class Topic:
         return _to_json(message)
 
     def decode(self, data: bytes) -> Record:
-        """The record of a message; fields that are unknown are ignored, those to come since have their defaults.
+        """Decode the record of a message; unknown fields are ignored, missing ones have their defaults.
 
         Raises ValueError naming the field that is missing or wrong.
         """
@@ -146,7 +149,10 @@ def _schema(kind: inspect.Type) -> dict[str, object]:
 
 
 def _array(item: inspect.Type, least: int | None, most: int | None) -> dict[str, object]:
-    """Schema of an array. One of numbers must have a most length, for only then its schema can allow null in it."""
+    """Return the schema of an array.
+
+    One of numbers needs a maximum length, for only then its schema can allow null in it.
+    """
     bounds = {name: bound for name, bound in (("minItems", least), ("maxItems", most)) if bound is not None}
     if not _may_be_unknown(item):
         return {"type": "array", "items": _schema(item), **bounds}
@@ -156,7 +162,7 @@ def _array(item: inspect.Type, least: int | None, most: int | None) -> dict[str,
 
 
 def _item(kind: inspect.Type) -> dict[str, object]:
-    """Schema of a value that is null where it is not known."""
+    """Return the schema of a value that is null if it is not known."""
     schema = _schema(kind)
     return {**schema, "type": [schema["type"], "null"]} if _may_be_unknown(kind) else schema
 
@@ -186,13 +192,13 @@ _WORDS: Mapping[type[inspect.Type], str] = {
 
 
 def _of_union(kind: inspect.UnionType) -> inspect.Type:
-    """The type without None. A number that may be whole counts as one that may have a fraction."""
+    """Return the type without None. A number that may be whole counts as one that may have a fraction."""
     present = [one for one in kind.types if not isinstance(one, inspect.NoneType)]
     return next((one for one in present if isinstance(one, inspect.FloatType)), present[0])
 
 
 def _drop_nulls(value: Any, kind: inspect.Type) -> Any:
-    """Parsed JSON without those fields of records that are null."""
+    """Return parsed JSON without those fields of records that are null."""
     match kind, value:
         case inspect.UnionType(), _ if value is not None:
             return _drop_nulls(value, _of_union(kind))
@@ -206,7 +212,7 @@ def _drop_nulls(value: Any, kind: inspect.Type) -> Any:
 
 
 def _with_nan(value: Any, kind: inspect.Type) -> Any:
-    """Parsed JSON with NaN for every number that is null, or missing where it has no default."""
+    """Return parsed JSON with NaN for every number that is null, or missing where it has no default."""
     match kind, value:
         case inspect.Metadata(type=inner), _:
             return _with_nan(value, inner)
@@ -243,7 +249,7 @@ def _plain(value: Any) -> object:
 
 
 def _whole(value: Any) -> object:
-    """The same with half characters, as undecodable bytes of a path leave them, written out."""
+    """Escape lone surrogates, which undecodable bytes of a path leave, in a value."""
     match value:
         case str():
             return value.encode(errors="backslashreplace").decode()

@@ -37,14 +37,14 @@ def run(name: str) -> Report:
 
 
 def merged(path: Path, facts: Mapping[str, str], fresh: Mapping[str, Any]) -> dict[str, Any]:
-    """The results in a file with fresh ones in their places; those of another machine or version are dropped."""
+    """Merge fresh results into those of a file; those of another machine or version are dropped."""
     old: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     known = {**old["benchmarks"], **fresh} if old.get("machine") == facts else fresh
     return {"machine": dict(facts), "benchmarks": {name: known[name] for name in BENCHMARKS if name in known}}
 
 
 def written(path: Path, results: Mapping[str, Any]) -> None:
-    """A file of results."""
+    """Write a file of results."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 

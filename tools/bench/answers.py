@@ -135,7 +135,7 @@ class Bench:
         with ExitStack() as stack:
 
             def pass_on(wire: str, port: str) -> str:
-                """The port at which the relay stands before another one."""
+                """Return the port at which the relay stands before another one."""
                 return (
                     stack.enter_context(started(self.relay, "pass", wire, port, file))[1]
                     if self.relay
@@ -172,7 +172,7 @@ class Bench:
         yield from inside(self.way, run, "")
 
     def measure_awake(self) -> Iterator[Figure]:
-        """The same with processors that do not sleep, in a thread that keeps them awake. Raises RunFailed."""
+        """Measure the same with processors that do not sleep, in a thread that keeps them awake. Raises RunFailed."""
         turns = Turns()
         self.echo(turns, self.track_s / 2.0)
         self.say(f"{self.way.title}{AWAKE}")
@@ -194,14 +194,14 @@ def echoed(relay: Path, way: Way, echo: Sequence[str | Path], file: Path, second
 
 
 def free_port() -> int:
-    """A UDP port that is free now."""
+    """Return a UDP port that is free now."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 def while_tracking(data: bytes, way: Way, phases_s: Mapping[str, float]) -> list[Exchange]:
-    """The exchanges of the tracking. It ends as long before the last one as the bridge took to retract.
+    """Return the exchanges of the tracking. It ends as long before the last one as the bridge took to retract.
 
     Raises RunFailed where there are none.
     """
@@ -223,7 +223,7 @@ def late(times: Sequence[float], way: Way) -> float:
 
 
 def beside(way: Way, run: Tracked, turns: Turns, how: str) -> Iterator[Figure]:
-    """The bridge beside the echoes."""
+    """Measure the bridge beside the echoes."""
     for name, part in PARTS.items():
         for theirs, against in ((turns.c, "C echo"), (turns.plain, "asyncio echo")):
             ours, base = spread(run.times).at(part), spread(theirs).at(part)

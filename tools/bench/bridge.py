@@ -36,7 +36,7 @@ class Ended(NamedTuple):
 
 
 def slow_tool(robot: str, track_s: float) -> dict[str, Any]:
-    """Settings of a run whose tool goes so slowly that it stays on the surface and in reach of the robot."""
+    """Return settings of a run whose tool goes so slowly that it stays on the surface and in reach of the robot."""
     return {
         "run": {"duration_s": track_s},
         "task": {"speed_mm_s": 1.0, "approach_speed_mm_s": 10.0, "retract_mm": 5.0},

@@ -30,7 +30,7 @@ STEP = Target("value", 30.0)
 
 
 def recorded(controller: dict[str, Any]) -> tuple[Config, tuple[CycleRecord, ...]]:
-    """A run of the emulated cell with this controller, and its cycles."""
+    """Return a run of the emulated cell with this controller, and its cycles."""
     config = read_config({"run": {"duration_s": TRACK_S, "seed": 3}, "controller": controller})
     return config, simulate(config).cycles
 

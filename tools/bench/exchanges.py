@@ -52,7 +52,7 @@ class Exchange(NamedTuple):
 
 
 def chunks(data: bytes) -> Iterator[Chunk]:
-    """The content of the relay's file."""
+    """Return the content of the relay's file."""
     at = 0
     while at < len(data):
         time, way, size = RECORD.unpack_from(data, at)
@@ -75,7 +75,7 @@ def egm(stamped: Iterable[Chunk]) -> Iterator[Message]:
 
 
 def rtde(stamped: Iterable[Chunk]) -> Iterator[Message]:
-    """Data packages of RTDE, which have no number: each answer is for the oldest packet that waits.
+    """Read data packages of RTDE, which have no number: each answer is for the oldest packet that waits.
 
     An answer while none waits is one too many: an order that the client gives beside its answers.
     """
@@ -95,7 +95,9 @@ def rtde(stamped: Iterable[Chunk]) -> Iterator[Message]:
 
 
 def s3(stamped: Iterable[Chunk]) -> Iterator[Message]:
-    """Moves of an S3's computer link: the EOT that ends a status answer is a packet, the complete order its answer.
+    """Read moves of an S3's computer link.
+
+    The EOT that ends a status answer is a packet, the complete order its answer.
 
     An order for status is shorter, and no answer: the bridge gives it when a sample is there.
     """
@@ -120,7 +122,7 @@ class Seen(NamedTuple):
 
 
 def seen(data: bytes, messages: Callable[[Iterable[Chunk]], Iterator[Message]]) -> Seen:
-    """The exchanges in the relay's file, in the order of the packets."""
+    """Return the exchanges in the relay's file, in the order of the packets."""
     waiting: deque[Message] = deque()
     found: list[Exchange] = []
     sizes, begun = [0, 0], False

@@ -41,7 +41,7 @@ USE = Target("ratio", 1.0 / 0.97)
 
 
 def settings(baudrate: int, realtime: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings of both sides: this rate, a controller without turnaround, and a short path."""
+    """Return settings of both sides: this rate, a controller without turnaround, and a short path."""
     link = {"baudrate": baudrate}
     robot = {"turnaround_ms": 0.0, "turnaround_spread_ms": 0.0}
     return {

@@ -49,7 +49,7 @@ the same amount of data.
 
 
 def module_of(filename: str) -> str:
-    """The name of the module in this file, or the file's where there is none."""
+    """Return the name of the module in this file, or the file's where there is none."""
     files = {getattr(module, "__file__", None): name for name, module in sys.modules.items()}
     return files.get(filename, filename)
 
@@ -106,7 +106,7 @@ async def track(record: Path, minutes: int, look: Callable[[], object]) -> dict[
 
 
 def hour(record: Path) -> dict[str, object]:
-    """An hour, and the memory of this process after every minute, bytes."""
+    """Run an hour; also return the memory of this process after every minute, bytes."""
     memory: list[int] = []
     told = run_virtual(lambda: track(record, HOUR_MINUTES, lambda: memory.append(resident())))
     return told | {"memory": memory}
@@ -169,7 +169,7 @@ def asked(what: str, record: Path) -> dict[str, Any]:
 
 
 def measure(say: Callable[[str], None]) -> Report:
-    """The hour, whose objects grow, then the recorder."""
+    """Measure the hour, whose objects grow, then the recorder."""
     with tempfile.TemporaryDirectory(prefix="hil-bridge-bench-") as name:
         place = Path(name)
         say("an hour in virtual time")

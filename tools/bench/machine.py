@@ -36,13 +36,16 @@ def facts() -> dict[str, str]:
 
 
 def load() -> float:
-    """Processes that wanted a processor in the last minute, on average: a busy machine gives worse figures."""
+    """Return the mean number of processes that wanted a processor in the last minute.
+
+    A busy machine gives worse figures.
+    """
     return os.getloadavg()[0]
 
 
 @cache
 def compiled(name: str) -> Path | None:
-    """The program made from `c/<name>.c`, newer than its source; None without a compiler."""
+    """Compile the program in `c/<name>.c`, unless it is newer than its source; None without a compiler."""
     source, program = SOURCES / f"{name}.c", CACHE / name
     compiler = shutil.which("cc")
     if compiler is None:

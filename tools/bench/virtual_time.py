@@ -38,7 +38,7 @@ AGAINST = "real time"
 
 
 def speed_once(config: Config, sensor: str) -> float:
-    """Simulated seconds per second of processor time from the first cycle to the last."""
+    """Return simulated seconds per second of processor time from the first cycle to the last."""
     marks: list[tuple[float, float]] = []
     run_together(
         [
@@ -54,7 +54,7 @@ def speed_once(config: Config, sensor: str) -> float:
 
 
 def speed(config: Config, sensor: str) -> float:
-    """The best of some runs, because whatever else a machine does only adds."""
+    """Return the best of some runs, because whatever else a machine does only adds."""
     return max(speed_once(config, sensor) for _ in range(REPEATS))
 
 
@@ -92,7 +92,7 @@ def cost_each(count: int) -> float:
 
 
 def command(place: Path) -> tuple[float, float]:
-    """Simulated seconds per second of `hil-bridge run --virtual` with its recorder, start and figures included: by
+    """Return simulated seconds per second of `hil-bridge run --virtual`, recorder, start and figures included: by
     the wall, and by processor time.
     """
     record = place / "run.mcap"

@@ -90,7 +90,7 @@ def _turns(run: WebRun) -> tuple[list[Turn], list[Turn]]:
 
 
 def values(way: Way, recording: Recording, turns: Sequence[Turn]) -> list[float]:
-    """The figures that were measured in these turns while the run tracked, s."""
+    """Return the figures that were measured in these turns while the run tracked, s."""
     zero_s = recording.unix_zero_ns * 1e-9
     return [
         way.of(cycle)

@@ -32,7 +32,7 @@ class Answers:
 
 
 def answers_of(cycles: Sequence[CycleRecord], robot: RobotFacts, link: Mapping[str, float]) -> Answers | None:
-    """The answers of these cycles, with the counters of the link; None of a robot that is asked."""
+    """Return the answers of these cycles, with the counters of the link; None for a robot that is polled."""
     times = times_of(cycle.answer_s for cycle in cycles)
     if times is None or robot.cycle_s is None:
         return None

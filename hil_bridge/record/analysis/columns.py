@@ -50,7 +50,7 @@ def column_names(field: str, parts: int) -> Sequence[str]:
 
 
 def unit_of(column: str) -> str:
-    """Unit of a column; empty where it has none."""
+    """Return the unit of a column; empty if it has none."""
     column = column.removeprefix("sample_")
     field, _, part = column.rpartition("_")
     if field == "wrench":
@@ -80,14 +80,14 @@ class Columns(Mapping[str, Column]):
         return len(self._records)
 
     def __len__(self) -> int:
-        """Number of arrays."""
+        """Return the number of arrays."""
         return len(self._widths)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.count} records of {', '.join(self)}>"
 
     def _repr_html_(self) -> str:
-        """The first and the last records as a table, for a notebook; of as many columns as have room."""
+        """Return the first and the last records as a table, for a notebook; of as many columns as have room."""
         flat = list(self.flat().items())
         shown, rows = flat[:_HTML_COLUMNS], range(self.count)
         picked = [*rows[:_HTML_ROWS], *rows[max(_HTML_ROWS, self.count - _HTML_ROWS) :]]
@@ -120,12 +120,13 @@ class Columns(Mapping[str, Column]):
         return self._paths[name]
 
     def to_pandas(self) -> Any:
-        """A pandas DataFrame of `flat`. Raises ConfigError where pandas is not installed."""
+        """Return a pandas DataFrame of `flat`. Raises ConfigError if pandas is not installed."""
         return _library("pandas").DataFrame(self.flat())
 
     def to_polars(self) -> Any:
-        """A polars DataFrame of `flat`; what is no number or text is told as text. Raises ConfigError where polars is
-        not installed.
+        """Return a polars DataFrame of `flat`; values other than numbers and text become text.
+
+        Raises ConfigError where polars is not installed.
         """
         return _library("polars").DataFrame(
             {name: plain(values.tolist()) for name, values in self.flat().items()}, strict=False
@@ -139,7 +140,7 @@ class Columns(Mapping[str, Column]):
         return [*super().__dir__(), *self._widths]
 
     def __getitem__(self, name: str) -> Column:
-        """The array of a field. Raises KeyError for a name that no field has."""
+        """Return the array of a field. Raises KeyError for an unknown name."""
         if name not in self._widths:
             raise KeyError(f"no field is called {name!r}; there are {', '.join(self._widths)}")
         if name not in self._made:
@@ -148,7 +149,7 @@ class Columns(Mapping[str, Column]):
         return self._made[name]
 
     def __getattr__(self, name: str) -> Column:
-        """The array of a field. Raises AttributeError for a name that no field has."""
+        """Return the array of a field. Raises AttributeError for an unknown name."""
         if name.startswith("_"):  # as of an object that is being copied
             raise AttributeError(name)
         try:
@@ -165,7 +166,7 @@ def _library(name: str) -> Any:
 
 
 def plain(column: Sequence[Any]) -> list[Any]:
-    """The values of a column as numbers, texts, and None for what is not known."""
+    """Return the values of a column as numbers, texts, and None for unknown ones."""
     return [_plain(value) for value in column]
 
 

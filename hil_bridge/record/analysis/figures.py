@@ -64,12 +64,12 @@ class Definition:
         return f"{self.how}, {self.unit}" if self.unit else self.how
 
     def text(self, value: float | None) -> str:
-        """A value with its unit, or a dash."""
+        """Format a value with its unit, or a dash."""
         return quantity(value, self.scale, self.form, self.unit)
 
 
 def quantity(value: float | None, scale: float, form: str, unit: str) -> str:
-    """A value with its unit, or a dash."""
+    """Format a value with its unit, or a dash."""
     return UNKNOWN if value is None else f"{value * scale:{form}} {unit}".rstrip().replace("-", "−")
 
 

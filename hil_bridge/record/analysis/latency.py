@@ -88,7 +88,7 @@ class Latency:
 
 
 def latency_of(recording: Recording) -> Latency | None:
-    """The latency of a recorded run; None where its cycles were not stamped or its robot's hops are not known."""
+    """Return the latency of a recorded run; None if its cycles were not stamped or its robot's hops are not known."""
     devices = devices_of(recording)
     if devices.robot.hops is None:
         return None
@@ -104,7 +104,7 @@ def latency_budget(
     truths: Sequence[TruthRecord] = (),
     earliest: Mapping[int, float] | None = None,
 ) -> Latency | None:
-    """The latency of these cycles, without its constants; None where they were not stamped.
+    """Return the latency of these cycles, without its constants; None if they were not stamped.
 
     `robot` are the hops behind the hand-over, `earliest` the earliest arrivals by the frame's sequence.
     """
@@ -183,7 +183,7 @@ def timestamps(
     truths: Sequence[TruthRecord] = (),
     earliest: Mapping[int, float] | None = None,
 ) -> Callable[[str], Floats]:
-    """Looks a moment (see `hil_bridge.devices.facts`) of every cycle up by its name, s; NaN where it is not known.
+    """Look up a moment (see `hil_bridge.devices.facts`) of every cycle by its name, s; NaN if it is not known.
 
     `earliest` are the earliest arrivals by the frame's sequence.
     """
@@ -214,7 +214,7 @@ def timestamps(
 
 
 def _constants(devices: Devices, found: Latency) -> tuple[Constant, ...]:
-    """The constant delays before the sample and behind the motion."""
+    """Return the constant delays before the sample and after the motion."""
     constants = []
     if delay := devices.sensor.delay_s:
         constants.append(Constant("the sensor's filter", delay, "from its cut-off frequency"))

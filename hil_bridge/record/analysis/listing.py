@@ -35,7 +35,7 @@ class ListedRun(NamedTuple):
 
 
 def list_runs(folder: Path, last: int) -> Sequence[ListedRun]:
-    """The newest runs of a folder, oldest first: their names begin with their times. Raises ConfigError."""
+    """Return the newest runs of a folder, oldest first: their names begin with their times. Raises ConfigError."""
     try:
         there = sorted(path for path in folder.iterdir() if path.is_dir())
     except OSError as error:
@@ -47,7 +47,7 @@ def list_runs(folder: Path, last: int) -> Sequence[ListedRun]:
 
 
 def run_lines(runs: Sequence[ListedRun]) -> Iterator[str]:
-    """A table for people."""
+    """Return a table for people to read."""
     if not runs:
         yield "no runs: each is a folder with the summary.json that `hil-bridge run` writes"
         return
@@ -66,7 +66,7 @@ def _row(values: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _read(path: Path) -> Mapping[str, Any]:
-    """A summary; empty for one that cannot be read: another program may have written it."""
+    """Read a summary; empty for one that cannot be read: another program may have written it."""
     try:
         with path.open("rb") as file:
             found = json.loads(file.read(_LARGEST))

@@ -25,7 +25,7 @@ _DIGITS = 4
 
 
 def robot_quantiles_ms(recording: Recording) -> dict[str, list[float]]:
-    """Times of the robot's own hops up to its answer, by name, as evenly spaced quantiles.
+    """Return the times of the robot's own hops up to its answer, by name, as evenly spaced quantiles.
 
     Raises ConfigError for a recording that is too short, was not stamped, or does not tell the robot's hops.
     """
@@ -48,7 +48,7 @@ def frame_quantiles_ms(recording: Recording) -> list[float]:
 
 
 def as_configuration(notes: Sequence[str], sections: Mapping[str, Mapping[str, object]]) -> str:
-    """A configuration file: notes as comments, then the sections that set something."""
+    """Return a configuration file: notes as comments, then the sections that set something."""
     lines = [f"# {note}" for note in notes]
     for section, values in sections.items():
         if values:
@@ -57,7 +57,7 @@ def as_configuration(notes: Sequence[str], sections: Mapping[str, Mapping[str, o
 
 
 def _quantiles_ms(values: Sequence[float], what: str) -> list[float]:
-    """Raises ConfigError for fewer values than quantiles."""
+    """Return evenly spaced quantiles. Raises ConfigError for fewer values than quantiles."""
     known = [max(value, 0.0) * 1e3 for value in values if math.isfinite(value)]
     if len(known) < FEWEST_QUANTILES:
         raise ConfigError(

@@ -51,7 +51,7 @@ class StepOutcome:
 
 
 def step_outcomes(records: Sequence[StepRecord]) -> tuple[StepOutcome, ...]:
-    """The steps in the order in which they ended."""
+    """Return the steps in the order in which they ended."""
     return tuple(
         StepOutcome(
             record.step,
@@ -85,7 +85,7 @@ def failed_criteria(steps: Sequence[StepOutcome]) -> str:
 
 
 def step_lines(steps: Sequence[StepOutcome]) -> list[str]:
-    """A line for each step; of a repeat with many, for its first pass, its last and what failed."""
+    """Return a line for each step; of a repeat with many, for its first pass, its last and what failed."""
     width = max((len(step.label) for step in steps), default=0)
     shown = _choose_shown(steps)
     lines = []
@@ -102,7 +102,7 @@ def step_lines(steps: Sequence[StepOutcome]) -> list[str]:
 
 
 def step_text(step: StepOutcome) -> str:
-    """A step in one line, without its label."""
+    """Describe a step in one line, without its label."""
     parts = [f"{step.seconds:.1f} s"]
     if step.way_mm:
         parts.append(f"{step.way_mm:.1f} mm")
@@ -118,7 +118,7 @@ def step_text(step: StepOutcome) -> str:
 
 
 def verdict_of(step: StepOutcome) -> str:
-    """Result of a step; empty for one that ended as it was meant to and has no criterion."""
+    """Return the result of a step; empty for one that ended as intended and has no criterion."""
     if step.passed:
         return "criterion passed" if step.wanted is not None else ""
     return "criterion FAILED" if step.criterion_failed else CUT

@@ -45,7 +45,7 @@ class _Configured(Struct):
 
 
 def stream_force(recording: Recording) -> tuple[Floats, Floats, Floats] | None:
-    """The sensor's whole stream in N: time, lowest and highest force of each of at most some thousand bins.
+    """Return the sensor's whole stream in N: time, lowest and highest force of each of at most some thousand bins.
 
     The stream is kept as the device counts. The sensor's facts scale it, and the configuration tells its direction.
     Weight and bias are what the forces of the cycles are beside the frames that they used. Where that does not

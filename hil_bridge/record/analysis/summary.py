@@ -114,7 +114,7 @@ class Summary:
     """Labels of the steps whose criterion was not met."""
 
     def as_json(self) -> str:
-        """The same as JSON, strict and in the order of the fields."""
+        """Return the summary as JSON, strict and in the order of the fields."""
         return msgspec.json.format(msgspec.json.encode(self), indent=2).decode() + "\n"
 
     def write_json(self, path: Path, overwrite: bool = False) -> None:
@@ -123,7 +123,7 @@ class Summary:
 
 
 def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
-    """The figures of a run. `end` is taken from the record where it is not given."""
+    """Return the figures of a run. `end` is read from the record if it is not given."""
     end = end or end_of(recording)
     cycles = recording.cycles
     strokes = strokes_of(recording)
@@ -184,7 +184,7 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
 
 
 def wanted_force(summary: Summary) -> str:
-    """The force that was wanted, in words; empty where there was none."""
+    """Describe the target force; empty if there was none."""
     if summary.force_references_n is None:
         return ""
     least, most = summary.force_references_n
@@ -192,7 +192,7 @@ def wanted_force(summary: Summary) -> str:
 
 
 def end_of(recording: Recording) -> RunEnd:
-    """The end as the record tells it; a record without one was cut off, which counts as interrupted."""
+    """Return the recorded end; a record without one was cut off, which counts as interrupted."""
     told = recording.end
     outcome = told.get("outcome", "")
     floor, link = json_or_none(told.get("line_floor_s")), json_or_none(told.get("link"))
@@ -214,7 +214,7 @@ def end_of(recording: Recording) -> RunEnd:
 
 
 def phases(recording: Recording) -> tuple[PhaseSpan, ...]:
-    """The phases in order, from the events that begin them or else from what the cycles say."""
+    """Return the phases in order, from the events that begin them, or else from the cycles."""
     begins = [(event.at, event.text) for event in recording.events if event.kind == EventKind.PHASE]
     if not begins:
         before = ""
@@ -231,7 +231,7 @@ def phases(recording: Recording) -> tuple[PhaseSpan, ...]:
 
 
 def _stopping(cycles: Sequence[CycleRecord]) -> CycleRecord | None:
-    """The cycle whose sample ended the tracking by itself: its answer was to retract already."""
+    """Return the cycle whose sample ended the tracking by itself: its answer was to retract already."""
     last = max((place for place, cycle in enumerate(cycles) if cycle.phase == TRACK), default=len(cycles))
     if last + 1 >= len(cycles):
         return None

@@ -23,13 +23,13 @@ class Times:
 
 
 def in_ms(seconds: float) -> str:
-    """A duration in ms, without decimals from 10 ms on."""
+    """Format a duration in ms, without decimals from 10 ms on."""
     milliseconds = seconds * 1e3
     return f"{milliseconds:.0f}" if abs(milliseconds) >= 9.95 else f"{milliseconds:.1f}"
 
 
 def times_of(durations: Iterable[float]) -> Times | None:
-    """The distribution of those that are numbers; None when none is."""
+    """Return the distribution of the numbers among these values; None if there is none."""
     known = sorted([duration for duration in durations if math.isfinite(duration)])
     if not known:
         return None

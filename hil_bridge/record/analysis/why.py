@@ -111,7 +111,7 @@ class Why(Struct, frozen=True):
 
 
 def why_values(recording: Recording, file: object = "FILE") -> Why:
-    """The same as `why`, as values."""
+    """Return the explanation of `why` as values."""
     end, ending = end_of(recording), _Ending(recording, end_of(recording), file)
     reason, good, symptom = end.reason, ending.last_good(), ending.symptom
     return Why(
@@ -227,7 +227,7 @@ class _Ending:
         return self._at - at
 
     def last_good(self) -> CycleRecord | None:
-        """The last cycle before the end and its first symptom; None where there is none."""
+        """Return the last cycle before the end and its first symptom; None if there is none."""
         limit = self._at if self.symptom is None else min(self._at, self.symptom.at)
         good = [
             cycle
@@ -281,7 +281,7 @@ class _Ending:
         return f"What ended it was {blamed}: {reason.fact}."
 
     def _by(self, cause: Cause) -> str:
-        """The key, or the signal, that a person used."""
+        """Return the key, or the signal, that the operator used."""
         return next((event.by for event in self._recording.events if event.cause is cause), "")
 
     def _beside(self) -> Iterator[str]:
@@ -328,14 +328,14 @@ _ASKED = {Cause.KEY: "the key {by}", Cause.PAGE: "the page in the browser", Caus
 
 
 def _fault_words(fault: FaultNote) -> str:
-    """A fault and its parameters, in words."""
+    """Describe a fault and its parameters."""
     values = [f"{name} {value:g}" for name, value in fault.values.items()]
     values += [f"{name} {word}" for name, word in fault.words.items()]
     return f"{fault.title} ({', '.join(values)})" if values else fault.title
 
 
 def _first_symptom(recording: Recording, stopped_at: float) -> EventRecord | None:
-    """The earliest trouble of the row that led to the stop; None where the stop itself is all that is known."""
+    """Return the earliest fault of the row that led to the stop; None if only the stop itself is known."""
     found: list[EventRecord] = []
     told = [event for event in recording.events if event.kind not in _SYMPTOM_FREE and event.at <= stopped_at]
     since = stopped_at
@@ -354,7 +354,7 @@ def _first_symptom(recording: Recording, stopped_at: float) -> EventRecord | Non
 
 
 def _quiet_sensor(sensors: tuple[SensorRecord, ...], stopped_at: float) -> Iterator[EventRecord]:
-    """That the sensor had fallen silent, or told the same again and again."""
+    """Report that the sensor had fallen silent, or repeated its values."""
     before = [frame for frame in sensors if frame.at <= stopped_at]
     if len(before) <= SILENT_FRAMES:
         return
@@ -373,7 +373,7 @@ def _quiet_sensor(sensors: tuple[SensorRecord, ...], stopped_at: float) -> Itera
 
 
 def _find_clamped(cycles: tuple[CycleRecord, ...], stopped_at: float) -> Iterator[EventRecord]:
-    """That the guard had clamped every order up to the stop."""
+    """Report that the guard had clamped every order up to the stop."""
     first = None
     for cycle in reversed(cycles):
         if cycle.controlled_at >= stopped_at or cycle.verdict == "stop":

@@ -33,7 +33,7 @@ _TIME_MAX_NS = 1 << 63
 
 
 def measurement(recording: Recording) -> tuple[bytes, int]:
-    """The file, and the number of its channels, times left out.
+    """Return the file, and the number of its channels, times left out.
 
     Raises ConfigError where asammdf is not installed, and for a recording without anything to measure.
     """
@@ -85,7 +85,7 @@ _Channel = tuple[str, NDArray[Any], str, str]
 
 
 def _groups(recording: Recording) -> Iterator[tuple[str, tuple[NDArray[Any], list[_Channel]]]]:
-    """Times and channels of each group."""
+    """Return times and channels of each group."""
     facts = devices_of(recording).sensor.facts
     if recording.sensors:
         yield "sensor", _sensor(recording.sensors, None if facts is None else facts.scales)

@@ -40,7 +40,7 @@ def is_can(traffic: RawTraffic) -> bool:
 
 
 def can_frames(records: Sequence[WireRecord]) -> list[WireFrame]:
-    """The frames of a CAN wire, oldest first. Raises ConfigError for a record that holds something else."""
+    """Return the frames of a CAN wire, oldest first. Raises ConfigError for a record that holds something else."""
     found = []
     for piece in recorded_pieces(records):
         if piece.is_event:
@@ -57,9 +57,10 @@ def can_frames(records: Sequence[WireRecord]) -> list[WireFrame]:
 
 
 def wire_text(records: Sequence[LinkRecord | WireRecord], title: str) -> WireText:
-    """The bytes of a wire as a text capture, which `hil-bridge monitor` reads for a computer link: a line for each
-    piece or datagram with the run's clock, s, `tx` or `rx` as the PC sees it, and hexadecimal bytes. Link events stand
-    in comments. Raises ConfigError for a record that holds something else.
+    """Return the bytes of a wire as a text capture, which `hil-bridge monitor` reads for a computer link.
+
+    A line for each piece or datagram with the run's clock, s, `tx` or `rx` as the PC sees it, and hexadecimal
+    bytes. Link events stand in comments. Raises ConfigError for a record that holds something else.
     """
     lines = [f"# {title}", "# seconds of the run's clock, tx sent by the PC or rx received by it, bytes"]
     pieces, newest = 0, 0.0

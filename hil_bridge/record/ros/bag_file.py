@@ -77,7 +77,7 @@ def is_bag(path: Path) -> bool:
 
 
 def read_messages(path: Path, wants: Wants) -> Bag:
-    """The topics of a bag and the messages that are wanted. Raises ConfigError."""
+    """Read the topics of a bag and the requested messages. Raises ConfigError."""
     bag = Bag(path)
     for file in _files(path):
         if file.suffix == SQLITE:
@@ -98,7 +98,7 @@ def _header(head: bytes) -> Header | None:
 
 
 def _first_encoding(path: Path) -> str:
-    """Encoding of the first channel of an MCAP file; empty where it has none."""
+    """Return the encoding of the first channel of an MCAP file; empty if it has none."""
     try:
         data = read_mcap(path, "the recording")
         return next((one.message_encoding for one in mcap_records(data) if isinstance(one, Channel)), "")

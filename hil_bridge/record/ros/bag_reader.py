@@ -29,12 +29,12 @@ _NAN = math.nan
 
 
 def read_any(path: Path, choices: BagChoices | None = None) -> Recording:
-    """The recording of a run, or a bag of ROS 2 as a recording. Raises ConfigError."""
+    """Read the recording of a run, or a bag of ROS 2 as a recording. Raises ConfigError."""
     return read_bag(path, choices) if is_bag(path) else read(path)
 
 
 def read_bag(path: Path, choices: BagChoices | None = None) -> Recording:
-    """A bag of ROS 2 as a recording. The clock of it is 0 at the stamp of its first sample.
+    """Read a bag of ROS 2 as a recording. Its clock is 0 at the stamp of its first sample.
 
     Raises ConfigError where rosbags is not installed, and for a bag that cannot be used.
     """
@@ -182,7 +182,7 @@ def _matrices(quaternions: Floats) -> Floats:
 
 
 def _commanded(samples: _Samples, target: Stream | None) -> Floats:
-    """The newest commanded place at each time, (n, 3), m; NaN before the first, and where there is none."""
+    """Return the newest commanded place at each time, (n, 3), m; NaN before the first, and where there is none."""
     places = np.full((len(samples.stamps_ns), 3), math.nan)
     if target is not None:
         newest = np.searchsorted(target.stamps_ns, samples.stamps_ns, side="right") - 1

@@ -99,11 +99,11 @@ class Messages:
                 yield from self._of_event(record)
 
     def encode(self, stamped: Stamped) -> bytes:
-        """A message as CDR."""
+        """Encode a message as CDR."""
         return bytes(self.store.serialize_cdr(stamped.message, TOPICS[stamped.topic]))
 
     def definition(self, kind: str) -> str:
-        """The definition of a type and of all types in it, as ROS 2 writes it."""
+        """Return the definition of a type and of all types in it, as ROS 2 writes it."""
         text: str = self.store.generate_msgdef(kind, ros_version=2)[0]
         return text
 
@@ -172,7 +172,7 @@ class Messages:
     def _pose(
         self, topic: str, at: float, frame: str, pose: tuple[Sequence[float], Sequence[float]]
     ) -> Iterator[Stamped]:
-        """A pose in the base as a message of its topic, where it has one, and as a transform."""
+        """Return a pose in the base as a message of its topic, if it has one, and as a transform."""
         position, quaternion = pose
         if not all(map(math.isfinite, (at, *position, *quaternion))):
             return
@@ -210,7 +210,7 @@ class Messages:
 
 
 def message_store() -> Any:
-    """The types of ROS 2 Humble, of the library rosbags. Raises ConfigError where it is not installed."""
+    """Return the types of ROS 2 Humble, of the library rosbags. Raises ConfigError if it is not installed."""
     need_rosbags()
     from rosbags.typesys import Stores, get_typestore
 

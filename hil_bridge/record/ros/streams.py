@@ -77,7 +77,7 @@ def topic_of(bag: Bag, role: str, choices: BagChoices) -> str:
 
 
 def stream_of(bag: Bag, role: str, choices: BagChoices, store: Any) -> Stream:
-    """The values of the topic of a role. Raises ConfigError for what cannot be used."""
+    """Return the values of the topic of a role. Raises ConfigError for unusable ones."""
     name = topic_of(bag, role, choices)
     plain, _, child = name.partition(CHILD)
     source, kind = format_path(bag.path), bag.types[plain]
@@ -134,7 +134,7 @@ def _refuse_moving_parent(bag: Bag, parent: str, where: str, store: Any) -> None
 
 
 def _show(name: str) -> str:
-    """A name of a bag in one line, without characters that act on a terminal."""
+    """Format a name of a bag in one line, without characters that act on a terminal."""
     return harmless(one_line(name))
 
 
