@@ -69,7 +69,7 @@ def _unread(time: float) -> None:
 
 
 class WrongForce(Exception):
-    """A surface of another package answered with what is no force. `blamed` is the surface and its method."""
+    """A surface of a plug-in answered with what is no force. `blamed` is the surface and its method."""
 
     def __init__(self, surface: Surface, positions: Floats, force: object) -> None:
         if isinstance(force, np.ndarray) and force.shape == positions.shape:

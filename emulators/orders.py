@@ -19,7 +19,7 @@ class Act(StrEnum):
     PROGRAM = "program"
     """It brings or starts a program of the robot's own, which may move the tool."""
     RELEASE = "release"
-    """It releases a stop, or switches the power on: acts that belong to a person at the robot."""
+    """It releases a stop, or switches the power on: acts that belong to an operator at the robot."""
     CONTACT = "contact"
     """The client is there: a connection, or a question."""
     UNREADABLE = "unreadable"

@@ -35,7 +35,7 @@ class Switch:
     meaning: str
     positions: Mapping[str, Move]
     usual: str = ""
-    """The position where a person names none; empty where one has to be named."""
+    """The position where an operator names none; empty where one has to be named."""
     at: Callable[[Mapping[str, Any]], str] | None = None
     """The present position in a state; empty where it is in none of them. None for a button that springs back."""
 

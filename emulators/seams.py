@@ -30,7 +30,7 @@ Joints: TypeAlias = tuple[float, ...]
 """Angles of a robot's axes, rad, axis 1 first."""
 
 Handlers: TypeAlias = Mapping[str, Mapping[str, Handler]]
-"""Faults of a device: by target, then by name of the fault. Empty where there are none."""
+"""Faults of a device: by target, then by name of the fault. Empty if there are none."""
 
 
 class StartPose(NamedTuple):
@@ -168,7 +168,7 @@ class EmulatedSensor(Protocol):
         """Handlers of its faults."""
 
     def sampled_at(self, counter: int) -> float | None:
-        """When it measured the newest sample that it told with this counter, s; None where there is none."""
+        """When it measured the newest sample that it told with this counter, s; None if there is none."""
 
 
 class Surface(Protocol):
@@ -180,13 +180,13 @@ class Surface(Protocol):
 
     @property
     def handlers(self) -> Mapping[str, Handler]:
-        """Its faults, by name; their target is `surface`. Empty where there are none."""
+        """Its faults, by name; their target is `surface`. Empty if there are none."""
 
     @property
     def remembered_until(self) -> float | None:
         """Time of the newest sample that it was shown, s, where its force depends on the past; None where it does not.
 
-        A model with memory is shown ascending times, at least 8000 a second, and may go on from the call before.
+        A model with memory is shown ascending times, at least 8000 a second, and may continue from the call before.
         """
 
     def force(self, positions: Floats, velocities: Floats, times: Floats) -> Floats:
@@ -207,7 +207,7 @@ class ShapedSurface(Protocol):
     """Facts that a contact model may tell beside its forces."""
 
     def normals(self, positions: Floats, times: Floats) -> Floats:
-        """Outward unit normals (n, 3) of the surface below positions (n, 3), m, base frame; NaN where there is none.
+        """Outward unit normals (n, 3) of the surface below positions (n, 3), m, base frame; NaN if there is none.
 
         `times` (n,) ascend, s.
         """

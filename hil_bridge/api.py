@@ -10,7 +10,7 @@ The names of `__all__` are stable: they are changed with a note in the release o
 Lengths are m, times s, forces N, moments N·m, angles rad, unless a name ends in another unit. Poses are those of the
 tool in the robot's base frame, wrenches those on the tool in the tool frame.
 
-Every error that a person is meant to read is a `BridgeError`; its text is one line that says what to do.
+Every error that an operator is meant to read is a `BridgeError`; its text is one line that says what to do.
 """
 
 import asyncio
@@ -146,7 +146,7 @@ async def simulate_async(
     observe: Observe = None,
     seed: int | None = None,
 ) -> Result:
-    """The same to await, in a thread of its own: a notebook or a server goes on meanwhile.
+    """The same to await, in a thread of its own: a notebook or a server continues meanwhile.
 
     `observe` is called in that thread. Arguments and errors are those of `simulate`.
     """

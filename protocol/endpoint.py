@@ -16,7 +16,7 @@ class Trouble(NamedTuple):
 
     fact: str = ""
     remedy: str = ""
-    """Advice for a person; empty where none is known."""
+    """Advice for an operator; empty where none is known."""
 
     def __bool__(self) -> bool:
         return bool(self.fact)
@@ -33,7 +33,7 @@ class ProtocolError(Exception):
     """Something is wrong with what was said on the wire; the subclass says whose fault it is."""
 
     def __init__(self, fact: str = "", remedy: str = "") -> None:
-        """`remedy` is advice for a person; empty where none is known."""
+        """`remedy` is advice for an operator; empty where none is known."""
         super().__init__(fact)
         self.remedy = remedy
 

@@ -17,4 +17,4 @@ class FaultStage(StrEnum):
     REFUSED = "refused"
     """The cell could not have it when its moment came."""
     BY_HAND = "by hand"
-    """A person changed the device at its panel."""
+    """An operator changed the device at its panel."""

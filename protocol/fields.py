@@ -1,7 +1,7 @@
 """Field tables: one table gives the encoder, the decoder, the monitor's text and the property test.
 
 A table holds raw integers (or floats) as they lie on the wire; `scale` and `unit` say what a raw value means
-and are applied only where a person or the control side reads it.
+and are applied only where an operator or the control side reads it.
 """
 
 import dataclasses

@@ -1,11 +1,11 @@
-"""Whether a number that does not follow is a stray datagram or a stream that counts anew. Pure.
+"""Whether a number that does not follow is a stray datagram or a stream that counts again. Pure.
 
 A datagram that was held up, or is a stranger's, has a number from elsewhere. Alone it tells nothing of the stream,
-which goes on by its own numbers. A stream that has begun anew goes on by the new ones.
+which continues by its own numbers. A stream that has restarted continues by the new ones.
 """
 
 ANEW_AFTER = 5
-"""Chosen: so many datagrams in a row that follow each other by new numbers are a stream that counts anew."""
+"""Chosen: so many datagrams in a row that follow each other by new numbers are a stream that counts again."""
 AHEAD_MAX = 3
 """Chosen: cycles by which a number may be ahead of the time that has passed, for a wire hands on what it held up."""
 _STEP_MAX = 3
@@ -32,7 +32,7 @@ class NewNumbers:
         self._count = 0
 
     def take(self, number: int, at: float) -> bool:
-        """Take a number that does not follow, of a datagram that came at a time, s; whether the stream counts anew."""
+        """Take a number that does not follow, of a datagram that came at a time, s; whether the stream counts again."""
         if not (self._count and 0 < (number - self._newest) % _NUMBERS <= self._longest):
             self._count, self._since = 0, at
         self._count += 1

@@ -30,7 +30,7 @@ class RobotReport(NamedTuple):
     is coarse, and may have an offset: its user counts from a zero of its own.
     """
     remedy: str = ""
-    """Advice against the fault, for a person; empty where none is known."""
+    """Advice against the fault, for an operator; empty where none is known."""
 
 
 def orientation_fault(quaternion: Quaternion) -> str:
@@ -38,14 +38,14 @@ def orientation_fault(quaternion: Quaternion) -> str:
     return (
         ""
         if abs(math.hypot(*quaternion) - 1.0) <= UNIT_TOLERANCE
-        else f"the orientation {quaternion}, which is none"
+        else f"the orientation {quaternion}, which is invalid"
     )
 
 
 def pose_fault(pose: Pose) -> str:
     """Fault of a pose that another side has given, in words; empty without any."""
     if not all(map(math.isfinite, pose.position)):
-        return f"the position {pose.position}, which is none"
+        return f"the position {pose.position}, which is invalid"
     return orientation_fault(pose.quaternion)
 
 
@@ -61,7 +61,7 @@ class StreamLost(NamedTuple):
     text: str
     """The reason."""
     remedy: str = ""
-    """Advice for a person; empty where none is known."""
+    """Advice for an operator; empty where none is known."""
 
 
 class StreamNotice(NamedTuple):

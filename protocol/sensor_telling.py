@@ -73,7 +73,7 @@ class SensorTelling:
         self._events.append(SensorStopped())
 
     def fail(self, text: str, remedy: str = "") -> None:
-        """Tell that the session is over, with the fault and the advice for a person."""
+        """Tell that the session is over, with the fault and the advice for an operator."""
         self.ended = True
         self._events.append(SensorFailed(f"{self._prefix}{text}", remedy))
 

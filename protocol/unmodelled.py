@@ -23,7 +23,7 @@ class NotModelled:
 
 
 def relied_on(things: Sequence[NotModelled]) -> str:
-    """All of them in one sentence; empty where there are none."""
+    """All of them in one sentence; empty if there are none."""
     if not things:
         return ""
     count = len(things)

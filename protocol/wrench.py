@@ -131,7 +131,7 @@ class SensorFailed:
     text: str
     """The fault, one line."""
     remedy: str = ""
-    """Advice for a person, one line; empty where none is known."""
+    """Advice for an operator, one line; empty where none is known."""
 
 
 SensorEvent: TypeAlias = (
@@ -162,7 +162,7 @@ class SensorStatistics:
 
     @property
     def stands(self) -> bool:
-        """Whether samples go on while their counter stands still, too long for an accident."""
+        """Whether samples continue while their counter stands still, too long for an accident."""
         return self.standing >= _STANDS_AFTER
 
 

@@ -191,7 +191,7 @@ def main() -> int:
     parser.add_argument("--only", choices=[*every_step, *BACKGROUND], help="run one step")
     parser.add_argument("--room", help="run the tests that name this folder of the product")
     options = parser.parse_args()
-    # the interpreter would compile each module anew in every process
+    # the interpreter would compile each module again in every process
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
     steps, background = (every_step, BACKGROUND) if options.all else (TIERS["gate"], {})

@@ -65,7 +65,7 @@ CONDITIONS, REACTIONS, FAULTS, PROMISES, CRITERIA, PHASED, TARGETS = GROUPS = (
 _ALONE = (
     "tests/guard/test_causes_reached.py reaches the function that tells it, which the plug-in does not watch"
 )
-_PRESSED = "only a person presses it: tests in real time do, in processes that the plug-in does not watch"
+_PRESSED = "only an operator presses it: tests in real time do, in processes that the plug-in does not watch"
 _PROGRAM = "no run of the bridge opens that wire; tests/emulation strikes it at the emulated robot alone"
 _LEADS = "a controller is asked while the tool tracks, and in no other phase"
 _CONTROLLER = tuple(fault_key(CELL, CONTROLLER, lie) for lie in CONTROLLER_FAULTS)

@@ -109,8 +109,8 @@ def measure(devices: Sequence[str], before: Mapping[str, Any]) -> Mapping[str, A
     Without a name all devices are measured again.
     """
     wanted = list(jobs())
-    anew = [job for job in wanted if not devices or job.device in devices or job.key not in before]
-    found = {job.key: end for job, end in zip(anew, run_jobs(measured, anew), strict=True)}
+    again = [job for job in wanted if not devices or job.device in devices or job.key not in before]
+    found = {job.key: end for job, end in zip(again, run_jobs(measured, again), strict=True)}
     return {job.key: found.get(job.key) or before[job.key] for job in wanted}
 
 
@@ -137,10 +137,10 @@ def lasts(fault: Fault) -> str:
 
 def outcomes(names: Sequence[str], on: str, fault: str, figures: Mapping[str, Any]) -> str:
     """Return these devices by what a run did, then those of which no run was made."""
-    groups: dict[str, list[str]] = {"stops": [], "goes on": [], "": []}
+    groups: dict[str, list[str]] = {"stops": [], "continues": [], "": []}
     for name in names:
         end = figures.get(Job(name, on, fault).key)
-        groups[("stops" if end["exit"] else "goes on") if end else ""].append(name)
+        groups[("stops" if end["exit"] else "continues") if end else ""].append(name)
     return "; ".join(
         f"{', '.join(group)}{verdict and ': ' + verdict}" for verdict, group in groups.items() if group
     )

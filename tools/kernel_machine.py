@@ -61,7 +61,7 @@ KERNEL_SETTINGS = ("modprobe.blacklist=bochs", "iomem=relaxed")
 """No driver takes that device by itself, and a program may map its memory while a driver has it."""
 
 SYSTEM_FOLDERS = "/usr/sbin:/sbin"
-"""Where Debian keeps commands that a person's PATH lacks."""
+"""Where Debian keeps commands that an operator's PATH lacks."""
 
 
 class Unavailable(Exception):
@@ -69,7 +69,7 @@ class Unavailable(Exception):
 
 
 def which(command: str) -> str | None:
-    """Where a command is, for a person's PATH too."""
+    """Where a command is, for an operator's PATH too."""
     return shutil.which(command, path=f"{os.environ.get('PATH', '')}:{SYSTEM_FOLDERS}")
 
 

@@ -5,7 +5,7 @@
 - A fence ```` ```console ```` holds commands behind `$ `, and below each what it prints; `...` stands for what varies.
   A command with nothing below is judged by its exit code alone. The code must be 0, unless `echo $?` comes next.
 - Each page has a fresh folder with a copy of `examples/`, an environment of its own, and one shell for all its fences.
-- A `code-block` of `console` whose caption begins with "In a second terminal" goes on beside the page, until the next
+- A `code-block` of `console` whose caption begins with "In a second terminal" continues beside the page, until the next
   such block or the end of the page. Its output must come within `PATIENCE_S`.
 - A `code-block` of another language with a caption is a file. The caption is its name; it is written in its turn.
 - `<!--- skip: next "the reason" -->` before a fence excuses it. The end of the output counts what ran and was excused.
@@ -137,7 +137,7 @@ class Page:
         yield tail
 
     def start_beside(self, command: Command) -> str:
-        """Start a command that goes on beside the page; how its output differs. One that ran before is ended."""
+        """Start a command that continues beside the page; how its output differs. One that ran before is ended."""
         self.end_beside()
         with contextlib.ExitStack() as stack:
             output = stack.enter_context(tempfile.TemporaryFile())

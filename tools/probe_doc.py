@@ -66,7 +66,7 @@ class Look:
 
     @property
     def words(self) -> str:
-        """All that a person reads."""
+        """All that an operator reads."""
         return "\n".join(
             (
                 *(f"{name} {text}" for name, text in self.rows),

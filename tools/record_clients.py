@@ -31,7 +31,7 @@ HOST = "127.0.0.77"
 """An address of its own, for a client whose ports are constants."""
 PATIENCE_S = 60.0
 TAIL = 3
-"""Steps of the device that are kept behind the client's last one. Chosen: as many as show that it goes on."""
+"""Steps of the device that are kept behind the client's last one. Chosen: as many as show that it continues."""
 TICK_S = 0.02
 """Longest wait before the client is looked at."""
 

@@ -61,7 +61,7 @@ class Case:
 
     name: str
     faults: Mapping[str, Fault] = field(default_factory=dict)
-    """The fault by robot; empty for a person that presses Ctrl-C."""
+    """The fault by robot; empty for an operator that presses Ctrl-C."""
     by_force: bool = False
     """The time counts from the moment at which the true force passes the limit, not from the begin of the fault."""
 
@@ -227,13 +227,13 @@ def measure(robots: Sequence[str], before: Mapping[str, Any]) -> dict[str, Any]:
 
     By case, robot and stiffness: the result of each seed, seed by seed.
     """
-    anew = [place for place in places() if not robots or place[1] in robots]
-    jobs = [Job(*place, seed) for place in anew for seed in range(1, SEEDS[place[1]] + 1)]
+    again = [place for place in places() if not robots or place[1] in robots]
+    jobs = [Job(*place, seed) for place in again for seed in range(1, SEEDS[place[1]] + 1)]
     figures: dict[str, Any] = {}
     runs = iter(run_jobs(measured, jobs))
     for case, robot, stiffness in places():
         by_stiffness = figures.setdefault(case.name, {}).setdefault(robot, {})
-        if (case, robot, stiffness) in anew:
+        if (case, robot, stiffness) in again:
             by_stiffness[f"{stiffness:g}"] = columns([next(runs) for _ in range(SEEDS[robot])])
         else:
             by_stiffness[f"{stiffness:g}"] = before[case.name][robot][f"{stiffness:g}"]

@@ -100,13 +100,13 @@ def measure(names: Sequence[str], before: Mapping[str, Any]) -> dict[str, Any]:
         if TOUCHES[robot][0] in robots
     }
     rows = iter(run_jobs(figures_of, [*held.values(), *touched.values()]))
-    anew = {
+    again = {
         "controllers": [{"robot": r, "controller": c, "surface": s, **next(rows)} for r, c, s in held],
         "touch": [{"robot": r, "approach_mm_s": v, "surface": s, **next(rows)} for r, v, s in touched],
     }
     return {
         name: list({_key(row): row for row in (*before.get(name, ()), *fresh)}.values())
-        for name, fresh in anew.items()
+        for name, fresh in again.items()
     }
 
 

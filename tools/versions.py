@@ -38,7 +38,7 @@ def is_version(python: Path, version: str) -> bool:
 
 
 def test_with(version: str, resolution: str, arguments: Sequence[str]) -> int:
-    """Make an environment anew, and run the tests in it; the exit code of the first step that failed, else 0."""
+    """Make an environment again, and run the tests in it; the exit code of the first step that failed, else 0."""
     python = next((path for path in candidates(version) if is_version(path, version)), None)
     if python is None:
         print(

@@ -235,7 +235,7 @@ class History(Generic[S]):
     # --- ticks
 
     def advance(self, now: float) -> None:
-        """Let every tick up to and including `now` be over; harmless when there is none."""
+        """Let every tick up to and including `now` be over; no effect if there is none."""
         while (at := self.next_tick()) <= now:
             if self._servo.idle and now - at > self._size * self._period:
                 self._skip_rest(now)

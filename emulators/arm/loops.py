@@ -219,7 +219,7 @@ class Loops:
         for place, old, reported_before, pulled_to, error, velocity, leap in before:
             set_point = round(place / mechanics.step)
             if set_point == old == reported_before and error == velocity == leap == 0.0:
-                # It rests there, and goes on resting.
+                # It rests there, and continues resting.
                 position = pull = pulled_to
                 reported = set_point
             else:

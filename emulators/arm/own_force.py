@@ -42,7 +42,7 @@ WITNESS_FAULTS: Mapping[str, Fault] = {
         {"factor": Parameter(0.1, "share of the contact", -10.0, 10.0)},
         FOREVER,
     ),
-    "nan": Fault("the robot's own force is no number", {}, FOREVER),
+    "nan": Fault("the robot's own force is not a number", {}, FOREVER),
 }
 """Faults of the target `witness`."""
 

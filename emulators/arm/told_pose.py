@@ -45,7 +45,7 @@ POSE_FAULTS: Mapping[str, Fault] = {
         "the told pose is an old one", {"ms": Parameter(200.0, "how old", 0.0, 5000.0, "ms")}, FOREVER
     ),
     "frozen": Fault("the told pose stays as it is", {}, FOREVER),
-    "nan": Fault("the told position is no number", {"count": _COUNT}, FOREVER),
+    "nan": Fault("the told position is not a number", {"count": _COUNT}, FOREVER),
     "missing": Fault("the pose is not told", {"count": _COUNT}, FOREVER),
 }
 """Faults of the target `pose`."""

@@ -64,7 +64,7 @@ class Parameter:
 
 
 def _number(given: object) -> float:
-    """NaN for anything else. A truth value is no number here, a text may be one."""
+    """NaN for anything else. A truth value is not a number here, a text may be one."""
     if isinstance(given, bool) or not isinstance(given, (int, float, str)):
         return math.nan
     try:

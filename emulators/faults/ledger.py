@@ -116,7 +116,7 @@ class Ledger:
         """Let a fault happen from now on, or at its next opportunity. Raises ValueError as `check` does."""
         values, duration = self.check(target, fault, given)
         if len(self.injections) >= INJECTION_LIMIT:
-            raise ValueError(f"this cell has had {INJECTION_LIMIT} faults; start it anew")
+            raise ValueError(f"this cell has had {INJECTION_LIMIT} faults; start it again")
         ends_at = None if duration is None else now + duration
         injection = Injection(target, fault, values, now, ends_at)
         self._handlers[target][fault].begin(injection)

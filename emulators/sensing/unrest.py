@@ -37,7 +37,7 @@ _KNOTS_KEPT = 1024
 _PAST_S = 10.0
 """How much of the past can be read from a source, s: as much as a path keeps."""
 _REPEAT_S = 4.0
-"""Chosen: the vibration begins anew so often; its lines lie a quarter of 1 Hz apart."""
+"""Chosen: the vibration restarts so often; its lines lie a quarter of 1 Hz apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,7 +257,7 @@ class Mechanics:
 
 
 def _vibration(unrest: Unrest, rate_hz: float, seed: int) -> Floats:
-    """Vibration (3, n) of the samples from number 0 on, N, which then begins anew: lines with phases of the seed."""
+    """Vibration (3, n) of the samples from number 0 on, N, which then restarts: lines with phases of the seed."""
     count = round(_REPEAT_S * rate_hz)
     low, high = (frequency * _REPEAT_S for frequency in unrest.vibration_hz)
     band = range(math.ceil(low), max(math.ceil(low), math.floor(high)) + 1)

@@ -196,7 +196,7 @@ class Contact:
     def force(self, positions: Floats, velocities: Floats, times: Floats | None = None) -> Floats:
         """Force on the tool tip in the base frame (n, 3), N, for tip positions and velocities (n, 3).
 
-        A surface with a memory needs the `times` (n,) too, ascending, s, and goes on from the call before.
+        A surface with a memory needs the `times` (n,) too, ascending, s, and continues from the call before.
         """
         if self.remembered_until is not None:
             self._remember()

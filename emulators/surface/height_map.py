@@ -1,4 +1,4 @@
-"""Heights of a surface, read from a text file of a person."""
+"""Heights of a surface, read from a text file of an operator."""
 
 import math
 import os

@@ -26,7 +26,7 @@ CELLS_LIMIT = 1 << 20
 RADIUS_LIMIT_CELLS = 24.0
 """A contact point covers a disc of at most so many cells as radius. Chosen: some 1800 sums of small arrays a step."""
 _STEPS_HZ = 100
-"""Steps of time a second. Chosen: a tool at 100 mm/s goes on by a cell of the usual size."""
+"""Steps of time a second. Chosen: a tool at 100 mm/s continues by a cell of the usual size."""
 _GAP_S = 0.1
 """Chosen: after a longer gap between two samples the way between them is not known, and removes nothing."""
 _M_PER_UM_N_CM2_M = 1e-10

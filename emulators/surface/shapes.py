@@ -150,7 +150,7 @@ class Sphere:
 class HeightMap:
     """Heights on a grid, with a bicubic surface between them; its middle is at path coordinate 0, across 0.
 
-    The surface goes through the heights, and its normal has no jumps. Beyond the edge it goes on as at the edge. The
+    The surface goes through the heights, and its normal has no jumps. Beyond the edge it continues as at the edge. The
     depth is that below the tangent plane under the tip, as of `Sinusoidal`. Source of the weights: Catmull and Rom, A
     class of local interpolating splines, 1974.
     """

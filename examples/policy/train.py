@@ -56,7 +56,7 @@ LATENCY: dict[str, dict[str, Any]] = {
         ],
     },
 }
-"""Arguments of the environment: a robot that follows at once, or one whose delays are drawn anew each time."""
+"""Arguments of the environment: a robot that follows at once, or one whose delays are drawn again each time."""
 
 
 def linear(weights: Sequence[float]) -> Callable[[Any], Any]:

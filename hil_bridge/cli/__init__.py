@@ -122,7 +122,7 @@ class _Commands(EntryPointGroup):
             raise ReaderLeft from error
 
     def invoke(self, context: click.Context) -> Any:
-        """Run a command. Raises ReaderLeft, Bug, and what click and the commands raise for a person."""
+        """Run a command. Raises ReaderLeft, Bug, and what click and the commands raise for an operator."""
         try:
             return super().invoke(context)
         except BridgeError as error:
@@ -145,7 +145,7 @@ class _Commands(EntryPointGroup):
             if of_others(error):
                 if debug_wanted(context):
                     click.echo(traceback_of(error), err=True)
-                raise ConfigError(f"code of another package failed: {failure(error)}") from error
+                raise ConfigError(f"plug-in code failed: {failure(error)}") from error
             if isinstance(error, SystemExit):
                 raise
             what = "; ".join([f"{type(error).__name__}: {error}", *getattr(error, "__notes__", ())])
@@ -173,7 +173,7 @@ def cli(context: click.Context) -> None:
 
 
 def main() -> None:
-    """Entry point: errors that a person is meant to read become one line on standard error and an exit code."""
+    """Entry point: errors that an operator is meant to read become one line on standard error and an exit code."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal without "→" must not end a command

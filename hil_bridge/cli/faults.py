@@ -29,7 +29,7 @@ from hil_bridge.console.options import json_option, tell_json
 def faults(robot: str, sensor: str, surface: str | None, as_json: bool) -> None:
     """List every fault of the emulated cell by target, with its parameters, defaults and ranges.
 
-    A configuration injects one with a table [[faults]], a person with `hil-bridge panel URL inject`:
+    A configuration injects one with a table [[faults]], an operator with `hil-bridge panel URL inject`:
 
     \b
       [[faults]]

@@ -67,7 +67,7 @@ def _words(name: str, key: str, text: str) -> Callable[[_Command], _Command]:
 @_words("--fault", "fault", "What is wrong with a device.")
 @_words("--dead-axis", "dead_axis", "Which axis of the sensor does not live.")
 @_words("--controller-failure", "controller_failure", "What is wrong with the controller.")
-@_number("--swing", "swing_n", "Amplitude of a swing that goes on at the least gain, N.")
+@_number("--swing", "swing_n", "Amplitude of a swing that continues at the least gain, N.")
 @_number("--stiffness", "stiffness_n_m", "Estimated contact stiffness, N/m.")
 @click.option(
     "--start-m",

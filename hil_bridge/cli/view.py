@@ -26,12 +26,12 @@ RECORDING, RESULTS = ".mcap", ".sqlite"
 @bag_options
 def view(file: Path, port: int, bag: "BagChoices") -> None:
     """Serve a page for FILE on this machine alone, until Ctrl-C: a recording (.mcap) with a slider for its time, or the
-    results of a campaign (.sqlite), which may go on meanwhile.
+    results of a campaign (.sqlite), which may continue meanwhile.
 
     FILE may be a bag of ROS 2 with a WrenchStamped and a PoseStamped: its folder, or an MCAP file. Its page is that of
     `hil-bridge report`, without a slider: a bag tells no phases, targets and limits. That needs the extra ros.
 
-    A run that goes on is shown by `hil-bridge run --web`. Needs the extra web.
+    A run that continues is shown by `hil-bridge run --web`. Needs the extra web.
     """
     from hil_bridge.record.ros.bag_file import is_bag
     from hil_bridge.show.web.feed import check_extra

@@ -15,7 +15,7 @@ if sys.platform == "linux":
 
 
 def wall_time() -> datetime:
-    """Date and time of day here, for names that a person reads."""
+    """Date and time of day here, for names that an operator reads."""
     return datetime.now().astimezone()
 
 

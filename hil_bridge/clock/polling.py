@@ -131,7 +131,7 @@ class BusyPolling(WatchfulSelector):
     def select(self, timeout: float | None = None) -> _Ready:
         """As the platform's own, until something comes or the time is over; a `timeout` of 0 or less looks once.
 
-        Once it sleeps it only wakes to look at the files again: it does not poll anew within one wait.
+        Once it sleeps it only wakes to look at the files again: it does not poll again within one wait.
         """
         look = super().select
         if timeout is not None and timeout <= 0:

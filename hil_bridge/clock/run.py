@@ -12,7 +12,7 @@ Main: TypeAlias = Coroutine[Any, Any, T] | Callable[[], Coroutine[Any, Any, T]]
 
 
 Stray: TypeAlias = Callable[[BaseException], bool]
-"""Takes a SystemExit or KeyboardInterrupt that left a callback or another task; whether the loop shall go on."""
+"""Takes a SystemExit or KeyboardInterrupt that left a callback or another task; whether the loop shall continue."""
 
 
 class LeakedTasks(VirtualTimeError):

@@ -29,7 +29,7 @@ TURNS_WITHOUT_TIME = 1_000_000
 
 
 class VirtualTimeError(RuntimeError):
-    """Something was asked for that virtual time does not have, or time cannot go on."""
+    """Something was asked for that virtual time does not have, or time cannot continue."""
 
 
 class VirtualDeadlock(VirtualTimeError):
@@ -112,7 +112,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         return timer
 
     def _run_once(self) -> None:
-        """One turn: what is ready; time goes on only when nothing is."""
+        """One turn: what is ready; time continues only when nothing is."""
         ready, timers = self._ready, self._timers
         if ready or self._stopping:
             self._turns += 1

@@ -13,11 +13,11 @@ def _note(context: click.Context, parameter: click.Parameter, given: bool) -> No
 debug_option = click.option(
     "--debug", is_flag=True, expose_value=False, callback=_note, help="Show the traceback of a bug."
 )
-"""Options of the whole program and of the commands that a person repeats to see more."""
+"""Options of the whole program and of the commands that an operator repeats to see more."""
 
 
 def debug_wanted(context: click.Context | None = None) -> bool:
-    """Whether a person asked for tracebacks, in this command or in the one under way."""
+    """Whether an operator asked for tracebacks, in this command or in the one under way."""
     context = context or click.get_current_context(silent=True)
     return context is not None and bool(context.find_root().meta.get(_KEY))
 

@@ -1,6 +1,6 @@
 """Single keys of the terminal that a run was started from, without Enter.
 
-Keys that send signals, as Ctrl-C, go on doing so. Source: Linux, termios(3): ICANON and ECHO off, ISIG on.
+Keys that send signals, as Ctrl-C, continue doing so. Source: Linux, termios(3): ICANON and ECHO off, ISIG on.
 """
 
 import os
@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 _CLOSE_SECONDS = 0.5
 """Longest wait for the thread's end. Chosen: it wakes at once."""
 _BACKGROUND_SECONDS = 0.2
-"""Time between two looks whether the process is in the foreground again. Chosen: a person does not notice it."""
+"""Time between two looks whether the process is in the foreground again. Chosen: an operator does not notice it."""
 
 
 def can_be_heard() -> bool:
@@ -49,7 +49,7 @@ def hearing(react: Callable[[str], object]) -> Iterator[None]:
         if not thread.is_alive():
             os.close(woken)
         with suppress(OSError, termios.error):  # a terminal that is gone
-            # in the background its shell may have set it anew, and then it is the shell's
+            # in the background its shell may have set it again, and then it is the shell's
             if can_be_heard() or termios.tcgetattr(source) == single:
                 termios.tcsetattr(source, termios.TCSANOW, before)
 

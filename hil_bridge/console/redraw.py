@@ -1,4 +1,4 @@
-"""A text that is shown again and again on a terminal, until a person ends it."""
+"""A text that is shown again and again on a terminal, until an operator ends it."""
 
 import time
 from collections.abc import Callable

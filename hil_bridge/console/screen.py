@@ -1,4 +1,4 @@
-"""Standard output and standard error of a process that must go on when a terminal stands still or goes away.
+"""Standard output and standard error of a process that must continue when a terminal stands still or goes away.
 
 A write blocks for as long as a terminal is paused (Ctrl-S) or a pipe is not read. So a thread writes, and no other
 thread waits for it for longer than it wants to. Source: Linux, termios(3) and pipe(7).
@@ -19,7 +19,7 @@ from hil_bridge.errors.text_files import harmless
 CLOSE_SECONDS = 2.0
 """Longest wait for a screen at a place where nothing else may wait. Chosen: a slow terminal takes far less."""
 LEAVE_SECONDS = 0.5
-"""Longest wait of the ending process for the last characters. Chosen: a person has asked for the end."""
+"""Longest wait of the ending process for the last characters. Chosen: an operator has asked for the end."""
 
 
 class Screen:

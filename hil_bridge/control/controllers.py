@@ -38,7 +38,7 @@ def controller_names() -> list[str]:
 
 
 def controller_kind(name: str) -> Callable[..., Controller[Any]]:
-    """Our controller or that of another package. Raises ConfigError for a name that no package or too many
+    """Our controller or that of a plug-in. Raises ConfigError for a name that no package or too many
     offer, and for a package that is broken.
     """
     found = find_plugin(GROUP, "controller", name, OURS)
@@ -111,7 +111,7 @@ def sample_time(controller: Controller[Any], sample_ms: float | None = None) -> 
     if sample_ms is None:
         sample_ms = getattr(controller, "sample_ms", SAMPLE_MS)
     if isinstance(sample_ms, bool) or not isinstance(sample_ms, (int, float)):
-        raise ConfigError(f"controller {controller.name}: its sample_ms is no number: {sample_ms!r}")
+        raise ConfigError(f"controller {controller.name}: its sample_ms is not a number: {sample_ms!r}")
     if not (math.isfinite(sample_ms) and sample_ms > 0):
         raise ConfigError(f"controller {controller.name}: its sample_ms must be above 0, got {sample_ms:g}")
     return sample_ms * 1e-3

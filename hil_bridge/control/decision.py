@@ -33,7 +33,7 @@ class Proposal(Struct, frozen=True, gc=False):
     """The sample in the work frame."""
     intent: Intent
     failure: Reason | None
-    """Fault of the controller, with its package and place; None while there is none."""
+    """Fault of the controller, with its package and place; None if there is none."""
     advice: Advice | None
     """The oscillation detector's word; None where it has none."""
     program: ProgramState

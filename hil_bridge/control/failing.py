@@ -8,7 +8,7 @@ from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import failure, place_of_method, traceback_of
 
 _METHODS = "steer", "take", "guide", "lead", "end_sample", "is_over"
-"""Methods by which a step of another package takes part in a run; the first that it has is told."""
+"""Methods by which a step of a plug-in takes part in a run; the first that it has is told."""
 _STIFFEST_N_M = 1e12
 """Stiffness that a controller can mean at most, N/m. Chosen: above that of any contact, and its square is a number."""
 

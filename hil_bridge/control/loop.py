@@ -297,7 +297,7 @@ class ControlLoop:
     ) -> tuple[ProgramState, Intent, Failed | None]:
         """Decide the program's step, and report a failure of its controller or step; None if there is none.
 
-        Both may come from another package: every error that one raises, and an answer that is not of numbers or cannot
+        Both may come from a plug-in: every error that one raises, and an answer that is not of numbers or cannot
         be meant, is its failure.
         """
         measurement = contact.measurement
@@ -314,14 +314,14 @@ class ControlLoop:
 
     def _is_meant(self, command: Command, measurement: Measurement) -> bool:
         """Whether a controller's answer is of numbers, and a place that it can mean."""
-        # neither holds for what is no number; a sum with what is huge would lose where the tool is
+        # neither holds for what is not a number; a sum with what is huge would lose where the tool is
         limits, way = self.supervisor.limits, abs(command.position - measurement.commanded)
         meant = way <= limits.correction_total_mm * 1e-3 or way <= farthest_answer(limits)
         numbers = math.isfinite(command.correction + command.across + command.turn)
         return meant and numbers and is_stiffness(command.stiffness)
 
     def _retracts(self, proposal: Proposal) -> bool:
-        """Whether an intent is the retraction that its phase tells. That of a step of another package is watched as any
+        """Whether an intent is the retraction that its phase tells. That of a step of a plug-in is watched as any
         other intent: a stop brings a retraction of ours.
         """
         return (
@@ -380,7 +380,7 @@ def _stop_oscillation(case: Case) -> Ruling:
     """Stop the run because the force oscillates at the lowest gain."""
     advice = case.proposal.advice
     assert advice is not None
-    text = f"the force goes on swinging by ±{advice.amplitude:.1f} N at the lowest gain"
+    text = f"the force continues swinging by ±{advice.amplitude:.1f} N at the lowest gain"
     return _stopped(case, Reason(Cause.OSCILLATION, text))
 
 

@@ -30,7 +30,7 @@ class Sample(Struct, frozen=True):
     dead_axis: str = ""
     """Which axis of the controlled force does not live, in words; empty while all do."""
     fault: Reason | None = None
-    """Fault of a device; None while there is none."""
+    """Fault of a device; None if there is none."""
     force_travel: float = 0.0
     """Contact force along the travel direction, N, positive where the surface pushes against the travel."""
     wrench: Annotated[tuple[float, ...], Meta(max_length=6)] = ()
@@ -56,7 +56,7 @@ class Sample(Struct, frozen=True):
     quaternion: Annotated[tuple[float, ...], Meta(max_length=4)] = ()
     """Reported orientation, tool in base, w x y z; empty in recordings of earlier versions."""
     held: bool = False
-    """A person holds the tool in its place on the surface: the force is controlled, the way does not go on."""
+    """An operator holds the tool in its place on the surface: the force is controlled, the way does not continue."""
     witness: float | None = None
     """Contact force along the approach direction as the robot itself feels it, from its own zero, N; None where it
     tells none.

@@ -150,7 +150,7 @@ def ask(
 def as_command(answer: Any) -> Command:
     """Return the answer of a controller as a command whose fields have the declared types.
 
-    A controller of another package may answer with types that only behave alike. Raises every error of the
+    A controller of a plug-in may answer with types that only behave alike. Raises every error of the
     conversion. The values of the explanation are not converted.
     """
     exact = type(answer) is Command  # a name of its own, so that the fields' types count as open
@@ -182,7 +182,7 @@ def as_command(answer: Any) -> Command:
 def numeric_explanation(explanation: Mapping[Any, Any]) -> dict[str, float]:
     """Return an explanation for the record, by name. A value that is not a number becomes NaN.
 
-    The explanation moves nothing, and a controller of another package may have put any object into it.
+    The explanation moves nothing, and a controller of a plug-in may have put any object into it.
     """
     return {
         name if type(name) is str else _name(name): value if type(value) is float else _number(value)
@@ -193,14 +193,14 @@ def numeric_explanation(explanation: Mapping[Any, Any]) -> dict[str, float]:
 def _name(value: Any) -> str:
     try:
         return str(value)
-    except Exception:  # an object of another package may raise anything
+    except Exception:  # an object of a plug-in may raise anything
         return f"<{type(value).__name__}>"
 
 
 def _number(value: Any) -> float:
     try:
         return float(value)
-    except Exception:  # an object of another package may raise anything
+    except Exception:  # an object of a plug-in may raise anything
         return math.nan
 
 

@@ -1,4 +1,4 @@
-"""Faults of a kind of device that another package offers, in words: looked at before it is used."""
+"""Faults of a kind of device that a plug-in offers, in words: looked at before it is used."""
 
 import dataclasses
 import math

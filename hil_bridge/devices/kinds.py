@@ -286,7 +286,7 @@ class CellSection(CellProfile):
     surface_kind: str = setting(
         "",
         Mark.CHOSEN,
-        "kind of surface: soft-body, or one that another package offers; empty: by [cell.surface]",
+        "kind of surface: soft-body, or one that a plug-in offers; empty: by [cell.surface]",
     )
 
 
@@ -378,7 +378,7 @@ Describe: TypeAlias = Callable[[bytes], list[dict[str, object]]]
 
 
 def describer_of(kind: DeviceKind) -> Describe | None:
-    """The words for a kind's bytes. Another package's may raise anything: that is a problem of the bytes, in words."""
+    """The words for a kind's bytes. A plug-in's may raise anything: that is a problem of the bytes, in words."""
     describe = kind.describe
     if describe is None:
         return None
@@ -395,7 +395,7 @@ def describer_of(kind: DeviceKind) -> Describe | None:
 
 
 class EmulatedKinds(NamedTuple):
-    """The kinds of a cell's emulated devices, and of its surface where that is another package's."""
+    """The kinds of a cell's emulated devices, and of its surface where that is a plug-in's."""
 
     robot: RobotKind[Any, Any]
     sensor: SensorKind[Any, Any]

@@ -106,7 +106,7 @@ class Serving:
         return listening.address
 
     def _say_once(self, url: str, kind: str, text: str) -> None:
-        """A device that speaks first goes on speaking where no program listens: one line is enough. Each client that
+        """A device that speaks first continues speaking where no program listens: one line is enough. Each client that
         leaves has a line.
         """
         if kind == EventKind.LEFT or kind not in self._announced:

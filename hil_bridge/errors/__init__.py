@@ -27,7 +27,7 @@ __all__ = [
 
 
 class BridgeError(Exception):
-    """Every error that a person is meant to read. `exit_code` is what the command line ends with."""
+    """Every error that an operator is meant to read. `exit_code` is what the command line ends with."""
 
     exit_code = STOPPED
     cause: Cause | None = None
@@ -36,7 +36,7 @@ class BridgeError(Exception):
     """Longest time by which this computer was late in the second before, s; 0 where it was in time."""
 
     def __init__(self, text: str = "", *, remedy: str = "", cause: Cause | None = None) -> None:
-        """`text` is the fact; `remedy` what else is known of it, and what a person can do."""
+        """`text` is the fact; `remedy` what else is known of it, and what an operator can do."""
         super().__init__(text)
         self.remedy = remedy
         if cause is not None:

@@ -1,4 +1,4 @@
-"""Cancellations by a person or the event loop, told apart from exceptions of other packages."""
+"""Cancellations by an operator or the event loop, told apart from exceptions of other packages."""
 
 import asyncio
 
@@ -6,15 +6,15 @@ from hil_bridge.errors.failures import is_keyboard
 
 
 def raise_if_asked(error: BaseException) -> None:
-    """Raise an exception again by which a person or the event loop ends this code."""
+    """Raise an exception again by which an operator or the event loop ends this code."""
     if is_asked(error):
         raise error
 
 
 def is_asked(error: BaseException) -> bool:
-    """Whether an exception goes on its way: a person's KeyboardInterrupt, or the cancellation of the present task.
+    """Whether an exception continues its way: an operator's KeyboardInterrupt, or the cancellation of the present task.
 
-    A CancelledError that code of others raises although the task goes on is its failure.
+    A CancelledError that code of others raises although the task continues is its failure.
     """
     if isinstance(error, asyncio.CancelledError):
         try:

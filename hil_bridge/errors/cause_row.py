@@ -24,7 +24,7 @@ class Reaction(StrEnum):
     """Consequence of a condition."""
 
     REFUSED = "refused, nothing has moved"
-    CLAMPED = "less is ordered, the run goes on"
+    CLAMPED = "less is ordered, the run continues"
     RETRACTS = "retracts and ends"
     STANDS = "stands still and ends"
     LEFT = "left where it is"
@@ -47,12 +47,12 @@ PART_WORDS: Mapping[Part, str] = {
     Part.OBSTACLE: "what the tool touches, or the force sensor{sensor}",
     Part.PATH: "the path",
     Part.CONTROLLER: "the controller",
-    Part.OTHERS_CODE: "code of another package",
+    Part.OTHERS_CODE: "plug-in code",
     Part.CELL: "the emulated cell, not a device",
     Part.COMPUTER: "the computer that runs the bridge, or the controller",
     Part.PROGRAM: "the program itself",
     Part.CONFIGURATION: "the configuration",
-    Part.PERSON: "a person",
+    Part.PERSON: "an operator",
     Part.TASK: "its task",
 }
 """Each part in words; the kinds of robot and sensor are put in where they are known."""
@@ -93,7 +93,7 @@ class CauseRow:
     when: When = When.CYCLE
     reaction: Reaction = Reaction.RETRACTS
     exit_code: int | None = STOPPED
-    """None where the run goes on."""
+    """None where the run continues."""
     words: str = ""
     """Words for the part at fault, where those of the part alone do not say it."""
     where: str = ""
@@ -106,7 +106,7 @@ class CauseRow:
 
     @property
     def look(self) -> str:
-        """Where a person looks first, in words."""
+        """Where an operator looks first, in words."""
         return self.where or LOOK[self.part]
 
 

@@ -50,7 +50,7 @@ BEFORE: tuple[CauseRow, ...] = (
     ),
     _refused(
         _C.UNKNOWN_TOOL,
-        "a real sensor whose tool is not known, unless a person takes that on",
+        "a real sensor whose tool is not known, unless an operator takes that on",
         _P.CONFIGURATION,
         "tool.mass_kg",
         "sensor.unchecked",
@@ -227,7 +227,7 @@ ENDS: tuple[CauseRow, ...] = (
         "a program's step finds no edge",
         _P.SURFACE,
         "task.step",
-        words=f"the surface, which goes on, or {_SENSOR} that does not feel its end",
+        words=f"the surface, which continues, or {_SENSOR} that does not feel its end",
         where="how far the surface reaches from where the search began, and at_most_mm of the step",
     ),
     stop(_C.NOT_THERE, "a program's tool does not come to its place", _P.POSE),
@@ -311,7 +311,7 @@ AROUND: tuple[CauseRow, ...] = (
         words="the program itself or the controller",
         where="the traceback in the recording's events",
     ),
-    _always(_C.OTHERS_CODE, "an exception of another package's code that nothing expected", _P.OTHERS_CODE),
+    _always(_C.OTHERS_CODE, "an exception of a plug-in's code that nothing expected", _P.OTHERS_CODE),
     _always(_C.CELL_FAILED, "the emulated cell, or the truth of it, failed", _P.CELL),
     _always(
         _C.GATE,
@@ -345,8 +345,8 @@ AROUND: tuple[CauseRow, ...] = (
         "a signal that ends or stops a process, as SIGINT, SIGTERM or SIGTSTP; before the first order the run ends at "
         "once",
     ),
-    _asked(_C.KEY, "a person asks for the end with a key of the terminal"),
-    _asked(_C.PAGE, "a person asks for the end on the page in the browser"),
+    _asked(_C.KEY, "an operator asks for the end with a key of the terminal"),
+    _asked(_C.PAGE, "an operator asks for the end on the page in the browser"),
     _asked(_C.INTERRUPTED, "a program of a user asks for the end"),
     CauseRow(
         _C.CUT,

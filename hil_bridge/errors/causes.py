@@ -26,7 +26,7 @@ class Part(StrEnum):
     """The way that the configuration asks for."""
     CONTROLLER = "controller"
     OTHERS_CODE = "code-of-others"
-    """Code of another package."""
+    """Plug-in code."""
     CELL = "cell"
     """The emulated cell, beside the devices that it emulates."""
     COMPUTER = "computer"
@@ -168,7 +168,7 @@ class Reason(Struct, frozen=True):
     text: str = ""
     """The fact in words, with its figures."""
     remedy: str = ""
-    """Further facts, and what a person can do, in words."""
+    """Further facts, and what an operator can do, in words."""
     step: str = ""
     """Label of a program's step in which it came; empty without one."""
     late_s: float = 0.0

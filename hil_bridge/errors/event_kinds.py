@@ -25,8 +25,8 @@ class EventKind(StrEnum):
     FAULT = "fault", "An injected fault begins, has an effect, or ends."
     GAP = "gap", "The computer stood still for a while."
     SIGNAL = "signal", "A signal asks the process to end, as by Ctrl-C."
-    OPERATOR = "operator", "A person has asked for something: the end, a hold."
-    MARK = "mark", "A person has marked this moment."
+    OPERATOR = "operator", "An operator has asked for something: the end, a hold."
+    MARK = "mark", "An operator has marked this moment."
     ROBOT = "robot", "A fact that the robot tells."
     MOTION = "motion", "An event of the robot's movement."
     LINK = "link", "The robot's link failed, or tells of a trouble."
@@ -49,11 +49,11 @@ class EventKind(StrEnum):
     FAILED = "failed", "Code of a plug-in failed; the text names its package and place."
     BUG = "bug", "An exception that nothing expected."
     RECORDER = "recorder", "Records were dropped."
-    WEB = "web", "The server of the page in the browser has ended; the run goes on."
+    WEB = "web", "The server of the page in the browser has ended; the run continues."
 
 
 _K = EventKind
 ALARMS = (_K.STOP, _K.THEN, _K.BUG, _K.FAILED, _K.TRACEBACK, _K.RECORDER)
 """Kinds of events that tell why a run stops."""
 CAUTIONS = (_K.FAULT, _K.GAP, _K.SIGNAL, _K.OPERATOR)
-"""Kinds of events that tell of a disturbance, or of a person."""
+"""Kinds of events that tell of a disturbance, or of an operator."""

@@ -1,6 +1,6 @@
 """Failures of code from other packages: in one line with package and place, and as a traceback.
 
-A controller, a robot, a sensor or a surface may come from anywhere, and raise anything. A person then wants to know
+A controller, a robot, a sensor or a surface may come from anywhere, and raise anything. An operator then wants to know
 which package it was and in which line; its author wants the traceback, which goes into the record.
 """
 
@@ -28,7 +28,7 @@ class CodeFailed(DeviceError):
 
 
 class WrongAnswer(Exception):
-    """Code of another package answered with what cannot be used. `blamed` is the object and its method."""
+    """Plug-in code answered with what cannot be used. `blamed` is the object and its method."""
 
     def __init__(self, thing: Any, method: str, answer: Any, wanted: str) -> None:
         """`wanted` is what it was to be, in words."""
@@ -82,9 +82,9 @@ def tell_failure(what: str, cause: BaseException, notice: Callable[[str, str], o
 
 
 def raise_if_asked(error: BaseException) -> None:
-    """Raise a KeyboardInterrupt again, unless a plug-in itself has raised it: a person's goes on its way.
+    """Raise a KeyboardInterrupt again, unless a plug-in itself has raised it: an operator's continues its way.
 
-    The event loop takes a person's Ctrl-C by a handler of its own, so that none is raised in the midst of other code.
+    The event loop handles Ctrl-C itself, so that it is not raised in the midst of other code.
     For code that awaits, see `hil_bridge.errors.cancelling`.
     """
     if is_keyboard(error):
@@ -100,9 +100,9 @@ def is_keyboard(error: BaseException) -> bool:
 
 
 def blame(error: BaseException, thing: Any, method: str) -> None:
-    """Name the method of an object by whose answer an exception was raised, where it is of another package.
+    """Name the method of an object by whose answer an exception was raised, where it is of a plug-in.
 
-    An exception in which code of another package had a part tells that by itself.
+    An exception in which plug-in code had a part tells that by itself.
     """
     if isinstance(error, BridgeError) or of_others(error) or not place_of_method(thing, method):
         return
@@ -111,7 +111,7 @@ def blame(error: BaseException, thing: Any, method: str) -> None:
 
 
 def of_others(error: BaseException) -> bool:
-    """Whether code of another package had a part in an exception."""
+    """Whether plug-in code had a part in an exception."""
     return bool(getattr(error, "blamed", None) or plugin_place(error))
 
 
@@ -123,7 +123,7 @@ def failure_event(error: BaseException) -> tuple[str, str]:
 def explain_exception(error: BaseException) -> Reason:
     """Why a run ends with an exception that nothing expected."""
     if of_others(error):
-        return Reason(Cause.OTHERS_CODE, f"code of another package ended the run: {failure(error)}")
+        return Reason(Cause.OTHERS_CODE, f"plug-in code ended the run: {failure(error)}")
     return Reason(Cause.BUG, f"a bug ended the run: {type(error).__name__}: {quote_error(error)}")
 
 
@@ -160,7 +160,7 @@ def is_ours(thing: Any) -> bool:
 
 
 def place_of_method(thing: Any, name: str) -> str:
-    """Package, file and line where another package defines a method of an object; empty where it is ours or unknown."""
+    """Package, file and line where a plug-in defines a method of an object; empty where it is ours or unknown."""
     kind = type(thing)
     found = inspect.getattr_static(thing, name, None)
     if inspect.ismemberdescriptor(found):  # a function in a slot

@@ -19,10 +19,10 @@ def _clamp(
 
 
 STOPS: tuple[CauseRow, ...] = (
-    rows.stop(_C.FORCE_NOT_A_NUMBER, "a force, or the time of one, is no number", _P.SENSOR),
-    rows.stop(_C.POSE_NOT_A_NUMBER, "the reported pose is no number", _P.POSE),
+    rows.stop(_C.FORCE_NOT_A_NUMBER, "a force, or the time of one, is not a number", _P.SENSOR),
+    rows.stop(_C.POSE_NOT_A_NUMBER, "the reported pose is not a number", _P.POSE),
     rows.stop(
-        _C.COMMAND_NOT_A_NUMBER, "what the controller or the task commands is no number", _P.CONTROLLER
+        _C.COMMAND_NOT_A_NUMBER, "what the controller or the task commands is not a number", _P.CONTROLLER
     ),
     rows.stop(
         _C.ROBOT_STATE,
@@ -31,10 +31,8 @@ STOPS: tuple[CauseRow, ...] = (
         when=_W.ALWAYS,
         reaction=_R.RETRACTS_OR_LEFT,
     ),
-    rows.stop(_C.ORIENTATION, "the robot reports an orientation that is none", _P.POSE),
-    rows.stop(
-        _C.SENSOR_FAILED, "the sensor failed, began anew, or its wire ended", _P.SENSOR, when=_W.ALWAYS
-    ),
+    rows.stop(_C.ORIENTATION, "the robot reports an invalid orientation", _P.POSE),
+    rows.stop(_C.SENSOR_FAILED, "the sensor failed, restarted, or its wire ended", _P.SENSOR, when=_W.ALWAYS),
     rows.stop(
         _C.FORCE,
         "force along the approach, of any frame since the decision before, either sign, with and without the zero",
@@ -168,18 +166,18 @@ STOPS: tuple[CauseRow, ...] = (
     ),
     rows.stop(
         _C.CONTROLLER,
-        "the controller raised an exception, or answered with what is no number, or with a place farther than the "
+        "the controller raised an exception, or answered with what is not a number, or with a place farther than the "
         "workspace and the whole correction together",
         _P.CONTROLLER,
     ),
     rows.stop(
         _C.STEP_CODE,
-        "a program's step raised an exception, or leads to a place that is no number",
+        "a program's step raised an exception, or leads to a place that is not a number",
         _P.OTHERS_CODE,
     ),
     rows.stop(
         _C.STEP_TROUBLE,
-        "a program's step of another package says that it cannot go on",
+        "a program's step of a plug-in says that it cannot continue",
         _P.PATH,
         "task.step",
         words="that which the step works on, by the word of the step",
@@ -187,7 +185,7 @@ STOPS: tuple[CauseRow, ...] = (
     ),
     rows.stop(
         _C.OSCILLATION,
-        "the force goes on swinging although the gain is at its least",
+        "the force continues swinging although the gain is at its least",
         _P.CONTACT,
         "limits.oscillation_guard",
         "oscillation.peaks",
@@ -238,7 +236,7 @@ CLAMPS: tuple[CauseRow, ...] = (
     ),
     _clamp(
         _C.OVERDUE,
-        "deeper while the sensor's next frame is later than its period and 10.5 ms of wire; it goes on with that frame",
+        "deeper while the sensor's next frame is later than its period and 10.5 ms of wire; continues with that frame",
         part=_P.SENSOR,
     ),
     _clamp(_C.DEEPER, "deeper faster than allowed", "limits.correction_mm_s"),
@@ -258,7 +256,7 @@ CLAMPS: tuple[CauseRow, ...] = (
     ),
     _clamp(
         _C.RETRACT_WAITS,
-        "a force from the front rose, or stayed beyond its limit, while the tool retracted: it waits, and goes on if "
+        "a force from the front rose, or stayed beyond its limit, while the tool retracted: it waits, and continues if "
         "the force rises meanwhile, else tries once more at 1 mm/s",
         "limits.retract_rise_n",
         "limits.retract_grace_ms",

@@ -48,7 +48,7 @@ def offers(group: str) -> list[tuple[str, str, str]]:
 
 
 def find_plugin(group: str, thing: str, name: str, built_in: Collection[str] = ()) -> Found | None:
-    """Extension that another package offers under a name, or None. `thing` is the word for it in an error.
+    """Extension that a plug-in offers under a name, or None. `thing` is the word for it in an error.
 
     Raises ConfigError that names the distribution when it cannot be loaded, and when two offer the same name or one
     takes a name from `built_in`.

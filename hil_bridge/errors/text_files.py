@@ -1,4 +1,4 @@
-"""Text and TOML that a person or a recording hands us, read without trusting it.
+"""Text and TOML that an operator or a recording hands us, read without trusting it.
 
 Whatever is in a file, reading it ends in values of ordinary size or in one line that says what is wrong.
 """

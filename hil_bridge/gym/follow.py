@@ -44,7 +44,7 @@ class Options(TypedDict, total=False):
     reward: str | Reward
     """Name of a reward, or a function of a `Transition`; `"force-error"` where it is left out."""
     randomise: Mapping[str, Any]
-    """Ranges and lists by key of the configuration, as [campaign.draw]: drawn anew for each episode."""
+    """Ranges and lists by key of the configuration, as [campaign.draw]: drawn again for each episode."""
     faults: Tables
     """Faults of which some are drawn for each episode, as the tables [[campaign.fault]]."""
     faults_per_run: int | Mapping[str, int]

@@ -60,7 +60,7 @@ class ForceError:
     lost_per_s: float = 5.0
     """Penalty p while the tool has lost the surface, 1/s. Chosen: five times what no force costs."""
     stopped: float = 50.0
-    """Penalty for a stop. Chosen: more than any episode of ten seconds costs that goes on."""
+    """Penalty for a stop. Chosen: more than any episode of ten seconds costs that continues."""
 
     def __call__(self, transition: Transition) -> float:
         """The reward of a step."""

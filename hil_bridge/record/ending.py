@@ -18,7 +18,7 @@ class Check(StrEnum):
     UNVERIFIED = "unverified"
     """Axes that the tool's weight does not verify."""
     UNCHECKED = "unchecked"
-    """The tool's weight is not known, and a person takes that on."""
+    """The tool's weight is not known, and an operator takes that on."""
     ZERO = "zero"
     """The zero that was taken."""
 
@@ -30,7 +30,7 @@ class Outcome(StrEnum):
     STOPPED = "stopped"
     """The supervisor or an error ended it; there is a cause."""
     INTERRUPTED = "interrupted"
-    """A person ended it, or the process was killed."""
+    """An operator ended it, or the process was killed."""
 
 
 @dataclass(frozen=True, slots=True)

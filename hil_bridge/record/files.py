@@ -1,4 +1,4 @@
-"""A person's files: written whole or not at all, and never over one that is there unless that was asked for."""
+"""An operator's files: written whole or not at all, and never over one that is there unless that was asked for."""
 
 import fcntl
 import os

@@ -134,7 +134,7 @@ class StepRecord(Struct, frozen=True):
     resumable: float = 0.0
     """Way until which its force was last within its band, m."""
     word: str = ""
-    """Its word alone: approach, track, hold, seek, retract, move, zero, or that of another package."""
+    """Its word alone: approach, track, hold, seek, retract, move, zero, or that of a plug-in."""
     repeat: int = 0
     """Number of the repeat that it belongs to, as it stands in the program; 0 for none."""
     turn: int = 0
@@ -249,7 +249,7 @@ class EventRecord(Struct, frozen=True):
     check: Check | None = None
     """Subject of a finding about the sensor; left out of all other events."""
     by: str = ""
-    """The key, or the signal, by which a person asked; empty for all other events."""
+    """The key, or the signal, by which an operator asked; empty for all other events."""
     fault: FaultNote | None = None
     """The injected fault that the event tells of; left out of all others."""
     not_modelled: NotModelled | None = None

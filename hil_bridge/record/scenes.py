@@ -18,7 +18,7 @@ from hil_bridge.record.records import CycleRecord, EventRecord, TruthRecord
 from hil_bridge.record.topics import schema_of
 
 PERIOD_S = 1 / 30
-"""Shortest time between two messages of a moving thing. Chosen: what a person sees as motion."""
+"""Shortest time between two messages of a moving thing. Chosen: what an operator sees as motion."""
 TRAIL_S = 2.0
 """Time between two messages of the trail. Chosen."""
 TRAIL_POINTS = 200

@@ -1,4 +1,4 @@
-"""Work that goes on beside a run, and never decides over it."""
+"""Work that continues beside a run, and never decides over it."""
 
 import asyncio
 from collections.abc import AsyncIterator, Coroutine
@@ -8,7 +8,7 @@ from typing import Any
 
 @asynccontextmanager
 async def going_on(work: Coroutine[Any, Any, None], name: str) -> AsyncIterator[None]:
-    """Inside, `work` goes on as a task of this name; it is cancelled at the end.
+    """Inside, `work` continues as a task of this name; it is cancelled at the end.
 
     A failure of the work is raised at the end: what looks at a run must not end its movement, as a task group would. An
     error from inside stays what it is, where a group would wrap it.

@@ -78,7 +78,7 @@ def check_panel(setup: Setup, virtual: bool) -> None:
     if real or virtual:
         raise ConfigError(
             "run.panel_url (--panel) is the emulated controller's panel; leave it out "
-            f"{'with a real robot' if real else 'in virtual time, where a person could not press in time'}"
+            f"{'with a real robot' if real else 'in virtual time, where an operator could not press in time'}"
         )
     check_controls(setup.robot.kind, "run.panel_url (--panel)")
     panel_address(url)
@@ -212,7 +212,7 @@ def _operate(cell: Cell[Any, Any], kind: str, controls: Controls, serving: Servi
             return panel.perform(request, serving.clock.now())
         except ValueError:
             raise
-        except Exception as error:  # code of another package
+        except Exception as error:  # plug-in code
             raise ValueError(f"the panel of {kind} fails: {one_line(repr(error))}") from error
         finally:
             serving.wake()

@@ -92,7 +92,7 @@ class Run:
             self.ending.fail_beside(reason)
 
     def hold(self) -> bool:
-        """Hold the tool in its place while it tracks, its force controlled, or let it go on; whether it is held."""
+        """Hold the tool in its place while it tracks, its force controlled, or let it continue; whether it is held."""
         self._held = not self._held and self._journal.phase == Phase.TRACK
         return self._held
 

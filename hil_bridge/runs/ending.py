@@ -115,7 +115,7 @@ class Ending:
         self.state = RunState.OPENING
         self.outcome = Outcome.COMPLETED
         self.reason: Reason | None = None
-        """The first failure, else what was asked for; None while the run goes on."""
+        """The first failure, else what was asked for; None while the run continues."""
         self.followed: list[Reason] = []
         """Failures behind the first one."""
         self.asked: Cause | None = None

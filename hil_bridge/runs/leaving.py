@@ -284,7 +284,7 @@ class WayOut:
         return sum((p - s) * n for p, s, n in offsets)
 
     def _force(self, since: float) -> float:
-        """Length of the contact force in a frame that is fresh enough, N; NaN where there is none."""
+        """Length of the contact force in a frame that is fresh enough, N; NaN if there is none."""
         newest, peaks = self._sensor.newest, self._sensor.peaks
         try:
             self._sensor.check()

@@ -88,7 +88,7 @@ def settle_outputs(outputs: Outputs, config_file: Path | None) -> Outputs:
 
 @contextmanager
 def record_path(outputs: Outputs) -> Iterator[Path]:
-    """Where the run is recorded; in a temporary folder when a person does not keep it, for the figures come from it."""
+    """Where the run is recorded; in a temporary folder if it is not kept, for the figures come from it."""
     if outputs.record is not None:
         yield outputs.record
         return

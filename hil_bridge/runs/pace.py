@@ -72,7 +72,7 @@ def set_pace(config: Config, robot: RobotFacts, frame_s: float) -> Config:
 
 
 def describe_pace(config: Config, paced: Config, cycle_s: float | None) -> str:
-    """One line for a person where a controller without a sample time decides far more rarely than it could; else empty.
+    """One line for the user where a controller without a sample time decides far more rarely than it could; else empty.
 
     `config` is as given, `paced` as of `set_pace`.
     """
@@ -96,7 +96,7 @@ def _find_given(config: Config) -> Controller[Any] | None:
 
 
 def _tunings(kind: Any) -> tuple[Tuning, ...]:
-    """Tunings that a controller declares; one of another package may declare anything."""
+    """Tunings that a controller declares; one of a plug-in may declare anything."""
     declared = getattr(kind, "tunings", ())
     return tuple(tuning for tuning in declared if isinstance(tuning, Tuning))
 

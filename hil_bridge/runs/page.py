@@ -65,7 +65,7 @@ class Page:
         feed, clock = self._feed, log.clock
         feed.listen(
             lambda: stopping.end_by_hand(Cause.PAGE, "asked for the end on the page in the browser"),
-            lambda text: log.notice(EventKind.WEB, f"{text}; the run goes on"),
+            lambda text: log.notice(EventKind.WEB, f"{text}; the run continues"),
         )
         feed.begin(scene_of(setup, setup.facts, (), self._record), clock.wall_ns(0.0))
         terminal.out.say(f"page: {feed.url}")

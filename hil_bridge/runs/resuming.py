@@ -1,4 +1,4 @@
-"""From the recording of a program that was cut: where it can go on. Never by itself: a person asks for it."""
+"""From the recording of a program that was cut: where it can continue. Never by itself: an operator asks for it."""
 
 from dataclasses import replace
 from typing import Any
@@ -26,7 +26,7 @@ def resume_config(recording: Recording, changes: dict[str, Any], overlap_mm: flo
     """
     config = recorded_config(recording, changes)
     if not config.task.step:
-        raise ConfigError("the recorded run has no program (task.step): start it anew")
+        raise ConfigError("the recorded run has no program (task.step): start it again")
     if recording.end.get("outcome") == "completed":
         raise ConfigError("the recorded run completed: there is nothing to resume")
     point = _point(Setup(config).loop.program, recording, config, overlap_mm)
@@ -39,7 +39,7 @@ def _point(program: Program, recording: Recording, config: Config, overlap_mm: f
     cycles, before = recording.cycles, config.task.resume
     number = max((cycle.step for cycle in cycles), default=0) - 1
     if number < 0:
-        raise ConfigError("the recording does not say which step was under way: start the program anew")
+        raise ConfigError("the recording does not say which step was under way: start the program again")
     if before is not None and number < FIRST:
         return before  # it never came back to the step
     leg, own = program.row.legs[number], [cycle for cycle in cycles if cycle.step == number + 1]
@@ -66,7 +66,7 @@ def _point(program: Program, recording: Recording, config: Config, overlap_mm: f
 
 
 def _way_done(leg: Leg, own: list[CycleRecord], origin: tuple[float, float], overlap_mm: float) -> float:
-    """Way of a step from which it goes on, m."""
+    """Way of a step from which it continues, m."""
     samples = [
         (
             (cycle.travel_commanded - origin[0], cycle.across_commanded - origin[1]),
@@ -105,7 +105,7 @@ def _quaternion(recording: Recording) -> tuple[float, float, float, float]:
 
 
 def describe_resume(config: Config) -> str:
-    """Where it goes on, in one line."""
+    """Where it continues, in one line."""
     program = Setup(config).loop.program
     point = config.task.resume
     assert point is not None

@@ -66,7 +66,7 @@ class Running:
 
 
 class _Truth:
-    """The truth of the emulated cell for the log, in which code of another package may have a part."""
+    """The truth of the emulated cell for the log, in which plug-in code may have a part."""
 
     def __init__(self, running: Running, cell: Cell[Any, Any]) -> None:
         streamed = running.setup.facts.pacing is Pacing.STREAMED

@@ -1,4 +1,4 @@
-"""The emulated devices alone, served until a person stops them."""
+"""The emulated devices alone, served until an operator stops them."""
 
 import asyncio
 import json
@@ -26,7 +26,7 @@ from protocol.unmodelled import NotModelled, relied_on
 _LOOK_S = 0.05
 """Chosen: time between two looks at whether the robot may move."""
 _FREE_S = 1.0
-"""Chosen: a robot that could move for so long stops anew."""
+"""Chosen: a robot that could move for so long stops again."""
 
 
 def serve(setup: Setup, as_json: bool, web_port: int | None = None) -> None:

@@ -248,13 +248,13 @@ class Session:
             self.record_error = error
 
     def _look_at(self, recorder: Recorder, log: RunLog, view: TerminalView) -> None:
-        """Tell trouble of the recorder at once. The run goes on, since nothing in it depends on its record."""
+        """Tell trouble of the recorder at once. The run continues, since nothing in it depends on its record."""
         if not recorder.trouble or self.notes.warning:
             return
         text = f"the recording {self._path} {recorder.trouble}"
         self.notes.warning = text
         log.notice(EventKind.RECORDER, text)
-        self.terminal.err.say(f"hil-bridge: {text}; the run goes on")
+        self.terminal.err.say(f"hil-bridge: {text}; the run continues")
         view.warn(f"the recording {recorder.trouble}")  # where a line is short
 
 

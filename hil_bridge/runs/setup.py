@@ -75,7 +75,7 @@ class Setup:
 
     @cached_property
     def cell_surface(self) -> tuple[SurfaceKind, Any] | None:
-        """The surface of the emulated cell with its settings, where it is another package's."""
+        """The surface of the emulated cell with its settings, where it is a plug-in's."""
         name = self._given.cell.surface_kind
         if not name:
             return None
@@ -106,7 +106,7 @@ class Setup:
 
     @property
     def remark(self) -> str:
-        """One line for a person on the pace of the controller; empty where there is nothing to say."""
+        """One line for an operator on the pace of the controller; empty where there is nothing to say."""
         return describe_pace(self._given, self.config, self.facts.cycle_s)
 
     @cached_property

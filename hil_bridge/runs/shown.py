@@ -1,4 +1,4 @@
-"""Where a run is shown while it goes on: on the terminal, and on a page in the browser."""
+"""Where a run is shown while it continues: on the terminal, and on a page in the browser."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,7 +16,7 @@ from hil_bridge.show.web.feed import Feed, WebOptions
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """The views and outputs that a person asks for."""
+    """The views and outputs that an operator asks for."""
 
     terminal: bool = True
     web: WebOptions | None = None
@@ -31,7 +31,7 @@ def open_feed(views: Views, virtual: bool) -> Iterator[Feed | None]:
         return
     if virtual:
         raise ConfigError(
-            "--web shows a run that goes on in real time; run without it, then `hil-bridge view` its recording"
+            "--web shows a run that continues in real time; run without it, then `hil-bridge view` its recording"
         )
     feed = Feed(views.web)
     try:

@@ -9,7 +9,7 @@ from hil_bridge.settings.configuration import Config
 IN_A_ROW = 3
 """Chosen: so many slow cycles are no accident; a line that repeats a message is slow for one or two."""
 PERIODS = 2.0
-"""Periods that a cycle may last where a person has set one. Chosen: as far off as a controller's sample time may be."""
+"""Periods that a cycle may last if the user has set one. Chosen: as far off as a controller's sample time may be."""
 
 
 class SlowCycles:

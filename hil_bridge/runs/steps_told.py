@@ -29,7 +29,7 @@ class StepTeller:
     ) -> None:
         """`event` is told a kind and a text."""
         self.legs: tuple[Leg, ...] = program.row.legs if program.row.written else ()
-        """All steps that a person has written, passes counted; empty for a run without."""
+        """All steps that an operator has written, passes counted; empty for a run without."""
         self._clock, self._log, self._event = clock, log, event
         self._count = 0
         """Steps that have been told."""

@@ -31,7 +31,7 @@ class Stopping:
         self.hurried = False
         """A further signal came when the movement had ended already: the process shall end at once."""
         self._asked: Cause | None = None
-        """By which way a person has asked for the end, other than a signal."""
+        """By which way an operator has asked for the end, other than a signal."""
         self._task: asyncio.Task[Any] | None = None
         """The task of the run, once the record can be written."""
         self._stray: BaseException | None = None

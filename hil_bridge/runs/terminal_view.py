@@ -1,4 +1,4 @@
-"""The live view of a run on the terminal, its keys, and the lines that a person is told meanwhile."""
+"""The live view of a run on the terminal, its keys, and the lines that an operator is told meanwhile."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -27,7 +27,7 @@ _ENDING_KEYS, _HOLD_KEY, _MARK_KEY = "rq", "p", "m"
 
 
 class TerminalView(Listener):
-    """A watcher that shows a run to a person at the terminal. In virtual time nothing is shown."""
+    """A watcher that shows a run to an operator at the terminal. In virtual time nothing is shown."""
 
     def __init__(self, terminal: Terminal, wanted: bool, virtual: bool) -> None:
         super().__init__({CycleRecord: self._cycle, EventRecord: self._event})
@@ -72,7 +72,7 @@ class TerminalView(Listener):
     async def showing(self, run: Running, stopping: Stopping, record: str) -> AsyncIterator[None]:
         """Show the live view of a run, drawn by the screen's thread. `record` names the recording that is kept.
 
-        No part of it waits for the terminal: the loop goes on when that is paused or gone.
+        No part of it waits for the terminal: the loop continues when that is paused or gone.
         """
         screen = self._terminal.out
         if not self._wanted or screen.stream is None:

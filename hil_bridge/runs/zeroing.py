@@ -195,7 +195,7 @@ class Zeroing:
     async def _refuse(
         self, what: str, axes: Sequence[int], start: RobotReport, expected: Sequence[float]
     ) -> None:
-        """Raise ConfigError for an axis that nothing has verified, unless a person takes it on. `what` says what goes
+        """Raise ConfigError for an axis that nothing has verified, unless the user accepts it. `what` says what goes
         along these axes.
         """
         sensor, limits = self._config.sensor, self._config.limits

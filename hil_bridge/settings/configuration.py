@@ -143,11 +143,11 @@ class SensorConfig(_Section):
     flip_fx_mx: bool = False
     """Set it when the sensor counts left-handed as seen from the tool: negates Fx and Mx."""
     unchecked: bool = False
-    """Run although the tool's weight is not known: a person takes on that axes, signs and scales of the sensor are
+    """Run although the tool's weight is not known: an operator takes on that axes, signs and scales of the sensor are
     right.
     """
     unverified: tuple[Literal["fx", "fy", "fz"], ...] = ()
-    """Axes that a person takes on although the tool's weight cannot verify them: the tool is light, or its weight does
+    """Axes that the user accepts although the tool's weight cannot verify them: the tool is light, or its weight does
     not lie on them. Each touch along them is then tested: the force must rise as the tool goes deeper. An approach goes
     no farther than `task.unverified_depth_mm`.
     """
@@ -243,7 +243,7 @@ class ControllerConfig(_Section):
     """The force controller and its parameters."""
 
     name: str = "predictive"
-    """One of ours or one that another package offers; a wrong name lists them."""
+    """One of ours or one that a plug-in offers; a wrong name lists them."""
     parameters: dict[str, Any] = {}
     """Parameters of that controller that differ from their defaults."""
     sample_ms: float | None = Field(default=None, gt=0)

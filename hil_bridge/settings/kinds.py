@@ -104,7 +104,7 @@ def settings_of(
 
 
 def surface_settings(config: Any, kind: SurfaceKind) -> Any:
-    """The settings of a surface of another package in a configuration."""
+    """The settings of a surface of a plug-in in a configuration."""
     return _inner(config.cell, section_of(kind), kind.settings)
 
 

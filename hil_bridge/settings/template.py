@@ -54,7 +54,7 @@ class SettingRow(NamedTuple):
     name: str
     type: str
     default: str
-    """As TOML writes it; empty where there is none."""
+    """As TOML writes it; empty if there is none."""
     meaning: str
 
 

@@ -1,1 +1,1 @@
-"""Runs shown to a person: reports, pages in a browser, the live view in a terminal."""
+"""Runs shown to an operator: reports, pages in a browser, the live view in a terminal."""

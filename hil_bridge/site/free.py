@@ -1,4 +1,4 @@
-"""Lift a tool off from any state that a stop left it in, for a person at the cell.
+"""Lift a tool off from any state that a stop left it in, for an operator at the cell.
 
 Nothing is taken for zero and no tool must be known: the force at the beginning is what is there, and it must not
 rise. Steps are those of the way to a zero at first, later those of an approach.

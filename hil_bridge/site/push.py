@@ -21,7 +21,7 @@ NOISE_FACTOR = 10.0
 SURE_SHARE = 0.87
 """Share of the force on one axis above which that axis is named for sure. Chosen: within 30° of it."""
 RIGHT_ANGLE_DEG = 20.0
-"""How far from a multiple of a right angle a hand may be off. Chosen: a person does not push straighter."""
+"""How far from a multiple of a right angle a hand may be off. Chosen: an operator does not push straighter."""
 
 _FORCES = 3
 _SQUARE = 90.0

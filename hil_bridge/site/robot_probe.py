@@ -47,7 +47,7 @@ TO_FILL_IN = """
 #= workspace_min_m = [-3.0, -3.0, -3.0]
 #= workspace_max_m = [3.0, 3.0, 3.0]
 """
-"""Facts that only a person knows, with the defaults."""
+"""Facts that only an operator knows, with the defaults."""
 
 
 def probe_robot(kind: RobotKind[Any, Any], wire: str, settings: KindSettings[Any, Any]) -> ProbeResult:
@@ -94,6 +94,6 @@ def probe_rows(found: ProbeResult) -> list[tuple[str, str]]:
 
 
 def site_toml(url: str, found: ProbeResult) -> str:
-    """A configuration file with the robot's URL; what the probe found, and what a person must know, are comments."""
+    """A configuration file with the robot's URL; what the probe found, and what an operator must know, are comments."""
     rows = [f"# {name}: {harmless(' '.join(text.split()))}" for name, text in found.rows]
     return "\n".join([*FOUND, *rows, toml_pair("url", url)]) + "\n" + TO_FILL_IN

@@ -44,7 +44,7 @@ HOLD_S = 0.5
 LOOK_S = 0.1
 """How often it is looked for. Chosen."""
 PATIENCE_S = 60.0
-"""Longest wait for a push, and then for its end. Chosen: a person has to walk to the cell."""
+"""Longest wait for a push, and then for its end. Chosen: an operator has to walk to the cell."""
 FIRST_S = 5.0
 """For how long the first frame is waited for once the device says that it streams. Chosen: behind the slowest filter
 of a UART gateway it comes within a second.
@@ -72,7 +72,7 @@ class Session(NamedTuple):
 
     screen: Screen
     entered: asyncio.Event | None
-    """Set by a person to go on without the push that is asked for; None: no pushes are asked for."""
+    """Set by an operator to continue without the push that is asked for; None: no pushes are asked for."""
     duration_s: float | None
     """For how long the wrench is shown, s; None: until Ctrl-C."""
 
@@ -170,7 +170,7 @@ def _answers(entered: asyncio.Event) -> Iterator[None]:
 
 
 def find_sensor(url: str, config: Config) -> Findings:
-    """Look at a sensor in real time for NOISE_S, without a person. Errors as of `probe_sensor`."""
+    """Look at a sensor in real time for NOISE_S, without an operator. Errors as of `probe_sensor`."""
 
     async def main() -> Findings:
         clock = Clock.running()
@@ -188,7 +188,7 @@ def find_sensor(url: str, config: Config) -> Findings:
 
 
 async def probe(url: str, config: Config, clock: Clock, session: Session) -> None:
-    """Open a sensor, tell of it, ask for pushes where a person answers, then show the wrench; errors as above."""
+    """Open a sensor, tell of it, ask for pushes where an operator answers, then show the wrench; errors as above."""
     screen, entered, duration_s = session
     async with _opened(url, config, clock, lambda kind, text: screen.say(f"{kind}: {text}")) as (
         sensor,
@@ -300,7 +300,7 @@ async def _pushes(
     found: dict[int, Answer] = {}
     wrong = False
     for axis, name in enumerate("XYZ"):
-        screen.say(f"push along +{name} of the tool and hold; Enter goes on without it")
+        screen.say(f"push along +{name} of the tool and hold; Enter continues without it")
         entered.clear()
         answer = await _push(look, noise, screen, entered)
         if answer is None:
@@ -326,7 +326,7 @@ async def _pushes(
 
 
 async def _push(look: _Look, noise: Sequence[float], screen: Screen, entered: asyncio.Event) -> Answer | None:
-    """Answer to one push, once it is held; None where a person pressed Enter or the wait ran out."""
+    """Answer to one push, once it is held; None where an operator pressed Enter or the wait ran out."""
     before = look.back(NOISE_S).mean
 
     def held() -> Answer | None:
@@ -352,7 +352,7 @@ async def _push(look: _Look, noise: Sequence[float], screen: Screen, entered: as
 async def _until(
     look: _Look, screen: Screen, entered: asyncio.Event, seen: Callable[[], Seen | None]
 ) -> Seen | None:
-    """First value of `seen`, asked again and again; None once a person pressed Enter or the wait ran out."""
+    """First value of `seen`, asked again and again; None once an operator pressed Enter or the wait ran out."""
     for number in range(round(PATIENCE_S / LOOK_S)):
         await look.after(LOOK_S)
         if (found := seen()) is not None or entered.is_set():

@@ -95,7 +95,7 @@ def test_too_little_force_never_moves_away(controller: Controller[Any]) -> None:
 
 
 def test_contact_that_is_lost_is_not_chased_faster(controller: Controller[Any]) -> None:
-    """Without contact it goes on at most as fast as with a force of 0 in contact."""
+    """Without contact it continues at most as fast as with a force of 0 in contact."""
     farthest = {}
     for in_contact in (True, False):
         state, commanded, steps = controller.initial(), 3e-3, [0.0]

@@ -59,7 +59,7 @@ def check_live_robot(case: RobotCase, urls: Sequence[str]) -> None:
             raise Finding("the number of a report does not rise")
         for report in reports:
             if not all(map(math.isfinite, (*report.pose.position, *report.pose.quaternion))):
-                raise Finding(f"a report tells {report.pose}, which is none")
+                raise Finding(f"a report tells {report.pose}, which is invalid")
         moved = math.dist(first.pose.position, last.pose.position)
         turned = angle_between(first.pose.quaternion, last.pose.quaternion)
         if moved > STANDING_M or turned > 0.01:

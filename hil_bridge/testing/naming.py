@@ -20,7 +20,7 @@ _FACTORS = (
 def position_mistake(told: Vector, true: Vector, allowed: float) -> str:
     """Words for a position, m, that is more than `allowed` from the true one; empty for one that is not."""
     if not all(map(math.isfinite, told)):
-        return f"the reported position {told} is no number"
+        return f"the reported position {told} is not a number"
     away = math.dist(told, true)
     if away <= allowed:
         return ""
@@ -54,7 +54,7 @@ def orientation_mistake(told: Quaternion, true: Quaternion, allowed: float) -> s
 def wrench_mistake(told: Sequence[float], true: Sequence[float], allowed: Sequence[float]) -> str:
     """Words for six values of which one is more than `allowed` from the true one; empty where none is."""
     if not all(map(math.isfinite, told)):
-        return f"a frame tells {tuple(told)}, which is no number"
+        return f"a frame tells {tuple(told)}, which is not a number"
     wrong = [k for k in range(6) if abs(told[k] - true[k]) > allowed[k]]
     if not wrong:
         return ""

@@ -91,7 +91,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if wanted and wanted != SUITE_VERSION:
         raise pytest.UsageError(
             f"hil_suite is {wanted}, and the installed hil-bridge has version {SUITE_VERSION} of its suites: install "
-            "the release that has yours, or set hil_suite anew once the tests pass"
+            "the release that has yours, or set hil_suite again once the tests pass"
         )
 
 
@@ -233,7 +233,7 @@ def hil_simulate(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[...
     """
     import hil_bridge
 
-    runs = request.node.stash[_RUNS] = []  # anew where a test is repeated
+    runs = request.node.stash[_RUNS] = []  # again where a test is repeated
 
     def simulate(config: Any = None, **more: Any) -> Any:
         result = hil_bridge.simulate(config, **more)

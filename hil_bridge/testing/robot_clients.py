@@ -197,7 +197,7 @@ def test_nothing_is_ordered_after_a_halt(robot_client: RobotCase) -> None:
                     if name == "halt":
                         await rig.within(motion.halt(), "halt")
                         await rig.wait(0.5)
-                        await rig.check_stands("a robot that was halted goes on")
+                        await rig.check_stands("a robot that was halted continues")
                     else:
                         motion.abandon()
                     await rig.refused(
@@ -206,7 +206,7 @@ def test_nothing_is_ordered_after_a_halt(robot_client: RobotCase) -> None:
                         f"an order is taken after `{name}`; it must be refused",
                     )
                     await rig.wait(0.8)
-                await rig.check_stands(f"a movement that was ended by `{name}` goes on")
+                await rig.check_stands(f"a movement that was ended by `{name}` continues")
 
     run_robot(robot_client, check)
 
@@ -223,7 +223,7 @@ def test_leaving_a_movement_ends_it(robot_client: RobotCase) -> None:
                     await rig.within(broken.to(rig.place(10.0, 0.0, 0.0)), "to")
                     raise ZeroDivisionError
             await rig.wait(_SETTLE_S)
-            await rig.check_stands("a movement that was left goes on")
+            await rig.check_stands("a movement that was left continues")
             for motion in (left, broken):
                 with suppress(BridgeError):
                     await rig.within(motion.to(rig.place(-10.0, 0.0, 0.0)), "to")
@@ -245,7 +245,7 @@ def test_order_that_is_no_number_is_refused(robot_client: RobotCase) -> None:
                         await rig.refused(
                             motion.to(pose),
                             "to",
-                            f"an order that is no number is taken: {pose}",
+                            f"an order that is not a number is taken: {pose}",
                             NOT_A_NUMBER,
                         )
                         motion.hold()
@@ -385,11 +385,11 @@ def test_robot_client_stands_every_fault_in_every_phase(robot_client: RobotCase,
 
 def _check_numbers(report: RobotReport) -> None:
     if not report.fault and not all(map(math.isfinite, (*report.pose.position, *report.pose.quaternion))):
-        raise Finding(f"a pose that is no number is reported without a fault: {report.pose}")
+        raise Finding(f"a pose that is not a number is reported without a fault: {report.pose}")
 
 
 async def _through(rig: RobotRig, link: object, fault: tuple[str, str], phase: str) -> None:
-    """Let it happen, and go on as if nothing had."""
+    """Let it happen, and continue as if nothing had."""
     held: object = link
     if phase == "idle":
         rig.inject(*fault)

@@ -91,7 +91,7 @@ def test_path_is_one_of_an_arm(robot_emulator: RobotCase) -> None:
         times = np.arange(begin, rig.clock.now(), 0.001)
         positions, velocities = rig.robot.path.trajectory(times)
         if not (np.isfinite(positions).all() and np.isfinite(velocities).all()):
-            raise Finding("the path is no number somewhere")
+            raise Finding("the path is not a number somewhere")
         steps = np.diff(positions, axis=0) / 0.001
         fastest = float(np.linalg.norm(steps, axis=1).max())
         if fastest > _FASTEST_M_S:
@@ -208,7 +208,7 @@ def test_hostile_bytes_neither_break_nor_move_it(robot_emulator: RobotCase, dama
         await rig.wait(1.0)
         await rig.check_stands("damaged orders came, then none, and")
         if not all(map(math.isfinite, rig.true_pose().position)):
-            raise Finding("the robot is nowhere: its position is no number")
+            raise Finding("the robot is nowhere: its position is not a number")
 
     run_robot(robot_emulator, check)
 

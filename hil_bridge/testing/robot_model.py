@@ -102,7 +102,7 @@ class RobotModel(Model):
         self.ended = True
         self.run(self._tried("halt", motion.halt, self.stopped))
         self.run(self.rig.wait(0.5))
-        self.run(self.rig.check_stands("a robot that was halted goes on"))
+        self.run(self.rig.check_stands("a robot that was halted continues"))
 
     @precondition(lambda self: self.motion is not None)
     @rule()
@@ -111,7 +111,7 @@ class RobotModel(Model):
         self.motion = None
         self.run(self._tried("leaving the movement", leaving.aclose, self.stopped))
         self.run(self.rig.wait(0.7))
-        self.run(self.rig.check_stands("a movement that was left goes on"))
+        self.run(self.rig.check_stands("a movement that was left continues"))
         self._check()
 
     # --- the world
@@ -139,7 +139,7 @@ class RobotModel(Model):
 
     @rule()
     def cut(self) -> None:
-        """The cable is pulled for a while; then the session begins anew, as a run has to."""
+        """The cable is pulled for a while; then the session restarts, as a run has to."""
         for wire in self.rig.wires:
             wire.cut = True
         self.troubled = True

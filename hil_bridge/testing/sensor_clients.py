@@ -346,7 +346,7 @@ def test_sensor_client_stands_every_fault_in_every_phase(sensor_client: SensorCa
                     await rig.wait(0.15)
                     for frame in rig.frames:
                         if not all(map(math.isfinite, frame.values)):
-                            raise Finding(f"a frame tells {frame.values}, which is no number")
+                            raise Finding(f"a frame tells {frame.values}, which is not a number")
                     sensor.check()
 
         run_sensor(sensor_client, check)

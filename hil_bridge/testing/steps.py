@@ -177,7 +177,7 @@ def test_it_ends_by_its_own_time(step: Step) -> None:
     most = round(step.for_s / CYCLE) + 4
     for feel in (_spring, lambda depth: Felt3((8.0, 0.0, 0.0))):
         _, taken = _walk(step, feel, most)
-        assert len(taken) < most, f"it goes on after its {step.for_s:g} s"
+        assert len(taken) < most, f"it continues after its {step.for_s:g} s"
 
 
 def test_a_setting_that_is_not_a_number_is_refused(step: Step) -> None:

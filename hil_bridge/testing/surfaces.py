@@ -66,7 +66,7 @@ def _answered(surface: Any, positions: Floats, velocities: Floats, times: Floats
             f"{len(times)} places are answered with forces of shape {force.shape}, not {positions.shape}"
         )
     if not np.isfinite(force).all():
-        raise Finding("a force is no number")
+        raise Finding("a force is not a number")
     return force
 
 

@@ -1,4 +1,4 @@
-"""Foreign exceptions as one line for a person: what, where, what to do."""
+"""Foreign exceptions as one line for an operator: what, where, what to do."""
 
 import errno
 import socket

@@ -27,7 +27,7 @@ cable is noticed within 10 s even on a wire that only listens.
 """
 
 BACKLOG = 64
-"""Clients that wait to be accepted, when many begin at once. Chosen: with 1, a third one tries anew after 1 s."""
+"""Clients that wait to be accepted, when many begin at once. Chosen: with 1, a third one tries again after 1 s."""
 
 _UNREAD_BYTES = 1 << 16
 """Chosen: what the operating system keeps for one of many clients, so that one that does not read is soon noticed; by

@@ -233,7 +233,7 @@ HOST_PORTS = {
 def parse_url(url: str, schemes: Mapping[str, _Scheme], given: str = "") -> WireUrl:
     """Check a URL against one of the tables above. Raises ConfigError naming the part that is wrong.
 
-    `given` is the URL that a person gave, where `url` was made from it.
+    `given` is the URL that an operator gave, where `url` was made from it.
     """
     named = given or url
     if not unquote(url).isprintable():

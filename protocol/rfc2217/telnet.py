@@ -64,7 +64,7 @@ class Subnegotiation:
 
 @dataclass(frozen=True, slots=True)
 class Garbled:
-    """Something that is no Telnet; reading goes on behind it."""
+    """Something that is no Telnet; reading continues behind it."""
 
     text: str
 

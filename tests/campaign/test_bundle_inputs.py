@@ -1,4 +1,4 @@
-"""Bundles of campaigns whose settings name files, or take a controller of another package."""
+"""Bundles of campaigns whose settings name files, or take a controller of a plug-in."""
 
 import hashlib
 import json

@@ -335,7 +335,7 @@ def test_results_of_another_version_are_told_as_such(results: Path, tmp_path: Pa
 
 
 def test_some_runs_of_the_shipped_campaign(tmp_path: Path) -> None:
-    """The shipped campaign, of which the whole takes an hour: runs that any change of the vocabulary draws anew."""
+    """The shipped campaign, of which the whole takes an hour: runs that any change of the vocabulary draws again."""
     whole = read_plan(Path(__file__).parents[2] / "examples" / "campaigns" / "guard.toml")
     assert whole.count >= 100
     assert not [case for case in whole.cases if case.impossible and case.fault == "none"]

@@ -1,4 +1,4 @@
-"""The command line as a person meets it, in this process: help, refusals, settings, and what stands beside a run."""
+"""The command line as an operator meets it, in this process: help, refusals, settings, and what stands beside a run."""
 
 import json
 import os

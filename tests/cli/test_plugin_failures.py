@@ -1,4 +1,4 @@
-"""Code of another package that fails: each run ends as the guard ends it, names package and place, and is recorded."""
+"""Plug-in code that fails: each run ends as the guard ends it, names package and place, and is recorded."""
 
 import sys
 from collections.abc import Iterator
@@ -150,10 +150,10 @@ def test_a_failure_ends_the_run_and_stands_in_the_record(
 
 ENDS = [
     ("law", "own", 40, 3, "controller failing failed: OfItsOwn: all is over (", "left: retracted, "),
-    ("law", "callback", 40, 3, "code of another package ended the run: SystemExit: 1 (", "left: retracted, "),
+    ("law", "callback", 40, 3, "plug-in code ended the run: SystemExit: 1 (", "left: retracted, "),
     ("law", "cancels", 40, 3, "the run was cancelled", "left: retracted, "),
     ("link", "own", 1, 3, "robot link udp+memory:toyarm stopped: OfItsOwn: all is over (", ""),
-    ("link", "callback", 1, 3, "code of another package ended the run: SystemExit: 1 (", ""),
+    ("link", "callback", 1, 3, "plug-in code ended the run: SystemExit: 1 (", ""),
     ("link", "cancels", 1, 3, "the run was cancelled before the movement began", ""),
     ("link", "generator", 20, 3, "robot link udp+memory:toyarm stopped: GeneratorExit (", "left: "),
     (
@@ -164,8 +164,8 @@ ENDS = [
         "robot link udp+memory:toyarm stopped: OfItsOwn: all is over (",
         "left: retr",
     ),
-    ("connect", "own", 1, 2, "code of another package failed: OfItsOwn: all is over (", ""),
-    ("make", "generator", 1, 2, "code of another package failed: GeneratorExit (", ""),
+    ("connect", "own", 1, 2, "plug-in code failed: OfItsOwn: all is over (", ""),
+    ("make", "generator", 1, 2, "plug-in code failed: GeneratorExit (", ""),
 ]
 
 
@@ -191,7 +191,7 @@ def test_the_command_ends_in_order_whatever_is_raised(
 
 ARM = "hil-bridge: stopped: robot link udp+memory:toyarm stopped: "
 BEFORE = "hil-bridge: robot link udp+memory:toyarm stopped: "
-OTHERS = "hil-bridge: code of another package failed: "
+OTHERS = "hil-bridge: plug-in code failed: "
 ATTACKS = [
     ("connect", "nothing", 1, 2, f"{OTHERS}WrongAnswer: connect answers NoneType, not a robot link", ""),
     ("connect-load", "nothing", 1, 2, f"{OTHERS}WrongAnswer: connect answers NoneType, not a wire and", ""),
@@ -303,6 +303,6 @@ def test_a_failure_before_the_run_is_one_line_and_exit_code_2(
     code, said = told(monkeypatch, capsys)
     assert code == 2
     (line,) = [line for line in said.splitlines() if line.startswith("hil-bridge:")]
-    assert line.startswith("hil-bridge: code of another package failed: ")
+    assert line.startswith("hil-bridge: plug-in code failed: ")
     assert PACKAGE in line
     assert "Traceback" not in said

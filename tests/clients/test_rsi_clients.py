@@ -166,7 +166,7 @@ def test_rsipi_that_stalls_is_counted_late_and_stops_the_robot_at_its_limit(
     with emulated(tmp_path, "timeout = 100\nrestart_s = 6.0\n") as port:
         told = ran(python, tmp_path, port, STALL, "relative", 0.0)
     before, once, twice, after = (told[moment] for moment in ("before", "once", "twice", "after"))
-    assert once["late"] - before["late"] == pytest.approx(50, abs=30)  # 0.2 s of 4 ms, and it goes on
+    assert once["late"] - before["late"] == pytest.approx(50, abs=30)  # 0.2 s of 4 ms, and it continues
     assert once["clock"] > before["clock"] + 500
     assert twice["clock"] == after["clock"]  # nothing came any more
     assert after["clock"] < once["clock"] + 1000

@@ -49,7 +49,7 @@ def test_it_looks_until_something_comes(looks: Looks, selector: BusyPolling) -> 
 
 
 def test_it_sleeps_once_it_has_been_awake_long_enough(looks: Looks, selector: BusyPolling) -> None:
-    """It wakes for a look at its files alone, and is not awake anew after that."""
+    """It wakes for a look at its files alone, and is not awake again after that."""
     looks.comes_at = looks.now + 2.0
     assert selector.select() == READY
     assert looks.asked == [0] * 4 + [CHECK_S] * 4

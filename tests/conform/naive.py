@@ -81,7 +81,7 @@ class Naive:
         now = self.clock.now()
         if self.begun_at is None:
             self.begun_at = now
-        if self.mistake == "begins anew" and now - self._newest_at > 0.5:
+        if self.mistake == "restarts" and now - self._newest_at > 0.5:
             self.answers = 0
         self._newest_at = now
         self.answers += 1
@@ -339,20 +339,22 @@ PLANTED = (
     Planted(EgmClient, "two loops", "two loops answer each datagram", WIRE),
     Planted(EgmClient, "speed of 1000 times", "a speed in µm/s is sent as mm/s", "a speed above the robot's"),
     Planted(EgmClient, "late", "each answer is sent five cycles late", ""),
-    Planted(EgmClient, "clock", "behind a cut it goes on by the clock", LEAP, "cut"),
-    Planted(EgmClient, "begins anew", "behind a cut it begins anew at its first start", LEAP, "cut"),
+    Planted(EgmClient, "clock", "behind a cut it continues by the clock", LEAP, "cut"),
+    Planted(EgmClient, "restarts", "behind a cut it restarts at its first start", LEAP, "cut"),
     Planted(EgmClient, "blind", "it does not look at the robot's states", GOES_ON, "stopped"),
     Planted(RsiClient, "total", "the whole correction is sent to a controller that adds", LEAP),
     Planted(RsiClient, "metres", "a correction in m is sent as mm", "orders moved the tool"),
     Planted(RsiClient, "late", "each answer has the clock of the telegram before", WIRE),
     Planted(RsiClient, "orientation", "the orientation is sent as its correction", TURN),
-    Planted(RsiClient, "clock", "behind a cut it goes on by the clock", LEAP, "cut"),
+    Planted(RsiClient, "clock", "behind a cut it continues by the clock", LEAP, "cut"),
     Planted(RsiClient, "blind", "it does not look at the program's status", GOES_ON, "emergency"),
     Planted(RtdeClient, "degrees", "a rotation vector is in degrees", TURN),
     Planted(RtdeClient, "leaves", "it ends while its program moves the tool", "left the tool moving"),
-    Planted(RtdeClient, "clock", "behind a cut it goes on by the clock", LEAP, "cut"),
+    Planted(RtdeClient, "clock", "behind a cut it continues by the clock", LEAP, "cut"),
     Planted(RtdeClient, "blind", "it does not look at the safety mode", GOES_ON, "stopped"),
-    Planted(RtdeClient, "unlocks", "it unlocks a protective stop", "released it without a person", "stopped"),
+    Planted(
+        RtdeClient, "unlocks", "it unlocks a protective stop", "released it without an operator", "stopped"
+    ),
     Planted(ScriptClient, "mm/s", "a speed in mm/s is sent as m/s in a script", "a speed above the robot's"),
     Planted(
         ScriptClient, "blind", "it sends scripts and does not look at the safety mode", GOES_ON, "stopped"

@@ -50,7 +50,7 @@ STOPPED = replace(WELL, fault_at=1.0, told_to_end=True, exit_code=-15)
         ("refused", replace(WELL, after_stop=7), "sent 7 orders of motion to a robot that could not move"),
         ("refused", replace(WELL, moved_m=0.002), "the tool moved by 2.0 mm"),
         ("stopped", replace(STOPPED, after_stop=7, last_motion_s=1.9), "sent 7 orders of motion after the stop"),
-        ("stopped", replace(STOPPED, releases=["dashboard: play"]), "without a person: dashboard: play"),
+        ("stopped", replace(STOPPED, releases=["dashboard: play"]), "without an operator: dashboard: play"),
         ("emergency", replace(STOPPED, moved_after_m=0.001), "the tool moved by 1.0 mm after the stop"),
         ("refused", replace(WELL, moved_m=0.0, turned_rad=0.02), "the tool turned by 1.1°"),
         ("stopped", replace(STOPPED, turned_after_rad=0.02), "the tool turned by 1.1° after the stop"),
@@ -175,7 +175,7 @@ def test_a_robot_that_may_not_move_from_the_start_forgives_some_tries() -> None:
         watch.hear(order(at, at, taken=False))
     assert watch.seen.fault_at == pytest.approx(1.0)
     assert watch.seen.after_stop == 1
-    watch.hear(order(3.0, 3.0, taken=True))  # a person has switched it on
+    watch.hear(order(3.0, 3.0, taken=True))  # an operator has switched it on
     assert watch.seen.after_stop == 1
 
 

@@ -1,4 +1,4 @@
-"""A person holds the tool while a step of another package leads it: it stays, and the step goes on afterwards."""
+"""An operator holds the tool while a step of a plug-in leads it: it stays, and the step continues afterwards."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -56,6 +56,6 @@ def test_a_led_tool_stays_where_a_person_holds_it() -> None:
 
 
 def test_a_led_tool_may_lean_on_what_is_beside_it_until_it_has_lifted() -> None:
-    """A step of another package may press aside: a retraction then yields to it."""
+    """A step of a plug-in may press aside: a retraction then yields to it."""
     legs = program_of(Approach(), Slides(), Retract(), Approach(), Retract()).row.legs
     assert [leg.works_aside for leg in legs] == [False, True, True, False, False]

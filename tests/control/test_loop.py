@@ -140,7 +140,7 @@ def test_an_answer_that_only_behaves_like_numbers_becomes_numbers():
 
 def test_a_command_of_another_type_with_the_right_fields_becomes_a_command():
     class Own(Command, frozen=True):
-        """Of another package, with a field of its own."""
+        """Of a plug-in, with a field of its own."""
 
     _, decisions = drive(Broken(lambda m: Own(m.commanded, 0.0)), cycles=20)
     assert type(decisions[-1].intent.command) is Command

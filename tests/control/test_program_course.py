@@ -315,7 +315,7 @@ def test_a_tool_that_is_held_up_aside_is_not_ordered_on(aside_mm, direction_deg)
 
 
 def test_an_edge_is_looked_for_from_where_the_tool_is():
-    """A track has led it 4 mm along y. It goes on along x from there, and never leaps."""
+    """A track has led it 4 mm along y. It continues along x from there, and never leaps."""
     aside = Track(path=Polyline(points_mm=((0.0, 0.0), (0.0, 4.0))), speed_mm_s=4.0)
     program = program_of(
         Approach(), aside, Seek(direction_deg=0.0, until="edge", at_most_mm=9.0, speed_mm_s=2.0), Retract()

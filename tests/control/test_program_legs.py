@@ -95,7 +95,7 @@ def test_the_rest_of_a_way_leads_where_the_whole_one_does():
 
 
 def test_an_approach_reaches_as_far_as_the_tool_came_back_before():
-    """Its own bound is a person's word, and stays."""
+    """Its own bound is an operator's word, and stays."""
     row = row_of(
         Approach(),
         Retract(back_mm=6.0),

@@ -98,7 +98,7 @@ def test_an_orientation_is_brought_nearer_by_the_shortest_way_and_no_faster(befo
     if whole > math.radians(0.02):
         assert angle_between(found, wanted) == pytest.approx(max(whole - angle, 0.0), abs=1e-6)
     else:
-        assert found == before, "an orientation as near as this is not ordered anew"
+        assert found == before, "an orientation as near as this is not ordered again"
 
 
 @given(st.tuples(*[st.floats(-50.0, 50.0)] * 6), VECTORS)

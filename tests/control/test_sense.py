@@ -56,7 +56,7 @@ SAMPLE = Sample(
 
 @dataclass(frozen=True, slots=True)
 class Sweeps(Move):
-    """A move of another package, along a path."""
+    """A move of a plug-in, along a path."""
 
     def make_way(self, begin: Place | None) -> Way:
         return way_of(Line(length_mm=20.0).corners((0.0, 0.0)))

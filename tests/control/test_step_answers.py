@@ -1,4 +1,4 @@
-"""Answers of a step of another package: a retraction that is none, and what is no answer at all."""
+"""Answers of a step of a plug-in: a retraction that is none, and what is no answer at all."""
 
 import math
 from collections.abc import Callable

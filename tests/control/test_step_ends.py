@@ -200,13 +200,13 @@ def test_an_edge_is_one_of_a_surface_that_the_step_has_felt() -> None:
     assert sought[-1] == pytest.approx(6e-3, abs=1e-3)
 
 
-# --- a force that is no number
+# --- a force that is not a number
 
 
 @pytest.mark.parametrize("name", ["force", "force_travel"])
 @pytest.mark.parametrize("samples", [1, 10_000])
 def test_a_retraction_goes_on_slowly_while_its_force_is_no_number(name: str, samples: int) -> None:
-    """One sample, or all from there on. The run goes on where the force is known again, else it ends by that cause."""
+    """One sample, or all from there on. The run continues if the force is known again, else it ends by that cause."""
     left = samples
 
     def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
@@ -247,7 +247,7 @@ def test_a_contact_that_was_lost_when_its_step_ended_is_sought_on() -> None:
 
 
 def test_the_travel_told_in_the_first_sample_of_a_step_is_that_of_its_own_way() -> None:
-    """10 mm along x, then 10 mm along y: the travel goes on."""
+    """10 mm along x, then 10 mm along y: the travel continues."""
     travels: list[float] = []
 
     class Notes(Careful):
@@ -282,7 +282,7 @@ def test_a_limit_of_the_next_step_is_told_with_that_step() -> None:
 
 @pytest.mark.parametrize("overdue", [0.0, 0.02])
 def test_a_tool_that_may_not_turn_farther_holds_no_depth(overdue: float) -> None:
-    """It is asked to turn by 10° and may by 1°. A late force holds the depth, and lets it go on later."""
+    """It is asked to turn by 10° and may by 1°. A late force holds the depth, and lets it continue later."""
     supervisor = Supervisor(Limits(turn_total_deg=1.0))
     half = math.radians(5.0)
     request = Request(1e-3, (0.0, 0.0, -1e-3), DOWN, quaternion=(math.sin(half), math.cos(half), 0.0, 0.0))

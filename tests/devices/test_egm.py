@@ -113,7 +113,7 @@ SESSION = "the controller began another EGM session"
 REFUSALS: dict[str, tuple[str, str, str]] = {
     "motors off": (fault("robot", "motors-off"), "", "the motors are off; switch them on"),
     "program stopped": (fault("robot", "program-stopped"), "", "the RAPID program is stopped; start it"),
-    "program started anew": (fault("robot", "program-restarted"), "", SESSION),
+    "program restarted": (fault("robot", "program-restarted"), "", SESSION),
     "EGMStop": (fault("robot", "guidance-ended"), "", NOT_GUIDED),
     "a CondTime that ends the run": ("", "cond_time_s = 1.0", NOT_GUIDED),
     "out of limits": (fault("robot", "out-of-limits"), "", ERROR),
@@ -127,12 +127,12 @@ REFUSALS: dict[str, tuple[str, str, str]] = {
     "other numbers": (
         fault("wire", "wrong-seqno", "with = {count = 50}"),
         "",
-        "its datagrams are numbered anew",
+        "its datagrams are numbered again",
     ),
     "no number": (
         fault("pose", "nan", "with = {count = 1}"),
         "",
-        "reports the position (nan, nan, nan), which is none",
+        "reports the position (nan, nan, nan), which is invalid",
     ),
     "no pose": (
         fault("pose", "missing", "with = {count = 1}"),

@@ -1,4 +1,4 @@
-"""Kinds of devices: ours and those of another package, by name and by URL, from the configuration to the record."""
+"""Kinds of devices: ours and those of a plug-in, by name and by URL, from the configuration to the record."""
 
 import dataclasses
 import json
@@ -167,7 +167,7 @@ def test_the_usual_devices_are_those_of_a_file_that_names_none(tmp_path: Path) -
     ]
 
 
-# --- devices of another package
+# --- devices of a plug-in
 
 
 @pytest.mark.usefixtures("toys")

@@ -88,14 +88,14 @@ BACK = {
     "rsi": (("drives", "on"), ("program", "start")),
     "rtde": (("power", "on"), ("brakes", "release")),
 }
-"""A person's way back from an emergency stop that is released."""
+"""An operator's way back from an emergency stop that is released."""
 
 
 def is_stopped(bench: Bench) -> bool:
     """Whether the emergency stop holds, as the panel shows it."""
     state = bench.state()
     stopped = "emergency-stop" in state.get("stops", ()) or state.get("safety") == "robot emergency stop"
-    by_fault = state["hindrance"] == "the motion is stopped, telegrams go on"
+    by_fault = state["hindrance"] == "the motion is stopped, telegrams continue"
     return stopped or bool(state.get("emergency_stop")) or by_fault
 
 
@@ -287,5 +287,5 @@ def test_served_robot_reports_each_reason_not_to_move() -> None:
     run_virtual(main)
     assert logged == [
         "robot: KSS29002: object ETHERNET1 returns error RSITimeout",
-        "robot: the motion is stopped, telegrams go on",
+        "robot: the motion is stopped, telegrams continue",
     ]

@@ -188,7 +188,7 @@ def test_urls_name_the_kind_and_settings_stand_in_its_sections(tmp_path: Path) -
         ("robot", "stands", "mm from the commanded one, allowed are 2 mm"),
         ("robot", "limit", "mm from the commanded one, allowed are 2 mm"),
         ("robot", "guidance-ended", "sent nothing for 0.5 s"),
-        ("robot", "program-restarted", "its program has begun anew, or moves by itself"),
+        ("robot", "program-restarted", "its program has restarted, or moves by itself"),
         ("robot", "drives-stop", "sent nothing for 0.5 s"),
         ("robot", "out-of-limits", "sent nothing for 0.5 s"),
         ("wire", "off", "sent nothing for 0.5 s"),

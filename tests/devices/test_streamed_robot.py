@@ -188,7 +188,7 @@ def test_a_movement_without_targets_is_given_up_in_the_end(silent: bool) -> None
             ):
                 await motion.to(moved(0.2))
             motion.abandon()
-        await cell.link.report()  # and the link goes on
+        await cell.link.report()  # and the link continues
         async with cell.link.motion(LIMITS) as motion:
             await motion.to(moved(0.2))
 
@@ -236,7 +236,7 @@ def test_a_run_that_is_cancelled_at_any_moment_ends_the_movement(moment: float) 
         assert cell.client.calls in ([], ["begin", "end"])
         left = cell.robot.answers[-1][3]
         await cell.wait(0.5)
-        assert not cell.robot.answers[-1][2], "a movement goes on"
+        assert not cell.robot.answers[-1][2], "a movement continues"
         assert math.dist(cell.robot.pose.position, left.position) <= SPEED * CYCLE + SLACK
 
     run_cell(script)

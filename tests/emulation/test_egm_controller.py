@@ -228,7 +228,7 @@ def test_a_message_with_an_old_number_may_be_dropped(check: str, taken: int) -> 
     line = Line(seqno_check=check).cycles(2)
     line.says(to()._replace(seqno=5), to()._replace(seqno=4), to()._replace(seqno=7))
     assert line.robot.accepted == taken
-    line.says(to()._replace(seqno=0))  # begins anew
+    line.says(to()._replace(seqno=0))  # restarts
     assert line.robot.accepted == taken + 1
 
 

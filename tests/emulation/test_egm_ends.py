@@ -42,7 +42,7 @@ def test_after_a_time_out_the_program_begins_another_session_where_the_tool_stan
     line.heard.clear()
     line.cycles(500)
     assert [one.seqno for one in line.heard[:3]] == [0, 1, 2]
-    assert line.heard[0].tm_ms > 3000  # the controller's clock goes on
+    assert line.heard[0].tm_ms > 3000  # the controller's clock continues
     assert line.robot.motion.pose == stands
     never = Line(retry_s=0.0).cycles(2000)
     assert never.robot.session.state is State.TIMED_OUT
@@ -156,7 +156,7 @@ def test_motors_that_go_off_stop_the_set_point_at_once_and_the_guidance_goes_on_
     assert states(line.last) == (Motors.ON, Guidance.RUNNING, Rapid.RUNNING)
     assert heights[-1] == pytest.approx(
         -10.0 * CYCLE * 299, abs=0.01
-    )  # a PC that does not mind: the way goes on
+    )  # a PC that does not mind: the way continues
     assert max(np.abs(np.diff(heights[249:260]))) < 0.001  # with the ramp
 
 

@@ -397,7 +397,7 @@ def test_a_cell_takes_so_many_faults_and_no_more() -> None:
     cell = moving_cell()
     for _ in range(INJECTION_LIMIT):
         cell.inject("wire", "babble", T0, count=1)
-    with pytest.raises(ValueError, match=r"^this cell has had 1000 faults; start it anew$"):
+    with pytest.raises(ValueError, match=r"^this cell has had 1000 faults; start it again$"):
         cell.inject("wire", "babble", T0)
     assert len(cell.faults) == INJECTION_LIMIT
 

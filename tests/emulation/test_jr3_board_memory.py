@@ -237,7 +237,7 @@ def test_another_sensor_is_told_as_changed_until_the_host_clears_it() -> None:
     assert get(board, "errors", again)[0] == Errors.SENSOR_CHANGE
     assert get(board, "serial_no", again) == (1002,)
     assert get(board, "default_fs", again) == (317, 314, 845, 221, 219, 307)
-    # The host's full scales go on: the same load gives the same counts, by another calibration.
+    # The host's full scales continue: the same load gives the same counts, by another calibration.
     assert get(board, "full_scale", again)[:6] == (115, 111, 185, 56, 52, 61)
     assert np.abs(np.subtract(get(board, "filter0", again)[:6], LOAD_COUNTS)).max() <= 3
     assert get(board, "max_full_scale", again)[:3] == (317, 314, 845)

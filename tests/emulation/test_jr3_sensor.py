@@ -60,7 +60,7 @@ def test_physics_is_asked_once_for_each_sample_while_certain() -> None:
     expected = plain.counts(np.arange(FIRST, FIRST + 17 * 41))
     assert np.array_equal(np.concatenate((*parts[:-1], again)), expected)
     assert np.array_equal(parts[-1], again[:17])
-    # samples that are not asked for are left out, and the stream goes on where it is asked for again
+    # samples that are not asked for are left out, and the stream continues where it is asked for again
     asked.clear()
     assert np.array_equal(ahead.counts(np.array([FIRST + 9000])), plain.counts(np.array([FIRST + 9000])))
     assert asked[0] == (FIRST + 9000) / 8000

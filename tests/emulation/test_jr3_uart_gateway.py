@@ -334,7 +334,7 @@ MANNERS = [
         connected=False,
     ),
     Transcript(
-        "unplugged in mid-stream: frames go on with frozen counter and values, stop hangs, deaf for good",
+        "unplugged in mid-stream: frames continue with frozen counter and values, stop hangs, deaf for good",
         f"""
         5033   < <10>
         6000   > :3C3032000040420F00 3E
@@ -353,7 +353,7 @@ MANNERS = [
         """,
     ),
     Transcript(
-        "a stop that hangs goes on when the sensor sends again",
+        "a stop that hangs continues when the sensor sends again",
         f"""
         5033   < <10>
         6000   > :3C3032000040420F00 3E

@@ -242,7 +242,7 @@ def test_what_is_certain_stays_true_whatever_is_ordered_meanwhile() -> None:
         motion.enqueue(Waypoint(shifted(y=-0.02), DOWN, 0.2), now)
     for looked, came in zip(ahead, other.path.trajectory(times), strict=True):
         np.testing.assert_array_equal(looked, came)
-    # and both go on alike: looking ahead took no point before its time
+    # and both continue alike: looking ahead took no point before its time
     later = np.linspace(until, until + 0.5, 100)
     np.testing.assert_array_equal(watched.path.trajectory(later)[0], other.path.trajectory(later)[0])
 
@@ -268,7 +268,7 @@ def test_who_looked_ahead_is_told_up_to_when_an_order_leaves_it_true() -> None:
     np.testing.assert_array_equal(watched.path.trajectory(times)[0], came)
     watched.enqueue(Waypoint(shifted(y=-0.02), DOWN, 0.2), now)
     assert told == [watched.path.committed_until(now)] * 2, (
-        "what was computed anew is not true any more either"
+        "what was computed again is not true any more either"
     )
     watched.freeze(now, now + 1.0)
     assert len(told) == 2, "no reader has looked ahead since"

@@ -408,7 +408,7 @@ def test_its_forms_change_it_and_ignore_what_they_do_not_know() -> None:
     get(device, "/comm.cgi?comrdte=0")
     assert b"Disabled" in get(device, "/netftapi2.xml")
     ask(device, Command.STOP, T0 + 1.0)
-    assert streamed(device, begin=T0 + 1.0)[:1] != []  # the stream under way goes on
+    assert streamed(device, begin=T0 + 1.0)[:1] != []  # the stream under way continues
 
 
 @given(st.binary(max_size=60))

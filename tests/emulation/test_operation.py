@@ -1,4 +1,4 @@
-"""A person at the panels of the emulated EGM and RSI controllers, and the clients of the wire and of the web."""
+"""An operator at the panels of the emulated EGM and RSI controllers, and the clients of the wire and of the web."""
 
 import math
 from itertools import pairwise
@@ -47,7 +47,7 @@ def test_what_the_panel_does_the_web_services_tell_and_the_other_way_round() -> 
     )
     assert served.status("POST", f"{MOTORS}?action=setctrlstate", "ctrl-state=motoron") == 204
     assert panel.show(served.now)["state"]["motors"] == "on"
-    assert panel.show(served.now)["state"]["rapid"] == "stopped", "a person or a client starts it"
+    assert panel.show(served.now)["state"]["rapid"] == "stopped", "an operator or a client starts it"
     state_of(panel, "program", "start", served.now)
     assert served.value(EXECUTION, "ctrlexecstate") == "running"
     state_of(panel, "speed", "40", served.now)
@@ -71,7 +71,7 @@ def test_in_manual_mode_a_client_of_the_web_reads_and_operates_nothing() -> None
     state_of(panel, "motors", "on", served.now)
     state_of(panel, "program", "start", served.now)
     served.run(0.1)
-    assert served.state is State.GUIDING, "a person with the enabling device lets it go on"
+    assert served.state is State.GUIDING, "an operator with the enabling device lets it continue"
     state_of(panel, "key", "auto", served.now)
     assert served.status("POST", f"{MOTORS}?action=setctrlstate", "ctrl-state=motoron") == 204
     assert served.value(MODE, "opmode") == "AUTO"
@@ -96,7 +96,7 @@ def test_an_emergency_stop_that_is_released_starts_nothing() -> None:
     stood = line.z()
     state_of(panel, "program", "start", line.now)
     line.streams(0.5, to(z=-50.0))
-    assert line.z() < stood, "the guidance goes on"
+    assert line.z() < stood, "the guidance continues"
 
 
 @pytest.mark.parametrize("mode", ["pose", "joint"])
@@ -172,8 +172,8 @@ def test_a_kuka_comes_back_from_an_emergency_stop_step_by_step() -> None:
     ):
         with pytest.raises(RsiRefusal, match=f"^{words}$"):
             kuka.do(control, position)
-    assert kuka.do("emergency-stop", "release")["hindrance"] == "the drives are off, telegrams go on"
-    assert kuka.do("drives", "on")["hindrance"] == "the program is stopped, telegrams go on"
+    assert kuka.do("emergency-stop", "release")["hindrance"] == "the drives are off, telegrams continue"
+    assert kuka.do("drives", "on")["hindrance"] == "the program is stopped, telegrams continue"
     assert kuka.run() == 0.0
     assert kuka.do("program", "start")["hindrance"] == ""
     assert kuka.run() == pytest.approx(0.2, abs=0.011)
@@ -215,7 +215,7 @@ def test_in_t1_a_person_confirms_the_sensor_correction_at_each_begin() -> None:
     assert kuka.run() == 0.0
     state = kuka.panel.show(kuka.rig.now)["state"]
     assert state["to_confirm"]
-    assert state["hindrance"] == "a person has not confirmed the sensor correction, telegrams go on"
+    assert state["hindrance"] == "an operator has not confirmed the sensor correction, telegrams continue"
     kuka.do("message")
     assert kuka.run() > 0.15
     assert kuka.panel.show(kuka.rig.now)["state"]["program"] == "MOVECORR"

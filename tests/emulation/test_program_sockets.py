@@ -266,7 +266,7 @@ def test_a_connection_that_is_closed_ends_a_read_at_once_and_another_can_be_open
 
 
 def test_a_fault_in_mid_motion_leaves_the_arm_standing_where_it_was() -> None:
-    """The move goes on from there, along its line, once the program is played again."""
+    """The move continues from there, along its line, once the program is played again."""
     for fault in ("protective-stop", "program-paused", "program-stopped"):
         ear = Ear(MOVED).play().run(300)
         ear.inject(fault, on="robot")

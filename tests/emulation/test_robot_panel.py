@@ -205,7 +205,7 @@ def test_a_stopped_program_goes_on_where_it_was_or_begins_anew() -> None:
     assert (stopped.instruction, stopped.execution) == (2, False)
     assert bench.accepts(start_program(7, from_start=False))
     bench.wait(1.4)
-    assert bench.status().instruction == 2, "the wait began anew"
+    assert bench.status().instruction == 2, "the wait restarted"
     bench.wait(0.2)
     assert bench.status().instruction == 3
     assert bench.accepts(STOP)

@@ -360,7 +360,7 @@ def test_a_person_resets_the_program_and_it_begins_where_the_robot_stands() -> N
         (lambda ipoc: answer(ipoc).replace(b"ImFree", b"imfree"), "another SENTYPE"),
         (lambda ipoc: answer(ipoc).replace(b"</Sen>", b""), "no telegram"),
         (lambda ipoc: answer(ipoc).replace(b"Sen", b"Rob"), "a Rob telegram"),
-        (lambda ipoc: answer(ipoc).replace(b'Z="0.000000"', b'Z="NaN"'), "'NaN' is no number"),
+        (lambda ipoc: answer(ipoc).replace(b'Z="0.000000"', b'Z="NaN"'), "'NaN' is not a number"),
         (lambda ipoc: b"<!DOCTYPE x>" + answer(ipoc), "a telegram has neither"),
         (lambda ipoc: b"\0" * 60_000, "a telegram of 60000 bytes"),
         (lambda ipoc: b'<?xml version="1.0"?>' + answer(ipoc), "a telegram has neither"),

@@ -350,7 +350,7 @@ def test_a_target_that_is_no_number_is_a_protective_stop(bad: float) -> None:
     pair.run(DT)
     pair.ports[Port.RTDE].send(recipe.pack(bad, 0, 0, 0, 3, 0, 0.002, 0.1, 300.0, 1, 5))
     pair.run(DT)
-    assert pair.controller.counts["protective stop: a target that is no number"] == 1
+    assert pair.controller.counts["protective stop: a target that is not a number"] == 1
 
 
 def test_too_fast_a_tool_is_a_protective_stop() -> None:

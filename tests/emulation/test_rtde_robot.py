@@ -317,18 +317,18 @@ def test_a_stored_program_is_loaded_played_paused_and_stopped() -> None:
 def test_a_pop_up_that_blocks_waits_until_it_is_closed() -> None:
     desk = Desk()
     board = desk.plug(Port.DASHBOARD)
-    desk.upload('def asks():\n  popup("go on?", blocking=True)\n  textmsg("gone on")\n  sleep(1)\nend\n')
+    desk.upload('def asks():\n  popup("continue?", blocking=True)\n  textmsg("gone on")\n  sleep(1)\nend\n')
     desk.run(0.5)
     said = desk.controller.console.sayings
-    assert [saying.text for saying in said] == ["asks", "go on?"]
+    assert [saying.text for saying in said] == ["asks", "continue?"]
     assert board.line("close popup") == "closing popup"
     desk.run(0.1)
-    assert [saying.text for saying in said] == ["asks", "go on?", "gone on"]
+    assert [saying.text for saying in said] == ["asks", "continue?", "gone on"]
 
 
 def test_a_pop_up_ends_with_its_program() -> None:
     desk = Desk()
-    desk.upload('def asks():\n  popup("go on?", blocking=True)\nend\n')
+    desk.upload('def asks():\n  popup("continue?", blocking=True)\nend\n')
     desk.run(0.2)
     assert desk.controller.console.popup_open
     desk.controller.player.stop(desk.controller.now)

@@ -32,7 +32,7 @@ MEMBERS = ", ".join(f"a{number}=1" for number in range(3000))
 LOOPS: dict[str, str] = {
     "a member of a large struct": forever("s.a1 = 2", f"s = struct({MEMBERS})"),
     "an element of a list in a list": forever("x[0][0] = 2", f"x = [{LONG}]"),
-    "a list in a list goes on": forever("x.append([])\nx.pop()", f"x = [{LONG}]"),
+    "a list in a list continues": forever("x.append([])\nx.pop()", f"x = [{LONG}]"),
     "a list in a list, negative": forever("y = -x", f"x = [{LONG}]"),
     "a list in a list as text": forever("y = to_str(x)", f"x = [{LONG}]"),
     "a struct as text": forever("y = to_str(x)", f"x = struct(a={LONG})"),

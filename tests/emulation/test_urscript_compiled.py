@@ -1,4 +1,4 @@
-"""Texts that a controller compiles before it runs them: what is refused, and what goes on meanwhile."""
+"""Texts that a controller compiles before it runs them: what is refused, and what continues meanwhile."""
 
 import math
 from typing import Literal

@@ -163,7 +163,7 @@ PROGRAMS = {
         "  textmsg(i)\nend",
         ["1", "3"],
     ),
-    "a statement goes on": (
+    "a statement continues": (
         "x = 1 +\n2\nif (x == 3) and\n  not (x == 4):\n  textmsg([1,\n 2])\nend",
         ["[1, 2]"],
     ),
@@ -500,7 +500,7 @@ def test_a_program_reads_and_writes_a_socket() -> None:
 
 
 def test_a_variable_of_a_server_is_set_and_asked_for() -> None:
-    """An answer of another variable, one that is no number, and none within two seconds count as 0."""
+    """An answer of another variable, one that is not a number, and none within two seconds count as 0."""
     played = Played(
         program(
             'socket_open("10.0.0.1", 63352)\nsocket_set_var("POS", 255)\n'

@@ -133,7 +133,7 @@ def test_above_the_start_a_pressing_tool_is_retracted_too(
 def test_an_interrupted_lift_takes_no_zero_and_tells_no_free_tool(
     guarded: Run, configured: Configured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The tool stands in the surface, the sensor is unchecked, and a person interrupts in the first steps."""
+    """The tool stands in the surface, the sensor is unchecked, and an operator interrupts in the first steps."""
     config = configured(
         5e3, {"cell": {"start_position_mm": (900.0, -100.0, 589.9)}, "sensor": {"unchecked": True}}
     )
@@ -159,7 +159,7 @@ def test_a_status_without_an_orientation_is_told_as_what_it_is(
             monkeypatch.setattr(Status, "quaternion", (0.0, 0.0, 0.0, 0.0))
 
     run = guarded(configured(5e3), strike)
-    assert "reports the orientation (0.0, 0.0, 0.0, 0.0), which is none" in run.cause
+    assert "reports the orientation (0.0, 0.0, 0.0, 0.0), which is invalid" in run.cause
     assert run.last == 0.0
 
 

@@ -124,7 +124,7 @@ def test_why_names_the_part_and_where_to_look(recording: Recording, cause: Cause
         return
     kinds = {"robot": " (s3)", "sensor": " (jr3)", "recording": "a.mcap"}
     assert f"What ended it was {row.blames.format(**kinds)}: this was it." in text
-    assert f"The message goes on: do that. Look at: {row.look.format(**kinds)}." in text
+    assert f"The message continues: do that. Look at: {row.look.format(**kinds)}." in text
 
 
 @EVERY

@@ -157,7 +157,7 @@ def test_a_moment_without_a_pose_leaves_no_tool_pressing(
     guarded: Run, robot: str, fault: dict[str, Any], stiffness: float
 ) -> None:
     run = guarded(tracking(robot, stiffness, {**fault, "phase": "track", "after_s": 0.5}))
-    words = "which is none", "it tells no pose", "is no number"
+    words = "which is none", "it tells no pose", "is not a number"
     assert any(word in run.cause for word in words)
     assert run.largest <= 50.0
     assert run.last == 0.0

@@ -251,9 +251,12 @@ def turned(degrees: float) -> Pose:
         (deeper(0.0, 500.0), "100.0 mm outside the workspace"),
         (turned(7.0), "2.0 ° tilted more"),
         (turned(4.9), "0.7 ° turned faster"),
-        (Pose((math.nan, 0.0, 0.0), UPRIGHT), "the position (nan, 0.0, 0.0), which is none of an arm"),
-        (Pose((1e300, 0.0, 0.0), UPRIGHT), "which is none of an arm"),
-        (Pose(START.position, (0.0, 1.1, 0.0, 0.0)), "the orientation (0.0, 1.1, 0.0, 0.0), which is none"),
+        (Pose((math.nan, 0.0, 0.0), UPRIGHT), "the position (nan, 0.0, 0.0), which no arm can reach"),
+        (Pose((1e300, 0.0, 0.0), UPRIGHT), "which no arm can reach"),
+        (
+            Pose(START.position, (0.0, 1.1, 0.0, 0.0)),
+            "the orientation (0.0, 1.1, 0.0, 0.0), which is invalid",
+        ),
         (Pose(START.position, (math.nan,) * 4), "which is none"),
     ],
 )

@@ -82,7 +82,7 @@ WRONG_MODELS: dict[str, tuple[GuardRule, GuardModel]] = {
         GuardRule.DEEPER,
         replace(MODEL, asks={**ASKS, Phase.RETRACT: frozenset(Way)}),
     ),
-    "a run that ends goes on to press": (
+    "a run that ends continues to press": (
         GuardRule.FORWARD,
         replace(MODEL, ends={**ENDS, Phase.RETRACT: frozenset({Phase.RETRACT, Phase.TRACK})}),
     ),

@@ -89,7 +89,7 @@ def test_a_force_that_is_not_told_is_unknown(guarded: Run, robot: str, stiffness
 @ROBOTS
 @pytest.mark.parametrize("pressed", [False, True])
 def test_an_interrupted_way_tells_the_force_of_its_end(guarded: Run, robot: str, pressed: bool) -> None:
-    """A person ends the run as the first step is told; the surface rises or does not."""
+    """An operator ends the run as the first step is told; the surface rises or does not."""
     config = close(robot, 5e4, [rises(RISES_AT_S[robot])] if pressed else [])
 
     def interrupt(run: Guarded) -> None:

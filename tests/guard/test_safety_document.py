@@ -45,8 +45,8 @@ def test_a_run_that_is_repeated_shows_the_same(tool: dict[str, Any], number: int
     case = tool["ALL_CASES"][number]
     seed, stiffness = 1 + number % tool["SEEDS"][robot], tool["STIFFNESSES_N_M"][number % 2]
     kept = FIGURES[case.name][robot][f"{stiffness:g}"]
-    anew = tool["columns"]([tool["measured"](tool["Job"](case, robot, stiffness, seed))])
-    for name, (value,) in anew.items():
+    again = tool["columns"]([tool["measured"](tool["Job"](case, robot, stiffness, seed))])
+    for name, (value,) in again.items():
         then = kept[name][seed - 1]
         # In another version of the libraries the last digits may differ.
         assert value == then if value is None else value == pytest.approx(then, rel=0.02, abs=0.01), (

@@ -1,6 +1,6 @@
-"""A bridge that dies on its way: how far an EGM robot goes on without answers, and how hard it presses by then.
+"""A bridge that dies on its way: how far an EGM robot continues without answers, and how hard it presses by then.
 
-The program on this side cannot prevent it. The page on safety tells the figures, so that a person can choose.
+The program on this side cannot prevent it. The page on safety tells the figures, so that an operator can choose.
 """
 
 import math
@@ -95,7 +95,7 @@ def test_an_approach_without_answers_goes_on_as_told(
 def test_tracking_without_answers_goes_on_as_told(
     guarded: Run, period_ms: int, after_s: float, along_mm: float
 ) -> None:
-    """The tool stays as deep as it was: it goes on along the surface."""
+    """The tool stays as deep as it was: it continues along the surface."""
     deeper, along, largest = ways(guarded, silenced(period_ms, "track", after_s))
     assert deeper <= 0.26
     assert 1.0 < along <= along_mm

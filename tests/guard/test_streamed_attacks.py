@@ -91,7 +91,7 @@ def test_bytes_that_come_twice_hide_no_later_forces(guarded: Run, robot: str, st
 
 @pytest.mark.parametrize("robot", ["egm", "rsi", "rtde"])
 def test_a_tool_goes_no_deeper_while_the_next_force_is_late(guarded: Run, robot: str) -> None:
-    """A campaign of 10 000 seeds found it: frames were lost one after the other, and the tool went on for each.
+    """A campaign of 10 000 seeds found it: frames were lost one after the other, and the tool continued for each.
 
     With six of ten lost it pressed with up to 77 N, on a surface that was expected to be soft.
     """
@@ -120,7 +120,7 @@ def test_a_sensor_that_falls_silent_on_the_way_leads_to_no_touch(guarded: Run) -
 @pytest.mark.parametrize("ms", [60.0, 90.0, 190.0])
 @pytest.mark.parametrize("phase", ["approach", "track"])
 def test_one_delay_leaves_the_force_below_its_bound(guarded: Run, ms: float, phase: str) -> None:
-    """It is shorter than `limits.stale_after_ms`, so that the run goes on, with the forces paired by their true age."""
+    """Shorter than `limits.stale_after_ms`, so that the run continues, with the forces paired by their true age."""
     late = fault("sensor-wire", "late", ms=ms, way="from") | {"phase": phase, "after_s": 0.05}
     config = streamed("egm", sensor={"emulated": "ft300"}, faults=[late])
     assert guarded(config).largest <= bound(config)

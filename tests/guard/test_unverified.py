@@ -1,4 +1,4 @@
-"""An axis that the tool's weight does not verify: named, refused, or taken on by a person and tested by each touch."""
+"""An axis that the tool's weight does not verify: named, refused, or accepted by the user and tested by each touch."""
 
 from collections.abc import Callable
 from typing import Any

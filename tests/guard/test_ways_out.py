@@ -1,4 +1,4 @@
-"""Faults that end a run in contact, by the command as a person starts it, in virtual time.
+"""Faults that end a run in contact, by the command as an operator starts it, in virtual time.
 
 `tests/live/test_ways_out_live.py` ends runs of another process over real wires; what a signal does is held in
 `test_process_edges.py` and `tests/runs/test_signals_and_screens.py`.

@@ -192,7 +192,7 @@ async def test_an_unreachable_port_is_counted_and_told_and_no_end() -> None:
 
 
 async def test_an_emulated_robot_without_a_client_says_so_once() -> None:
-    """The system tells of each datagram that no program takes it; the emulator says it in one line, and goes on."""
+    """The system tells of each datagram that no program takes it; the emulator says it in one line, and continues."""
     said: list[str] = []
     with closing(Clock.running()) as clock:
         gone = await listen_datagrams("udp-bind://127.0.0.1:0", clock)

@@ -157,7 +157,7 @@ def test_a_terminal_that_closes_unheard_does_not_end_the_run(tmp_path: Path, ter
 
 
 def test_a_paused_terminal_holds_up_neither_run_nor_ctrl_c(tmp_path: Path, terminal: Terminal) -> None:
-    """Sent by another process: the key itself would let the terminal go on."""
+    """Sent by another process: the key itself would let the terminal continue."""
     on = terminal.slave
     with running(OWN_TERMINAL, tmp_path, stdin=on, stdout=on, stderr=on) as process:
         wait_for_tracking(tmp_path)
@@ -168,7 +168,7 @@ def test_a_paused_terminal_holds_up_neither_run_nor_ctrl_c(tmp_path: Path, termi
         process.send_signal(signal.SIGINT)
         wait_until(lambda: any((tmp_path / "runs").glob("*-c/summary.json")))
         time.sleep(1.0)
-        assert process.poll() is None, "it waits for a person to let the terminal go on"
+        assert process.poll() is None, "it waits for an operator to let the terminal continue"
         assert terminal.shown == shown, "the terminal is paused"
         process.send_signal(signal.SIGINT)
         asked = time.monotonic()

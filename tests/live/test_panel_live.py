@@ -1,4 +1,4 @@
-"""The panel as a person uses it: a run in one terminal, `hil-bridge panel` in another."""
+"""The panel as an operator uses it: a run in one terminal, `hil-bridge panel` in another."""
 
 import json
 import re

@@ -74,7 +74,7 @@ def test_a_sensor_is_probed_on_a_terminal_and_left_with_ctrl_c() -> None:
             assert process.poll() is None, said
             if select.select([mine], [], [], 0.2)[0]:
                 said += os.read(mine, 4096).decode()
-            if said.count("Enter goes on without it") > asked:
+            if said.count("Enter continues without it") > asked:
                 asked += 1
                 os.write(mine, b"\n")
         process.send_signal(signal.SIGINT)

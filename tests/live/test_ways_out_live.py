@@ -93,7 +93,7 @@ def test_a_key_marks_and_ends_the_run_and_the_terminal_is_left_as_it_was(cell: C
 
 @pytest.mark.timeout(300)
 def test_after_kill_9_the_next_run_is_refused_and_the_tool_freed(cell: Cell, tmp_path: Path) -> None:
-    """A person frees it then."""
+    """An operator frees it then."""
 
     def hil(*arguments: str) -> "subprocess.CompletedProcess[str]":
         return subprocess.run(

@@ -1,4 +1,4 @@
-"""A person holds the tool in its place on the surface: the force is kept, the way does not go on, replay knows it."""
+"""A user holds the tool in place on the surface: the force is kept, the way does not continue, replay knows it."""
 
 from collections.abc import Callable
 from typing import Any

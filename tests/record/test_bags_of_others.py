@@ -259,9 +259,9 @@ def test_what_is_no_number_is_refused_in_one_line(tmp_path: Path) -> None:
         )
 
     nan, inf = math.nan, math.inf
-    assert "/ft: force z of message 8 is no number" in refused(bag("a", 7, wrench=(0, 0, nan, 0, 0, 0)))
-    assert "/ft: torque x of message 8 is no number" in refused(bag("b", 7, wrench=(0, 0, 0, nan, 0, 0)))
-    assert "/tcp: y of message 1 is no number" in refused(bag("c", 0, pose=(0, inf, 0, *DOWN)))
+    assert "/ft: force z of message 8 is not a number" in refused(bag("a", 7, wrench=(0, 0, nan, 0, 0, 0)))
+    assert "/ft: torque x of message 8 is not a number" in refused(bag("b", 7, wrench=(0, 0, 0, nan, 0, 0)))
+    assert "/tcp: y of message 1 is not a number" in refused(bag("c", 0, pose=(0, inf, 0, *DOWN)))
     assert "/tcp: the orientation of message 3 is all zero" in refused(bag("d", 2, pose=(0,) * 7))
     assert "/ft: force x of message 8 is 2e+06: is it in SI units?" in refused(
         bag("e", 7, wrench=(2e6, 0, 0, 0, 0, 0))

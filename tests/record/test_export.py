@@ -357,7 +357,7 @@ def test_without_pyarrow_parquet_is_refused_in_one_line(
     assert not (tmp_path / "out").exists()
 
 
-# --- what a person may do wrong
+# --- what an operator may do wrong
 
 
 def test_the_command_writes_beside_the_recording_and_keeps_what_is_there(

@@ -110,7 +110,7 @@ def test_a_fault_strikes_and_the_struck_part_is_named(job: Job, recordings: Reco
     assert "\n" not in text
     assert "{" not in text
     if recording.end["outcome"] == "completed":
-        assert job in OURS or job.fault in BORNE, "a sample that goes on says nothing about the sentence"
+        assert job in OURS or job.fault in BORNE, "a sample that continues says nothing about the sentence"
         assert text.startswith("The run completed after ")
         assert text.count(". ") == 0
         return
@@ -309,7 +309,7 @@ def short(recordings: Recordings) -> Recording:
 @pytest.mark.parametrize(
     ("cause", "text", "part", "look"),
     [
-        (Cause.OSCILLATION, "the force goes on swinging by ±4.0 N", "controller", "[oscillation]"),
+        (Cause.OSCILLATION, "the force continues swinging by ±4.0 N", "controller", "[oscillation]"),
         (Cause.INCONSISTENT, "requested depth and position differ", "the program itself", "report it"),
         (Cause.NO_PROGRESS, "a lateral force of 9.0 N holds the feed", "what the tool touches", "beside"),
         (Cause.NO_EDGE, "no edge within 10 mm", "the surface", "at_most_mm"),

@@ -273,7 +273,7 @@ def test_what_fails_in_mid_run_is_said_while_it_runs(hil: Command, monkeypatch: 
     code, _, errors = hil("run", "--virtual", "--no-view", "--duration", "30")
     assert code == 3
     at_once, at_the_end = errors.splitlines()
-    assert at_once == f"{at_the_end}; the run goes on"
+    assert at_once == f"{at_the_end}; the run continues"
 
 
 def test_a_full_disk_is_told_before_the_movement(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -293,7 +293,7 @@ def test_a_limit_of_the_system_is_told_as_well(tmp_path: Path) -> None:
     command = [sys.executable, "-c", limited, "run", "--virtual", "--no-view", "--duration", "30"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
     at_once, at_the_end = done.stderr.splitlines()
-    assert at_once == f"{at_the_end}; the run goes on"
+    assert at_once == f"{at_the_end}; the run continues"
     assert at_the_end.endswith("run.mcap is incomplete: File too large")
     assert done.returncode == 3
     assert done.stdout.startswith("completed\n")

@@ -1,4 +1,4 @@
-"""A program that was cut goes on where its force was last held, and presses nowhere on the way there."""
+"""A program that was cut continues where its force was last held, and presses nowhere on the way there."""
 
 import dataclasses
 import math
@@ -148,7 +148,7 @@ def test_a_resumed_run_that_is_cut_is_resumed_again(tmp_path: Path) -> None:
 
 
 def test_a_run_that_is_cut_in_a_retract_goes_on_with_the_step_behind_it(tmp_path: Path) -> None:
-    """The run itself has retracted the tool, or a person has."""
+    """The run itself has retracted the tool, or an operator has."""
     config, record = tmp_path / "program.toml", tmp_path / "cut.mcap"
     fault = '\n[[faults]]\non = "robot"\nfault = "motors-off"\nphase = "retract"\n'
     config.write_text(PROGRAM.replace("\n[run]\nseed = 5\n", OFTEN) + fault, encoding="utf-8")

@@ -154,7 +154,7 @@ def test_a_force_that_swings_at_the_lowest_gain_ends_the_run(bench: RunBench) ->
         oscillation={"factor_min": 0.5},
     )
     assert run.result.outcome is Outcome.STOPPED
-    assert "goes on swinging" in run.result.text
+    assert "continues swinging" in run.result.text
     assert run.true_force == 0.0
 
 

@@ -84,11 +84,11 @@ def unplug(cell: Any, now: float) -> None:
 
 @pytest.mark.parametrize("device", ["CAN gateway", "UART gateway"])
 def test_a_sensor_unplugged_from_its_gateway_stops_the_run_and_the_tool_retracts(device: str) -> None:
-    """Its frames go on with the counter and the values of the last sample."""
+    """Its frames continue with the counter and the values of the last sample."""
     result, force = run_until_lost(URLS[device], unplug)
     assert result.outcome is Outcome.STOPPED
     assert "the newest force is" in result.text
-    assert "frames go on, but their counter stands still, as after the sensor is unplugged" in result.text
+    assert "frames continue, but their counter stands still, as after the sensor is unplugged" in result.text
     assert "\n" not in result.text
     assert force == 0.0
 

@@ -19,7 +19,7 @@ DEADLINE_S = 10.0
 
 @pytest.fixture
 def typed(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A terminal for standard input, whose foreground is this process: the end at which a person types."""
+    """A terminal for standard input, whose foreground is this process: the end at which an operator types."""
     person, terminal = pty.openpty()
     with FileIO(terminal) as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)

@@ -226,7 +226,7 @@ def test_the_file_of_a_probe_is_the_start_of_a_configuration(tmp_path: Path) -> 
         "jr3+can+socketcan://can0", "netft+udp://192.0.2.2"
     )
     file.write_text(every)
-    assert load_config(file, {}).tool.mass_kg == 0.5, "what a person fills in are settings"
+    assert load_config(file, {}).tool.mass_kg == 0.5, "what an operator fills in are settings"
 
 
 def test_a_probe_keeps_a_file_that_is_there(tmp_path: Path) -> None:

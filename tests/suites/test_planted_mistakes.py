@@ -79,8 +79,8 @@ NAMED = {
         "mm": "mm or mN taken for m or N",
     },
     "robot, more": {
-        "halt": "a robot that was halted goes on",
-        "nowhere": "an order that is no number is taken",
+        "halt": "a robot that was halted continues",
+        "nowhere": "an order that is not a number is taken",
         "waits": "waits for ever",
         "task": "leaves a task behind",
         "sign": "the sign of its vector part is wrong",

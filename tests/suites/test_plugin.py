@@ -105,7 +105,7 @@ def test_another_version_than_the_pinned_one_ends_in_one_line(
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     assert [line for line in result.stderr.lines if line] == [
         f"ERROR: hil_suite is 0, and the installed hil-bridge has version {SUITE_VERSION} of its suites: install the "
-        "release that has yours, or set hil_suite anew once the tests pass"
+        "release that has yours, or set hil_suite again once the tests pass"
     ]
 
 

@@ -14,7 +14,7 @@ ALLOWED = {
         "str(error).startswith(('Transmit buffer full', 'Could not send message",
     ),
     ("hil_bridge/transports/reasons.py", "str(error).split()"),  # of the operating system, put into one line
-    ("hil_bridge/transports/urls.py", "self.text.partition('?')"),  # a URL, as a person wrote it
+    ("hil_bridge/transports/urls.py", "self.text.partition('?')"),  # a URL, as an operator wrote it
 }
 """Texts of others, and lines of a text. An expression is given by its begin."""
 

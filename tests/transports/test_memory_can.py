@@ -430,7 +430,7 @@ def test_frames_behind_an_slcan_adapter_take_their_time_on_its_bus() -> None:
         await pass_time(0.1)
         assert heard.frames == frames
         assert heard.times == pytest.approx([start + end / rate for end in ends], abs=1e-9)
-        device.send(frames * 400)  # more than there is room for: lost, and the wire goes on
+        device.send(frames * 400)  # more than there is room for: lost, and the wire continues
         assert (device.lost, heard.end) == (1200, None)
         await device.aclose()
         assert isinstance(heard.end, TransportClosed)

@@ -320,5 +320,5 @@ def test_the_server_dies_with_a_killed_run_and_the_run_outlives_its_server(
     assert robbed.ended() == 0
     events = read(tmp_path / "1" / "run.mcap").events
     assert [event.text for event in events if event.kind == EventKind.WEB] == [
-        "the page's server has ended; the run goes on"
+        "the page's server has ended; the run continues"
     ]

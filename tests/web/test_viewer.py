@@ -1,4 +1,4 @@
-"""`hil-bridge view` in a real browser: a recording with its slider, and the results of a campaign that goes on."""
+"""`hil-bridge view` in a real browser: a recording with its slider, and the results of a campaign that continues."""
 
 import asyncio
 import sys
@@ -62,7 +62,7 @@ def slide(at_s: float) -> str:
 async def test_a_browser_walks_through_a_recording(
     page: Page, serving: list[Serving], recordings: Recordings, tmp_path: Path
 ) -> None:
-    """The page begins at the end, with the cause; the slider shows each moment, and play goes on from there."""
+    """The page begins at the end, with the cause; the slider shows each moment, and play continues from there."""
     recording = recordings.path(WHOLE, faults=[EMERGENCY_STOP])
     viewer = Serving(tmp_path, "view", str(recording))
     serving.append(viewer)

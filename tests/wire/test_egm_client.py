@@ -380,7 +380,7 @@ def test_another_session_ends_a_movement_and_the_numbers_count_on(moving: bool) 
     ("number", "tm", "after_s", "another"),
     [
         (4, 1015, 0.0, False),  # late by one
-        (4, 1024, 0.0, True),  # the robot's clock went on
+        (4, 1024, 0.0, True),  # the robot's clock continued
         (4, 1000, 1.5, True),  # after a silence
         (2**32 - 200, 0, 0.0, True),  # a controller that was switched on again
     ],
@@ -414,7 +414,7 @@ def test_client_numbers_anew_while_guided_are_a_fault_once() -> None:
     for k in range(4):
         assert talk.hears(told(2**32 - 200 + k, tm_ms=1032 + 4 * k)) == []
     talk.hears(told(2**32 - 200 + 4, tm_ms=1048))
-    assert talk.reports[-1].fault == "its datagrams are numbered anew"
+    assert talk.reports[-1].fault == "its datagrams are numbered again"
     talk.hears(told(2**32 - 200 + 5, tm_ms=1052))
     talk.begins(moved())
     talk.goal = moved(z_mm=1.0)

@@ -169,7 +169,7 @@ def test_a_number_that_is_none_is_neither_sent_nor_taken(bad: float) -> None:
     for data in (S1, S4):
         index = data.index(b"\x09") + 1
         damaged = data[:index] + (b"\x00" * 6 + b"\xf8\x7f") + data[index + 8 :]
-        with pytest.raises(RemoteProtocolError, match="a number is none"):
+        with pytest.raises(RemoteProtocolError, match="a number is invalid"):
             decode_answer(damaged)
 
 

@@ -223,7 +223,7 @@ def test_a_counter_that_stands_still_for_long_fails(wire: Any) -> None:
         assert client.statistics.standing == k + 1
     client.receive(wire.sample(83), T0 + 12)
     assert failure(wire, client) == (
-        f"{wire.name}: its counter has stood at 83 for 2.0 s while samples go on; "
+        f"{wire.name}: its counter has stood at 83 for 2.0 s while samples continue; "
         "sensor unplugged? plug it in, then switch the gateway off and on"
     )
 

@@ -281,7 +281,7 @@ def test_a_program_that_begins_anew_ends_the_movement() -> None:
         assert not any(driver.give(stray, to=moved(-0.3)) for stray in strays)
         (answer,) = driver.give(raw, to=moved(-0.3))
         assert driver.lost == [
-            "its program has begun anew, or moves by itself: the correction of before no longer holds"
+            "its program has restarted, or moves by itself: the correction of before no longer holds"
         ]
         assert set(numbers(answer.values, TAGS) or ()) == {0.0}
         assert driver.reports[-1].sequence == 3
@@ -340,7 +340,7 @@ def test_a_robot_that_does_not_come_along_is_told_once_in_a_movement() -> None:
         driver.give(telegram(4 * number), to=moved(-0.02 * number))  # it does not move
     (notice,) = driver.notices
     assert notice.startswith("the robot is 1.0 mm beside its correction")
-    # the next movement goes on from where it is
+    # the next movement continues from where it is
     driver.client.end()
     driver.client.begin(START)
     assert driver.value(telegram(1600), to=moved(-0.1))[2] == pytest.approx(-0.1)

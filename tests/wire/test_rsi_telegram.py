@@ -340,7 +340,7 @@ def test_a_capture_of_both_directions_is_put_into_words() -> None:
         ('<Rob Type="KUKA"><IPOC>4</IPOC></Rob>', "it tells no RIst"),
         ("<Sen Type='ImFree'><IPOC>4</IPOC></Sen>", "it carries nothing but IPOC"),
         ('<Sen><RKorr X="1"/><IPOC>4</IPOC></Sen>', "the root has no Type"),
-        ('<Sen Type="a"><RKorr X="NaN"/><IPOC>4</IPOC></Sen>', "RKorr.X is no number"),
+        ('<Sen Type="a"><RKorr X="NaN"/><IPOC>4</IPOC></Sen>', "RKorr.X is not a number"),
     ],
 )
 def test_problems_are_named(text: str, problem: str) -> None:

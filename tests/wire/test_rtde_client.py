@@ -245,9 +245,9 @@ def test_a_clock_beyond_all_numbers_is_survived() -> None:
     talk.hear(data(1e308))
     assert not talk.lost
     assert not talk.reports[-1]
-    anew = Talk().up_to(Kind.DATA)
-    anew.hear(data(1e308))
-    assert not anew.lost
+    again = Talk().up_to(Kind.DATA)
+    again.hear(data(1e308))
+    assert not again.lost
 
 
 def test_a_movement_is_answered_and_its_end_lets_the_arm_come_to_its_set_point() -> None:
@@ -367,6 +367,4 @@ def test_pose_of_packet_read_late_is_as_much_older() -> None:
         event = talk.client.next_event()
         assert isinstance(event, ReportReceived)
         ages.append(now - event.report.pose_at - 0.002)
-    assert ages == pytest.approx([0.0, 0.040, 0.038, 0.0, 0.0, 0.0], abs=3e-3), (
-        "a clock that jumps begins anew"
-    )
+    assert ages == pytest.approx([0.0, 0.040, 0.038, 0.0, 0.0, 0.0], abs=3e-3), "a clock that jumps restarts"

@@ -34,7 +34,7 @@ SETTLE_S = 2.0
 """Begin of each turn that does not count."""
 TARGET = Target("ratio", 1.1)
 PATIENT = dict.fromkeys(("stale_after_ms", "still_after_ms", "cycle_deadline_ms"), 20000.0)
-"""Limits with which the run goes on also on a busy machine, so that there is something to compare."""
+"""Limits with which the run continues also on a busy machine, so that there is something to compare."""
 MICRO = 1e6
 LEAST = 100
 """Values without which nothing is said of a p99."""

@@ -96,7 +96,7 @@ class AtiCanBoard:
     # --- endpoint
 
     def receive(self, data: Sequence[CanFrame], now: float) -> None:
-        """Take questions; what is none gets no answer."""
+        """Take questions; anything else gets no answer."""
         for frame in data:
             if now < self._hears_from or frame.extended or frame.remote or frame.error:
                 continue

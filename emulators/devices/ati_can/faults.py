@@ -17,7 +17,7 @@ ATI_CAN_FAULTS: Mapping[str, Mapping[str, Fault]] = {
         "power-cycle": Fault("it loses its supply, and boots", {}),
         "watchdog": Fault("its watchdog resets it: it boots, chooses slot 0, and tells it in its status", {}),
         "status": Fault(
-            "it tells an error in its status, and goes on",
+            "it tells an error in its status, and continues",
             {"bit": Parameter(5, "number of the bit", 0, 15)},
             FOREVER,
         ),

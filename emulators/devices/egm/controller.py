@@ -4,7 +4,7 @@ One cycle [M]: read the measured place, send a datagram, take the next message o
 controller speaks first and keeps its own time; no answer is waited for.
 
 The RAPID program that is played: EGMReset, EGMGetId, EGMSetupUC, EGMActPose, EGMRunPose. After a time-out its error
-handler begins another session, after `retry_s`. After another error it stands until it is started anew.
+handler begins another session, after `retry_s`. After another error it stands until it is restarted.
 """
 
 import math
@@ -221,7 +221,7 @@ class EgmController:
             self.session.origin = self.motion.pose if self._profile.stop_mode == "ramp_down" else None
 
     def _fail(self, error: str, at: float, state: State = State.FAILED) -> None:
-        """EGM ends with an error, and RAPID with it unless its error handler goes on."""
+        """EGM ends with an error, and RAPID with it unless its error handler continues."""
         self.session.error = error
         self.motion.stand()
         self.session.enter(state, at)

@@ -51,7 +51,7 @@ class ArmJoints:
 
 
 class GuidedMotion:
-    """The set point, and how it goes on from cycle to cycle.
+    """The set point, and how it continues from cycle to cycle.
 
     Raises ValueError for a start that the arm cannot hold.
     """

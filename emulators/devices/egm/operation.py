@@ -1,4 +1,4 @@
-"""Acts at an emulated ABB controller, by a person at its panel and by a client of its web services.
+"""Acts at an emulated ABB controller, by an operator at its panel and by a client of its web services.
 
 Switching the motors off stops RAPID too, and motors that are switched on again leave it stopped. Turning the key does
 both. An emergency stop that is released only permits the motors to be switched on (ISO 13850: a reset starts nothing).

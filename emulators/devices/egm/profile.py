@@ -94,13 +94,13 @@ class EgmProfile:
         "EGMActPose with EGMRunPose, EGMActJoint with EGMRunJoint, or EGMActMove with EGMMoveL",
     )
     send_when: Literal["run", "setup"] = setting(
-        "run", Mark.ASSUMED, "datagrams go out while EGMRun goes on, or from EGMSetupUC on"
+        "run", Mark.ASSUMED, "datagrams go out while EGMRun continues, or from EGMSetupUC on"
     )
     sends_stopped: bool = setting(
-        True, Mark.ASSUMED, "datagrams go on while RAPID is stopped or the motors are off"
+        True, Mark.ASSUMED, "datagrams continue while RAPID is stopped or the motors are off"
     )
     last_datagram: bool = setting(
-        True, Mark.ASSUMED, "one more datagram tells that EGMRun has ended, where none go on"
+        True, Mark.ASSUMED, "one more datagram tells that EGMRun has ended, where none continue"
     )
     measured_force: bool = setting(
         False, Mark.CHOSEN, "the robot has Force Control: its datagrams tell the force of its own sensor"
@@ -169,7 +169,7 @@ class EgmProfile:
         True, Mark.CHOSEN, "RAPIDtoRobot.digVal is a condition that ends EGMRun (RobotWare 7)"
     )
     restart_after_motors_off: bool = setting(
-        True, Mark.OBSERVED, "the guidance goes on when the motors are on again"
+        True, Mark.OBSERVED, "the guidance continues when the motors are on again"
     )
     # --- the motion
     k: float = setting(5.0, Mark.OBSERVED, "proportional position gain", between(0.0, 20.0), unit="1/s")

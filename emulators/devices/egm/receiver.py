@@ -73,7 +73,7 @@ class Receiver:
         return message
 
     def _is_old(self, seqno: int) -> bool:
-        """Whether a message came before the newest one; number 0 begins anew [A]."""
+        """Whether a message came before the newest one; number 0 restarts [A]."""
         return bool(seqno) and self._newest is not None and (self._newest - seqno) % 2**32 < 2**31
 
     def _check(self, message: Answer) -> None:

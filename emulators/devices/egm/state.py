@@ -64,7 +64,7 @@ class Stops:
     names: list[str] = field(default_factory=list)
     """By faults and by hand; one name may be there by both."""
     by_hand: set[str] = field(default_factory=set)
-    """Names of those of a person at the panel."""
+    """Names of those of an operator at the panel."""
 
     @property
     def state(self) -> State:

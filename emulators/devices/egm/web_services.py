@@ -1,7 +1,7 @@
 """Robot Web Services 1.0 of an emulated ABB controller: what it answers to a request, without a port and a clock.
 
 Requests change the controller as its panel does. Motors off and a stop of RAPID end the guidance; a start of RAPID lets
-it go on where it stands, or, behind a reset of the program pointer, begins another session. `operation` has those acts.
+it continue there, or, after a reset of the program pointer, begins another session. `operation` has those acts.
 
 Source: resources, actions, forms and statuses of abb_librws (9ba0837). Assumed: statuses of requests that this library
 does not make; in a manual mode motors, speed and RAPID are the person's at the robot, and such requests are refused.

@@ -31,7 +31,7 @@ def _of_gateway(pieces: Pieces[Any]) -> Mapping[str, Mapping[str, Fault]]:
                 {"factor": Parameter(10.0, "of their period", 1.0, 1000.0)},
                 FOREVER,
             ),
-            "frozen-counter": Fault("samples go on with the counter of the first", {}, FOREVER),
+            "frozen-counter": Fault("samples continue with the counter of the first", {}, FOREVER),
         },
     }
 

@@ -74,7 +74,7 @@ class _Stream:
     due: float = field(init=False)
     """When the next one is, s."""
     ends: bool = False
-    """It was asked to end: it sends no more, but its period goes on."""
+    """It was asked to end: it sends no more, but its period continues."""
 
     def __post_init__(self) -> None:
         self.due = self.anchor
@@ -169,7 +169,7 @@ class Firmware:
     def plug_in(self, now: float) -> None:
         """Put the plug of the same sensor in; harmless when it is in.
 
-        A command that waits for the sensor goes on. Assumed: a calibration that was being read is read from its
+        A command that waits for the sensor continues. Assumed: a calibration that was being read is read from its
         beginning.
         """
         if self.plugged:
@@ -234,7 +234,7 @@ class Firmware:
     # --- commands
 
     def start(self, cutoff_centihertz: int, now: float) -> None:
-        """Sample, and send when asked: ends the stream; a sampling that runs goes on counting."""
+        """Sample, and send when asked: ends the stream; a sampling that runs continues counting."""
         self.set_filter(cutoff_centihertz, now)
         self._stream = None
         self._begin_sampling(now)

@@ -117,7 +117,7 @@ class UartGateway(AnyGateway[bytes]):
     # --- its states one after another
 
     def _ends_at(self) -> float | None:
-        """When it goes on with the next state, s; None while it waits for bytes, or for a sensor."""
+        """When it continues with the next state, s; None while it waits for bytes, or for a sensor."""
         match self._state:
             case _State.LISTENING:
                 return None

@@ -135,7 +135,7 @@ class NetBox:
     # --- endpoint
 
     def receive(self, data: Sequence[bytes], now: float) -> None:
-        """Take requests; what is none gets no answer."""
+        """Take requests; anything else gets no answer."""
         self._send_due(now)
         if now < self.ready_at or not self.streams:
             return
@@ -213,7 +213,7 @@ class NetBox:
         return self._family.rate_hz // self._every
 
     def set_adc_rate(self, rate_hz: int, now: float) -> None:
-        """Take samples at another rate of the family, at once; their numbers go on (assumed)."""
+        """Take samples at another rate of the family, at once; their numbers continue (assumed)."""
         newest = self._measured.number_at(now)
         told = (newest - self._first) // self._every
         self._every = round(self._family.rate_hz / rate_hz)

@@ -15,7 +15,7 @@ SENSOR_FAULTS: Mapping[str, Fault] = {
     "slow": Fault(
         "records are sent less often", {"factor": Parameter(10.0, "of their period", 1.0, 1000.0)}, FOREVER
     ),
-    "frozen-counter": Fault("records go on with the sample number of the first", {}, FOREVER),
+    "frozen-counter": Fault("records continue with the sample number of the first", {}, FOREVER),
     "power-cycle": Fault("it loses its supply, and boots", {}),
     "status": Fault(
         "it tells an error in its status",
@@ -23,7 +23,7 @@ SENSOR_FAULTS: Mapping[str, Fault] = {
         FOREVER,
     ),
     "threshold": Fault("a threshold was passed: it warns until its latch is reset", {}),
-    "saturated": Fault("its status tells of saturation while its counts go on", {}, 0.05),
+    "saturated": Fault("its status tells of saturation while its counts continue", {}, 0.05),
     "biased": Fault("another program biases it", {}),
     "taken": Fault("another program takes its stream: nothing comes until it is asked for again", {}),
 }

@@ -48,7 +48,7 @@ class RsiController:
         self.path: ArmPath = self._arm.path
         self.pose, self.feel = self._arm.pose, self._arm.feel
         self.desk = Desk()
-        """What a person has done at the panel."""
+        """What an operator has done at the panel."""
         self._clock = Clock(profile, now)
         self._reporter = Reporter(profile, self._arm, self.desk)
         self._reader = OrderReader(profile, self._arm, self.desk)
@@ -82,7 +82,7 @@ class RsiController:
             return Hindrance("RSI is off", False)
         struck = self._faults.holds(_EMERGENCY_STOP, now) or self._faults.holds("stands", now)
         words = "the motion is stopped" if struck else self.desk.hindrance or self._session.waits
-        return Hindrance(f"{words}, telegrams go on", False) if words else None
+        return Hindrance(f"{words}, telegrams continue", False) if words else None
 
     @property
     def correction(self) -> tuple[float, ...]:
@@ -174,7 +174,7 @@ class RsiController:
             self._correct(inputs, now)
 
     def _begin_moving(self) -> None:
-        """RSI_MOVECORR begins, in T1 and T2 once a person has confirmed its message."""
+        """RSI_MOVECORR begins, in T1 and T2 once an operator has confirmed its message."""
         session, desk = self._session, self.desk
         if self.state is State.ON and desk.is_test and not session.waits:
             session.waits, desk.to_confirm = TO_CONFIRM, True
@@ -199,7 +199,7 @@ class RsiController:
             session.standing = False
 
     def _stopped(self, now: float) -> bool:
-        """Whether the motion is stopped while telegrams go on."""
+        """Whether the motion is stopped while telegrams continue."""
         struck = self._faults.under_way(_EMERGENCY_STOP, now) or self._faults.under_way("stands", now)
         if struck or self.desk.hindrance:
             if not self._session.standing:
@@ -269,7 +269,7 @@ class RsiController:
         self._arm.hold(now)
 
     def reset_program(self, now: float) -> None:
-        """Reset the program and begin it anew where the robot stands, up to RSI_ON."""
+        """Reset the program and begin it again where the robot stands, up to RSI_ON."""
         self._arm.hold(now)
         self._begin(now)
 

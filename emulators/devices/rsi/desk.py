@@ -1,8 +1,8 @@
 """The operator's side of an emulated KUKA controller: emergency stop, key, drives, program, override, messages.
 
 Turning the key switches the drives off and stops the program, as an emergency stop does. One that is released only
-permits the drives to be switched on again (ISO 13850: a reset starts nothing). Then a person starts the program, which
-goes on where it was. Telegrams go on meanwhile.
+permits the drives to be switched on again (ISO 13850: a reset starts nothing). Then a user starts the program, which
+continues where it was. Telegrams continue meanwhile.
 
 Source: project specification of RSI, sections 5 and 6: the message that is confirmed in T1 and T2, telegrams while the
 motion is stopped (assumed). 250 mm/s in T1: ISO 10218-1. Assumed: the key as above; the override acts on programmed
@@ -16,7 +16,7 @@ from enum import StrEnum
 T1_M_S = 0.25
 """Fastest tool in T1. Standard: ISO 10218-1."""
 
-TO_CONFIRM = "a person has not confirmed the sensor correction"
+TO_CONFIRM = "an operator has not confirmed the sensor correction"
 """Chosen: words of its own for a correction that waits for the message of T1 and T2."""
 
 
@@ -38,7 +38,7 @@ class RefusedAct(ValueError):
 
 @dataclass(slots=True)
 class Desk:
-    """State of the panel, and what a person does there."""
+    """State of the panel, and what an operator does there."""
 
     emergency_stop: bool = False
     """The button is pressed."""
@@ -63,7 +63,7 @@ class Desk:
 
     @property
     def is_test(self) -> bool:
-        """Whether a person operates it step by step, in T1 or T2."""
+        """Whether an operator operates it step by step, in T1 or T2."""
         return self.key in (Key.T1, Key.T2)
 
     def tool_step_m(self, period: float) -> float:

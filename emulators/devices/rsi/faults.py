@@ -9,11 +9,11 @@ from emulators.faults.packets import DATAGRAMS, WIRE
 RSI_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "robot": {
         "emergency-stop": Fault(
-            "the emergency stop is pressed; at the end released, and the program goes on", {}, FOREVER
+            "the emergency stop is pressed; at the end released, and the program continues", {}, FOREVER
         ),
         "stands": Fault("the arm stands, and the program says that it runs", {}, FOREVER),
         "guidance-ended": Fault("the program ends with RSI_OFF: nothing is sent any more"),
-        "program-restarted": Fault("the program is reset and begun anew where the robot stands"),
+        "program-restarted": Fault("the program is reset and restarted where the robot stands"),
         "drives-stop": Fault("the drives refuse the correction: stop by $CORRECTION"),
         "limit": Fault(
             "POSCORR or AXISCORR cuts the correction without a word",

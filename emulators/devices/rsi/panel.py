@@ -61,7 +61,7 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
         at=lambda state: str(state["drives"]),
     ),
     "program": Switch(
-        "Start the program where it was stopped, stop it, reset it and begin it anew, or end it by RSI_OFF.",
+        "Start the program where it was stopped, stop it, reset it and begin it again, or end it by RSI_OFF.",
         {"start": _start, "stop": _act(_stop), "reset": _reset, "end": RsiController.end_program},
         at=lambda state: "start" if state["started"] else "stop",
     ),
@@ -71,7 +71,7 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
         "confirm",
     ),
     "override": Dial(
-        "Set the override; telegrams with OvPro.R tell it. Corrections go on as they are.",
+        "Set the override; telegrams with OvPro.R tell it. Corrections continue as they are.",
         _override,
         0.0,
         100.0,

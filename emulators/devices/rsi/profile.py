@@ -41,7 +41,7 @@ class RsiProfile:
     restart_s: float = setting(
         3.0,
         Mark.CHOSEN,
-        "after which a person starts a program again that an error or the stop tag has ended; 0: never",
+        "after which an operator starts a program again that an error or the stop tag has ended; 0: never",
         at_least(0.0),
         unit="s",
     )
@@ -79,7 +79,7 @@ class RsiProfile:
         100, Mark.OBSERVED, "late cycles that it tolerates; the object's own default is 10", at_least(1)
     )
     late_count: Literal["consecutive", "total"] = setting(
-        "consecutive", Mark.ASSUMED, "whether a good answer begins the count of the time-out anew"
+        "consecutive", Mark.ASSUMED, "whether a good answer begins the count of the time-out again"
     )
     holdon: Literal["by mode", "keep", "zero"] = setting(
         "by mode", Mark.DERIVED, "channels of a cycle without an answer; by mode: zero if relative, else keep"
@@ -96,7 +96,7 @@ class RsiProfile:
     empty_first: bool = setting(False, Mark.OBSERVED, "the first telegram is empty, as of RSI 2.3 and older")
     ipoc_start: int = setting(123456, Mark.CHOSEN, "its clock at power-up", between(0, 2**62), unit="ms")
     ipoc_restart: Literal["continue", "anew"] = setting(
-        "continue", Mark.ASSUMED, "whether the clock goes on when the program is begun anew"
+        "continue", Mark.ASSUMED, "whether the clock continues when the program is restarted"
     )
     # --- correction
     ref: Literal["base", "tool"] = setting("base", Mark.OBSERVED, "RefCorrSys of POSCORR")

@@ -38,9 +38,9 @@ class Session:
     stop_before: bool = False
     """Stop channel of the cycle before."""
     standing: bool = False
-    """The motion is stopped while telegrams go on."""
+    """The motion is stopped while telegrams continue."""
     restart_at: float = math.inf
-    """When a person begins the program anew."""
+    """When an operator begins the program again."""
     ended_by_fault: bool = False
     """The error that has ended it came by no order of a client."""
     waits: str = ""

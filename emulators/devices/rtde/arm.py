@@ -89,7 +89,7 @@ class JointArm:
         return _six([a + b for a, b in zip(self.speeds, self.yielding, strict=True)])
 
     def settle(self) -> None:
-        """No force moves it any more: it goes on with the speed that it has, and brakes as its order says."""
+        """No force moves it any more: it continues with the speed that it has, and brakes as its order says."""
         self.speeds, self.yielding = self.motion, ZERO
 
     def yield_to(self, before: Joints, path: Joints, joints: Joints) -> None:

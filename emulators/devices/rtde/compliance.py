@@ -95,7 +95,7 @@ class Compliance:
             arm.step(paces)
             if all(-self._fastest <= speed <= self._fastest for speed in arm.speeds):
                 return ""
-            arm.stay(before)  # also from a speed that is no number
+            arm.stay(before)  # also from a speed that is not a number
             return TOO_FAST
         before = arm.joints
         old = compose(flange(self._lengths, before), tool.tcp)

@@ -39,7 +39,7 @@ class History:
         return self._cycles[-1 - min(max(steps, 0), len(self._cycles) - 1)][0]
 
     def steps_since_contact(self, direction: Vector, threshold_n: float) -> int:
-        """Cycles back to just before a contact began; 0 where there is none.
+        """Cycles back to just before a contact began; 0 if there is none.
 
         `direction`, base axes, is that of the motion into the contact; of no length: any. `threshold_n` is in N.
         """

@@ -153,7 +153,7 @@ class Controller:
         """Write a package of inputs; they reset the watchdogs of their names."""
         force = values.get(EXTERNAL_FORCE, _NO_FORCE)
         if isinstance(force, tuple) and not all(map(math.isfinite, force)):
-            self.protective_stop("an external force that is no number")
+            self.protective_stop("an external force that is not a number")
             return
         self.io.write_inputs(values)
         self.motions.news += 1

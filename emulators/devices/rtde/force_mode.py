@@ -90,7 +90,7 @@ class ForceMode:
         """The end of the last cycle of a path, as the program ordered it."""
 
     def change(self, task: ForceTask) -> None:
-        """Another call while it is on: the speeds go on."""
+        """Another call while it is on: the speeds continue."""
         self.task = task
 
     def step(self, admittance: Admittance, steered: Steered, wrench: Wrench) -> tuple[Pose, Pose]:

@@ -95,7 +95,7 @@ class ForceReading:
         return "the force is too large" if too_large else ""
 
     def zero(self) -> None:
-        """Take the present force of the own sensor for zero. A force that is no number stays."""
+        """Take the present force of the own sensor for zero. A force that is not a number stays."""
         turn = inverse(self._turn)
         told, felt = (_turned(turn, level) for level in self._levels)
         if all(map(math.isfinite, (*told, *felt))):

@@ -159,7 +159,7 @@ def nearest(arm: Arm, pose: Pose, near: Joints) -> Joints | None:
 
 def reachable_start(arm: Arm, start: Pose, tool: Pose) -> Vector | None:
     """Place for the tool, m, that the arm can hold in this orientation: towards the base at the same height, with room
-    for a path around it. None where there is none. `tool` is the tool in the flange.
+    for a path around it. None if there is none. `tool` is the tool in the flange.
     """
     x, y, z = start.position
     radius = math.hypot(x, y)

@@ -109,11 +109,11 @@ class Manipulator:
         return self._at(self._flange, self.tcp)
 
     def solve(self, pose: Pose, near: Joints | None = None) -> Joints | None:
-        """Joints that hold the controller's tool in a pose; None where there are none."""
+        """Joints that hold the controller's tool in a pose; None if there are none."""
         return nearest(self.lengths, compose(pose, invert(self.tcp)), near or self.arm.target)
 
     def joints_holding(self, pose: Pose) -> Joints | None:
-        """Joints that hold the true tool in a pose; None where there are none."""
+        """Joints that hold the true tool in a pose; None if there are none."""
         return nearest(self.lengths, compose(pose, invert(self.tool)), self.arm.joints)
 
     def forward(self, joints: Joints, tcp: Pose | None = None) -> Pose:

@@ -67,7 +67,7 @@ def rates_in_time(length: float, acceleration: float, time: float) -> tuple[floa
 def line_walk(
     controller: Controller, goal: Pose, speed: float, acceleration: float, time: float = 0.0
 ) -> Walk | None:
-    """Along a straight line, m/s and m/s², or in a time, s; None where the values are no numbers.
+    """Along a straight line, m/s and m/s², or in a time, s; None where the values are not numbers.
 
     The goal may be out of reach: the move ends where the line leaves the workspace. Derived: PolyScope's node
     "Direction, until tool contact" exports a line of 1000 m, which a contact ends.

@@ -11,7 +11,7 @@ from emulators.devices.rtde.safety import Stimulus
 from emulators.panel import Controls, Dial, Move, Switch, millimetres, motion_text, numbers_text
 from protocol.devices.rtde.states import SafetyMode
 
-_PERSON = "a person"
+_PERSON = "an operator"
 _RUNTIME_AT = {
     "playing": "play",
     "resuming": "play",
@@ -96,7 +96,7 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
         "release",
     ),
     "program": Switch(
-        "Let the program go on, pause it, or stop it.",
+        "Let the program continue, pause it, or stop it.",
         {
             "play": _act(Controller.play),
             "pause": _act(lambda controller: controller.player.pause()),

@@ -28,7 +28,7 @@ def start_text(
 ) -> None:
     """Start the program of a text, where the controller takes programs; `answer` is told whether it starts.
 
-    A text that does not compile is reported and changes nothing: what runs goes on. So a client may send `f()` behind
+    A text that does not compile is reported and changes nothing: what runs continues. So a client may send `f()` behind
     `def f(): ... end`. The definition plays by itself; the call is a text of its own, in which f is not defined.
     Source: ros-industrial/universal_robot, pull request 165, tried on controllers 1.5, 1.8, 3.0 and 3.1.
     """

@@ -172,7 +172,7 @@ class ControllerHost:
         controller = self._controller
         self._motions.hear_servo(joints)
         if not all(map(math.isfinite, (*joints, time, lookahead, gain))):
-            controller.protective_stop("a servo's setting that is no number")
+            controller.protective_stop("a servo's setting that is not a number")
             return 1
         cycles = max(1, round(min(max(time, 0.0), 1.0) / controller.period))
         inputs = controller.io.inputs

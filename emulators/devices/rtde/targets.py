@@ -29,7 +29,7 @@ def _reach(arm: Arm) -> float:
 def problem_of_target(profile: RtdeProfile, arm: Arm, old: Joints, joints: Joints) -> str:
     """Why the next servo target makes a protective stop after the last one, or the arm's joints; empty for none."""
     if not all(map(math.isfinite, joints)):
-        return "a target that is no number"
+        return "a target that is not a number"
     if max(map(abs, joints)) > RANGE:
         return "a target beyond the end of a joint's range"
     leaps = [abs(new - before) for new, before in zip(joints, old, strict=True)]

@@ -232,7 +232,7 @@ class S3Controller:
         self._executive.happen(Stimulus.KEY_AUTO if auto else Stimulus.KEY_MANUAL, now)
 
     def set_link_control(self, given: bool, now: float) -> None:
-        """Give the link control at the pendant, or take it back; a motion goes on."""
+        """Give the link control at the pendant, or take it back; a motion continues."""
         self._executive.happen(Stimulus.CONTROL_GIVEN if given else Stimulus.CONTROL_TAKEN, now)
 
     def set_programming_unit(self, connected: bool, now: float) -> None:
@@ -250,7 +250,7 @@ class S3Controller:
         return self.faults.inject(target_of(fault, S3_FAULTS), fault, now, parameters)
 
     def disarm(self) -> None:
-        """Let none of the faults happen that wait for their moment; those under way go on."""
+        """Let none of the faults happen that wait for their moment; those under way continue."""
         self._line.disarm()
         self._late = self._refuse = self._restarts = None
 

@@ -226,7 +226,7 @@ class Executive:
         return response(telegram)
 
     def _start_program(self, order: Order, telegram: Telegram, now: float) -> Answer:
-        """Assumed: only the program that was started last goes on, and not once it has ended."""
+        """Assumed: only the program that was started last continues, and not once it has ended."""
         number = int.from_bytes(telegram.data[:2], "big")
         steps = self._programs.get(number)
         if steps is None:

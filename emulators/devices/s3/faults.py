@@ -21,7 +21,7 @@ ROBOT_FAULTS: Mapping[str, Fault] = {
     "safeguard-stop": Fault("the work stop is on, and off at the end", {}, FOREVER),
     "key-manual": Fault("the key is turned to MANUAL, and back at the end", {}, FOREVER),
     "local-control": Fault("the link control is taken back, and given at the end", {}, FOREVER),
-    "motors-off": Fault("the controller falls into standby; operation has to be ordered anew"),
+    "motors-off": Fault("the controller falls into standby; operation has to be ordered again"),
     # --- in the controller
     "false-standby": Fault("the status tells standby, whatever the mode is", {}, FOREVER),
     "late-answer": Fault(
@@ -45,7 +45,7 @@ ROBOT_FAULTS: Mapping[str, Fault] = {
         },
     ),
     "power-cycle": Fault(
-        "the controller starts anew and has forgotten orders, queue and mode",
+        "the controller starts again and has forgotten orders, queue and mode",
         {"after_bytes": Parameter(0, "when it has said so many more bytes, in mid-message", 0, 4096)},
     ),
     # --- in the arm

@@ -66,7 +66,7 @@ _SWITCHES: Mapping[str, Switch] = {
         at=lambda state: "take" if state["flags"]["local"] else "give",
     ),
     "work-stop": Switch(
-        "Stop work, or let it go on.",
+        "Stop work, or let it continue.",
         {
             "on": lambda robot, now: robot.set_work_stop(True, now),
             "off": lambda robot, now: robot.set_work_stop(False, now),

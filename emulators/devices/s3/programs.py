@@ -75,7 +75,7 @@ def read_steps(content: bytes) -> tuple[Step, ...] | None:
 
 
 class ProgramRun:
-    """One program on its way from step to step. Stopped, it goes on with the step that it was in."""
+    """One program on its way from step to step. Stopped, it continues with the step that it was in."""
 
     def __init__(self, number: int, steps: tuple[Step, ...]) -> None:
         self.number = number

@@ -1,4 +1,4 @@
-"""The status while the told pose or the told mode is wrong; the arm goes on as ever."""
+"""The status while the told pose or the told mode is wrong; the arm continues as ever."""
 
 from collections.abc import Mapping
 

@@ -1,7 +1,7 @@
 """The surface: a body with three slides stands for the tool's tip, and MuJoCo tells the force that holds it out.
 
 The tip is put at each sample's position and velocity, and `mj_forward` computes the constraint forces there. Nothing is
-integrated over time, and the solver begins anew each time. So the same sample has the same force, whatever was asked
+integrated over time, and the solver restarts each time. So the same sample has the same force, whatever was asked
 before: the surface has no memory.
 
 Why the contact is a linear spring. MuJoCo's force of one contact is f = (a_ref − a_0) / (A + R). Here A = 1/M, since

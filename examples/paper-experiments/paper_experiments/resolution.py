@@ -225,7 +225,7 @@ ABOUT = (
     "position is the wanted one, so it has only to cross the border between two steps. It is held a few hundredths of "
     "a step beyond, and swings through by what it coasts while the force is sampled. Stepped from tick to tick, that "
     "loop is predicted from the servo's frequency and damping, tick, delays, filter of the force, sample time and "
-    "gain, without anything fitted. k_e·Δx_res is what a servo leaves that goes on to its set point. The columns of "
+    "gain, without anything fitted. k_e·Δx_res is what a servo leaves that continues to its set point. The columns of "
     "ratios are measured over predicted."
 )
 

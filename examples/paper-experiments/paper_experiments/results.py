@@ -121,7 +121,7 @@ def markdown(rows: Sequence[Row]) -> str:
 
 
 def digits(value: Value) -> str:
-    """A figure as a person reads it: three digits, thousands apart, a dash for None."""
+    """A figure as an operator reads it: three digits, thousands apart, a dash for None."""
     match value:
         case None:
             return UNKNOWN

@@ -35,7 +35,7 @@ ABOUT = (
     "The paper says that with a fixed gain matrix the response is overdamped on a soft wall and ends in a limit cycle "
     "on a hard one (Fig. 3), and that adaptation makes it faster with a small overshoot, without the limit cycle (Fig. "
     "5). It prints neither the desired force nor the stiffnesses, so its curves cannot be laid over these. Where the "
-    "limit cycle stays, the fuzzy correction goes on beside the feedforward: quartered and rounded to whole steps it "
+    "limit cycle stays, the fuzzy correction continues beside the feedforward: quartered and rounded to whole steps it "
     "still outweighs an error that no reachable position can better. The resolution-aware controller commands the "
     "feedforward alone, and rests inside half a step."
 )

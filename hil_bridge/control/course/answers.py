@@ -17,7 +17,7 @@ def calm(intent: Intent, measurement: Measurement, advice: Advice) -> Intent:
 
 
 def explain_halt(verdict: Verdict, seen: Observation) -> Reason:
-    """Why a retraction goes on no farther."""
+    """Why a retraction continues no farther."""
     if not isinstance(verdict, Clamp) or verdict.is_for(Cause.WORKSPACE):
         return Reason(Cause.RETRACT_BORDER, "the workspace ends before the tool is retracted")
     return seen.sample.fault or Reason(

@@ -5,7 +5,7 @@ deeper. A surface that stands does not let it: depth and force of a contact belo
 tool is deeper than at its touch, less the change of the force by the stiffness, is a force that nobody tells.
 
 A tool that travels also follows a surface that slopes. So the depth counts less the way from the touch, and less the
-way from a place that it has been at lately: what drifts slowly while the tool goes on and on is taken for a slope.
+way from a place that it has been at lately: what drifts slowly while the tool repeats for ever is taken for a slope.
 """
 
 import math
@@ -89,7 +89,7 @@ class ContactFacts(Protocol):
 def watch_contact(
     before: Contact | None, seen: ContactFacts, stiffness: tuple[float | None, float], limits: Limits
 ) -> Contact:
-    """Return the contact after one more sample. `stiffness` are the one learnt, None where there is none, and the one
+    """Return the contact after one more sample. `stiffness` are the one learnt, None if there is none, and the one
     expected, N/m.
     """
     sample, depth, dt, pressing = seen.sample, seen.depth, seen.dt, seen.pressing

@@ -261,7 +261,7 @@ class Contour(Facing):
 
 
 def _turn_corner(state: FacingState, look: Look) -> FacingState:
-    """State on the heading of this sample: behind a corner the points of the path begin anew."""
+    """State on the heading of this sample: behind a corner the points of the path restart."""
     if look.heading == state.heading or look.heading == (0.0, 0.0):
         return state
     (x, y), (u, v) = look.heading, state.heading

@@ -24,7 +24,7 @@ class FreeSpace(Struct, frozen=True):
     at: Vector
     """Reported position when the counts changed last, base frame, m."""
     pulled_since: float | None = None
-    """When the pull began that lasts, s on the run's clock; None while there is none."""
+    """When the pull began that lasts, s on the run's clock; None if there is none."""
 
 
 def watch_sample(

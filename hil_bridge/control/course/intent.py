@@ -58,7 +58,7 @@ class Intent(Struct, frozen=True, gc=False):
     losses: int = 0
     """Contact losses so far."""
     reason: Reason | None = None
-    """Why the run retracts or has ended; None while it goes on."""
+    """Why the run retracts or has ended; None while it continues."""
     failed: bool = False
     """The reason is a failure, not the end of the work."""
     reference: float | None = None

@@ -6,7 +6,7 @@ controller was given and its stiffness estimate:
     state, advice = detector.step(state, force - reference, command.stiffness, dt)
 
 `advice.factor` is the factor to put on the feedback law's output from the next sample on, until another one
-comes. `advice.retract` asks to end the run (`Program.fail`): the swing went on although the gain was at its
+comes. `advice.retract` asks to end the run (`Program.fail`): the swing continued although the gain was at its
 least. Start from `initial()` at every beginning of TRACK; while contact is lost do not step it.
 
 What counts as a swing. The error has a peak between two changes of its sign. A peak counts when it is beyond the band
@@ -35,7 +35,7 @@ class Finding(StrEnum):
     OSCILLATING = "oscillating"
     """An oscillation was found in this sample: the gain has been lowered by one notch."""
     PERSISTING = "persisting"
-    """The oscillation goes on at the least gain."""
+    """The oscillation continues at the least gain."""
 
 
 _CALM = Finding.CALM  # of every cycle: until Python 3.12 an enum's own name costs ten times that

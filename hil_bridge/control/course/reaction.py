@@ -1,7 +1,7 @@
 """The bound of the true force: the times until a force is answered, and the way of the tool meanwhile. Pure.
 
 A force is told late, a decision comes at the end of a cycle, and a robot takes time to do what it is ordered. Until
-then the tool goes on at the speed that it was ordered to have. None of these times shrinks with the cycle of the run.
+then the tool continues at the speed that it was ordered to have. None of these times shrinks with the cycle of the run.
 So the bound counts seconds and not cycles.
 """
 

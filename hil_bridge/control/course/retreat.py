@@ -5,7 +5,7 @@ surface follows the tool, and the way back is right. A force the other way comes
 the way: the tool stands still at once.
 
 A force from the front that does not come down may also have another reason: the robot does not go where it says. So the
-retraction waits, and looks. A force that rises meanwhile is not of its making, and it goes on. One that does not is
+retraction waits, and looks. A force that rises meanwhile is not of its making, and it continues. One that does not is
 tried a second time, slowly, and for the last time.
 """
 

@@ -67,7 +67,7 @@ def check_input(cycle: Cycle) -> Reason | None:
             cause = Cause.FORCE_NOT_A_NUMBER
         elif not math.isfinite(of_pose):
             cause = Cause.POSE_NOT_A_NUMBER
-        return Reason(cause, "a measurement or command is no number")
+        return Reason(cause, "a measurement or command is not a number")
     return sample.fault
 
 
@@ -246,7 +246,7 @@ _FINDERS = tuple(check.find for check in CHECKS)
 
 
 def find_stop(cycle: Cycle) -> Reason | None:
-    """Return the first stop of a cycle; None while there is none."""
+    """Return the first stop of a cycle; None if there is none."""
     for find in _FINDERS:
         if (stop := find(cycle)) is not None:
             return stop

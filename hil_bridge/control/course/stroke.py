@@ -75,13 +75,13 @@ class StrokeState(Struct, frozen=True):
     controller: Any = None
     """The controller's own state; None before the first contact."""
     trouble: Reason | None = None
-    """Why the stroke has been given up, and retracts; None while it goes on."""
+    """Why the stroke has been given up, and retracts; None while it continues."""
     stiffness: float | None = None
     """The controller's last estimate of the contact stiffness, N/m."""
     doubt: Doubt = Doubt.NONE
     """Why a touch must be proven, by the newest sample."""
     touch: Touch | None = None
-    """The touch that is being proven, or was; None where there is none."""
+    """The touch that is being proven, or was; None if there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,7 @@ class Stroke:
         """One sample. `measurement.in_contact` is not looked at: contact is judged here, from the force. Without a
         stride the force is that of the parameters.
 
-        A measurement that is not finite changes nothing and asks for the depth commanded before. A retraction goes on
+        A measurement that is not finite changes nothing and asks for the depth commanded before. A retraction continues
         regardless, for it needs neither force nor position.
         """
         phase = state.phase
@@ -163,8 +163,8 @@ class Stroke:
 
         Derived: there is no contact at the reported position. So however late a touch shows, it ends no deeper below
         the surface than the command is `ahead` of that position. What is already under way is the delay as it is
-        measured; half of what is allowed at once keeps the steps even. A position that is no number counts as no lead:
-        a retraction goes on without it. `share` is the part of that force which a touch may make.
+        measured; half of what is allowed at once keeps the steps even. A position that is not a number is no lead:
+        a retraction continues without it. `share` is the part of that force which a touch may make.
         """
         parameters = self.parameters
         allowed = share * min(parameters.force_n, self.force_limit_n / 2) / parameters.expected_stiffness_n_m

@@ -3,7 +3,7 @@
 Which side is safe: away from the surface. Depth has three limits: a growth per second, a total, and the depth at which
 the stiffness in hand predicts the force limit. A move that pulls back is never shortened by these, only by the
 workspace. A request that leaves the workspace is cut where the straight way from the last allowed position meets its
-border. So the cut position is never deeper than both ends. A stop is latched: only a new state, made by a person's
+border. So the cut position is never deeper than both ends. A stop is latched: only a new state, made by an operator's
 decision, ends it. A stop asks for a retraction, and the retraction is supervised too: where it makes the force rise,
 the tool stands still.
 """

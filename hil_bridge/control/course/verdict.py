@@ -80,7 +80,7 @@ class Clamp(Struct, frozen=True):
     holds: tuple[Reason, ...]
     """Why it is not the request."""
     goes_on: bool = False
-    """It holds back a way that goes on later."""
+    """It holds back a way that continues later."""
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -112,13 +112,13 @@ class Stage(StrEnum):
     """Stages of a retraction that the force from the front does not answer."""
 
     GOES = "goes"
-    """It goes on."""
+    """It continues."""
     WAITS = "waits"
     """It stands, to see whether the force rises without it."""
     SLOW = "slow"
     """It tries a second time, slowly."""
     TRUSTED = "trusted"
-    """The force rose while it stood, or fell when it tried again: the way back is right, and it goes on."""
+    """The force rose while it stood, or fell when it tried again: the way back is right, and it continues."""
 
 
 class Retreat(Struct, frozen=True):
@@ -167,7 +167,7 @@ class SupervisorState(Struct, frozen=True, gc=False):
     reported: tuple[float, Vector] | None = None
     """When a position was judged last, s, and that position, base frame, m; None before the first."""
     retreat: Retreat | None = None
-    """None while the run goes on."""
+    """None while the run continues."""
     quaternion: Quaternion | None = None
     """Orientation allowed last; None for that of the start."""
     home: Quaternion | None = None

@@ -14,7 +14,7 @@ YIELD_M = 10e-3
 _PUSHED_N = 5.0
 """Chosen: force from the side, beyond friction, from which a tool that retracts yields, N."""
 _RELEASED_N = 1.0
-"""Chosen: force from the side down to which it goes on yielding, N."""
+"""Chosen: force from the side down to which it continues yielding, N."""
 _BACK_M = 1e-3
 """Chosen: distance that a tool goes back through free space at least, m, whatever the force says."""
 

@@ -8,7 +8,7 @@ from protocol.geometry import Pose, Quaternion, Vector, angle_between, product, 
 
 _NOWHERE: Vector = (0.0, 0.0, 0.0)
 _ALIGNED = math.radians(0.02)
-"""Chosen: an orientation that is nearer than this is not ordered anew, rad."""
+"""Chosen: an orientation that is nearer than this is not ordered again, rad."""
 
 
 def tip_tool(home: Quaternion, axis: Vector) -> Quaternion:

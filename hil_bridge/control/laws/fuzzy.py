@@ -190,7 +190,7 @@ def _index(percent: float, edges: tuple[float, ...]) -> int:
 def _position(percent: float, edges: tuple[float, ...]) -> float:
     """Place among the levels: each edge lies half-way between its two levels, straight lines between edges.
 
-    The outermost levels have no outer edge, so their line goes on with the slope of their neighbour.
+    The outermost levels have no outer edge, so their line continues with the slope of their neighbour.
     """
     if math.isnan(percent):
         raise ValueError("cannot grade a value that is not a number")

@@ -78,7 +78,7 @@ OBSERVED: tuple[Quantity, ...] = (
     Quantity("overdue_s", 0.0, _AGE, "time by which the sensor's next frame is late, s"),
     Quantity("in_contact", 0.0, 1.0, "1 while the tool touches the surface"),
     Quantity("saturated", 0.0, 1.0, "1 where an axis of the sensor is at the end of its range"),
-    Quantity("held", 0.0, 1.0, "1 while a person holds the tool in its place"),
+    Quantity("held", 0.0, 1.0, "1 while an operator holds the tool in its place"),
     Quantity("fault", 0.0, 1.0, "1 where a device tells a fault"),
 )
 """The numbers of an observation, in their order. A number beyond its range is told as the end of the range."""

@@ -79,7 +79,7 @@ class PredictiveState(Struct, frozen=True):
     """Factor on the stiffness while the error swings from side to side; below 1 the stiffness is used as it is."""
     landing: float = 0.0
     """Time in contact until the force is near the desired one, s; infinite from then on. A contact that is lost and
-    found again does not begin anew, for the stiffness is known.
+    found again does not restart, for the stiffness is known.
     """
     served: Served | None = None
     """The model of the robot's servo; None without contact."""

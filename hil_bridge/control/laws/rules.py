@@ -1,4 +1,4 @@
-"""Rule bases of a fuzzy controller: what a person writes down, checked for completeness, as TOML.
+"""Rule bases of a fuzzy controller: what an operator writes down, checked for completeness, as TOML.
 
 A base has two inputs, the force error and its change in percent of the desired force, and one output. Each input is cut
 into levels by edges. Each linguistic term says to what degree every level belongs to it. A rule names the output's term

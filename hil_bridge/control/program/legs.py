@@ -90,7 +90,7 @@ def _inherits_side(before: Sequence[Leg], leg: Leg) -> bool:
 
 @contextmanager
 def _blaming(label: str) -> Iterator[None]:
-    """Turn what a step refuses, and what one of another package raises, into a StepError with this label."""
+    """Turn what a step refuses, and what one of a plug-in raises, into a StepError with this label."""
     try:
         yield
     except ValueError as error:

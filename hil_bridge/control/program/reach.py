@@ -17,7 +17,7 @@ def corners(row: Row, frame: WorkFrame, start: Vector) -> Iterator[tuple[str, Ve
     at the safe height, and a retract ends where it would after the deepest approach.
 
     Paths that begin where only the run knows are left out, and the way of a run without steps: its time ends it, or the
-    border, along which it goes on.
+    border, along which it continues.
     """
     if not row.written:
         return

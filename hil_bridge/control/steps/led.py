@@ -53,7 +53,7 @@ class Lead(NamedTuple):
     force_n: float | None = None
     """Force to press with, N; None for that of the step's settings."""
     done: str = ""
-    """How the step has ended, in words; empty while it goes on."""
+    """How the step has ended, in words; empty while it continues."""
     trouble: str = ""
     """Why the run must end, in words; empty while it need not."""
     without_contact: bool = False

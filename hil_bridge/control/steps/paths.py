@@ -18,7 +18,7 @@ LONGEST_MM = 1e6
 
 
 def check_finite(where: str, *places: Place) -> None:
-    """Raise ValueError for a place, mm, that is no number or too far away."""
+    """Raise ValueError for a place, mm, that is not a number or too far away."""
     for x, y in places:
         if not (abs(x) <= LONGEST_MM and abs(y) <= LONGEST_MM):
             raise SettingError(where, f"must be finite places in mm, got {x:g}, {y:g}")

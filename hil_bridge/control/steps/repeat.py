@@ -57,7 +57,7 @@ ALONE = Pass()
 
 
 def unroll(steps: tuple[Step, ...]) -> Iterator[tuple[str, Step, Pass]]:
-    """Each step of each pass, with its number as a person counts."""
+    """Each step of each pass, with its number as an operator counts."""
     count = 0
     for number, step in enumerate(steps, 1):
         if not isinstance(step, Repeat):

@@ -32,14 +32,14 @@ ProgramStep: TypeAlias = SerializeAsAny[
 
 @dataclass(frozen=True, slots=True)
 class ResumePoint:
-    """Where a program goes on. `run --resume` fills it in."""
+    """Where a program continues. `run --resume` fills it in."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
     leg: int
     """Step of the program, passes counted, from 0."""
     way_mm: float
-    """Way along its path from which it goes on; 0 for a step without a path."""
+    """Way along its path from which it continues; 0 for a step without a path."""
     place_mm: Place
     """That place in the work frame."""
     start_m: Vector
@@ -59,7 +59,7 @@ class TaskSettings(TaskParameters):
     step: tuple[ProgramStep, ...] = ()
     """A program, a table [[task.step]] for each step; empty for one approach, one straight way and one retraction."""
     resume: ResumePoint | None = None
-    """Where a program goes on that was cut before; `run --resume` fills it in."""
+    """Where a program continues that was cut before; `run --resume` fills it in."""
     file: str = ""
     """File with the steps of a program, beside the configuration; empty for steps that stand here, or for none."""
 

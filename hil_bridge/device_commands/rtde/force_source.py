@@ -73,7 +73,7 @@ class ForceSource:
         """
         last = self._last
         if last is not None and seen.stamp <= last.stamp:
-            raise DeviceError("the controller's clock went back: it was started anew; begin again")
+            raise DeviceError("the controller's clock went back: it was restarted; begin again")
         if last is None or seen.stamp - last.stamp > _GAP_S:
             last = seen
             self.counts["gaps"] += 1

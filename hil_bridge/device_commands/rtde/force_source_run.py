@@ -1,4 +1,4 @@
-"""The force source in real time, until a person stops it."""
+"""The force source in real time, until an operator stops it."""
 
 import asyncio
 import signal

@@ -101,7 +101,7 @@ class Finding:
     """The ways of counting a length under which read status was answered."""
     dle_stuffing: DleStuffing
     stuffing_evidence: str
-    """Evidence for the doubling; empty when there is none."""
+    """Evidence for the doubling; empty if there is none."""
 
     @property
     def profile(self) -> str:

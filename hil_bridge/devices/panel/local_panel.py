@@ -1,4 +1,4 @@
-"""The panel of an emulated controller that this process serves: its acts, for every door that a person takes to it."""
+"""The panel of an emulated controller that this process serves: its acts, for every interface to it."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple

@@ -55,7 +55,7 @@ OUTSIDE_M = 1e-3
 """The same outside the box, m: the guard's tolerance of a reported place."""
 
 ANY = 1e9
-"""Chosen: a speed that bounds nothing; infinity times no time is no number."""
+"""Chosen: a speed that bounds nothing; infinity times no time is not a number."""
 _ORIGIN = _Place((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 
 
@@ -124,9 +124,9 @@ class Gate:
         (x, y, z), (u, v, w), (a, b, c) = pose.position, bounds.start.position, bounds.approach
         (lowest_x, lowest_y, lowest_z), (highest_x, highest_y, highest_z) = self._low, self._high
         if not (abs(x) <= FARTHEST_M and abs(y) <= FARTHEST_M and abs(z) <= FARTHEST_M):
-            return _stopped(f"to the position {pose.position}, which is none of an arm")
+            return _stopped(f"to the position {pose.position}, which no arm can reach")
         if turned and not abs(math.hypot(*pose.quaternion) - 1.0) <= UNIT:
-            return _stopped(f"to the orientation {pose.quaternion}, which is none")
+            return _stopped(f"to the orientation {pose.quaternion}, which is invalid")
         depth, limit = a * (x - u) + b * (y - v) + c * (z - w), min(self._deepest, deepest)
         if depth > limit + bounds.slack:
             return _beyond((depth - limit) * 1e3, "mm deeper than the deepest that may be ordered")
@@ -212,7 +212,7 @@ def contradiction(position: Vector, origin: Vector, approach: Vector, depth: flo
     """Why a place, m, cannot have the depth below an origin that was decided, m; empty where it has."""
     (x, y, z), (u, v, w), (a, b, c) = position, origin, approach
     apart = abs(a * (x - u) + b * (y - v) + c * (z - w) - depth)
-    if apart <= CONTRADICTION_M:  # false for what is no number
+    if apart <= CONTRADICTION_M:  # false for what is not a number
         return ""
     return f"the last gate stopped an order that is {apart * 1e3:.1f} mm from the depth that was decided; {REPORT}"
 

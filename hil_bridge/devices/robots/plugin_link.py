@@ -1,4 +1,4 @@
-"""The link of another package's robot: whatever its code raises, or answers, becomes an error that a run ends by.
+"""The link of a plug-in's robot: whatever its code raises, or answers, becomes an error that a run ends by.
 
 One object stands around the link, and one around its movement. Each hands on every attribute of the thing behind it.
 The last gate stands before each target of the movement.
@@ -41,7 +41,7 @@ _TOLD: Mapping[str, tuple[type, ...]] = {
 
 
 class _PluginProxy:
-    """A thing of another package."""
+    """A thing of a plug-in."""
 
     def __init__(self, thing: Any, name: str) -> None:
         """`name` is that of the robot's wire."""
@@ -160,5 +160,5 @@ def _has_pose(answer: Any) -> bool:
 
 
 def wrap_plugin_link(link: RobotLink, url: str, clock: Clock) -> RobotLink:
-    """The link of another package's robot on the wire of this URL."""
+    """The link of a plug-in's robot on the wire of this URL."""
     return cast(RobotLink, _PluginLink(link, url, clock))

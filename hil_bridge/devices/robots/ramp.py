@@ -1,7 +1,7 @@
 """The pace of a set point on its way: it begins and ends without a step in velocity. Pure.
 
 The set point always moves on the straight way to its goal, and never beyond. So a goal that turns back is followed at
-once: what was left of the speed in another direction is dropped, for a tool that is to leave must not go on first.
+once: what was left of the speed in another direction is dropped, for a tool that is to leave must not continue first.
 Only gaining speed is bounded, and coming to rest at a goal that is known.
 """
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from protocol.geometry import Pose, Quaternion, Vector, rotation_vector, towards, turn_between
 
 GAP_CYCLES = 2.5
-"""Chosen: after as many cycles without a step the robot has stood, so that the way begins anew."""
+"""Chosen: after as many cycles without a step the robot has stood, so that the way restarts."""
 _NOTHING: Vector = (0.0, 0.0, 0.0)
 
 

@@ -8,7 +8,7 @@ the time since the step before. So packets that were held up and come together d
 and comes to rest at a target, no faster than the acceleration allows; see `robots.ramp`. Every stop is at once. The set
 point does not move
 
-- without a new target for `hold_after`, though it goes on once there is one;
+- without a new target for `hold_after`, though it continues once there is one;
 - from a packet on that reports a fault, or whose pose is none, until the robot reports to be ready and to stand where
   the set point is, and there is a new target: what it did meanwhile is not known;
 - for a packet that comes again, or behind a later one;
@@ -120,7 +120,7 @@ class SetpointResponder(Generic[Data]):
         self._ramp.rest()
 
     def end(self) -> None:
-        """End the movement at the set point; harmless when there is none."""
+        """End the movement at the set point; no effect if there is none."""
         if self.moving:
             self._setpoint = self._goal = None
             self._client.end()
@@ -241,7 +241,7 @@ class SetpointResponder(Generic[Data]):
         self._setpoint = after
 
     def _open_gate(self, pose: Pose, now: float) -> None:
-        """Begin to judge set points anew from this pose: none moves farther than the speed lets it in a cycle."""
+        """Begin to judge set points again from this pose: none moves farther than the speed lets it in a cycle."""
         speed, limits = self.speed, self._limits
         bounds = replace(
             limits.bounds or Bounds(),

@@ -59,7 +59,7 @@ TRAFFIC = (Traffic("packets", ANSWERS, PACKETS),)
 
 
 class RobotSilent(DeviceError):
-    """A robot that streams has sent nothing for a while; it may go on."""
+    """A robot that streams has sent nothing for a while; it may continue."""
 
 
 class StreamedLink(Generic[Data]):

@@ -30,11 +30,11 @@ class ReplayWatch:
         self._frames = frames
         self._lively: bool | None = None
         self.since = math.nan
-        """When the first frame of a repetition that goes on arrived, s; NaN while the stream is new."""
+        """When the first frame of a repetition that continues arrived, s; NaN while the stream is new."""
         self.zeroed()
 
     def zeroed(self) -> None:
-        """The values count anew from the next frame."""
+        """The values count again from the next frame."""
         self._kept: deque[tuple[Sequence[float], int, float]] = deque(maxlen=self._frames)
         """Values, the mark of the row that ends with them, and when they arrived, s."""
         self._common: Counter[Sequence[float]] = Counter()

@@ -119,10 +119,10 @@ class ForceSensor:
 
     @property
     def stands(self) -> str:
-        """Words on a device whose frames go on while their counter stands still; empty while it counts."""
+        """Words on a device whose frames continue while their counter stands still; empty while it counts."""
         if not self._client.statistics.stands:
             return ""
-        return "frames go on, but their counter stands still, as after the sensor is unplugged"
+        return "frames continue, but their counter stands still, as after the sensor is unplugged"
 
     @property
     def is_ready(self) -> bool:
@@ -272,7 +272,7 @@ class ForceSensor:
             case WrenchFrame():
                 if not math.isfinite(sum(event.values, event.at)):  # no limit could be met by such a value
                     self._fail(
-                        DeviceError(f"force sensor on {self.name} told a value that is no number: {event}")
+                        DeviceError(f"force sensor on {self.name} told a value that is not a number: {event}")
                     )
                     return
                 previous = self.newest

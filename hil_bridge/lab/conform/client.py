@@ -56,7 +56,7 @@ class Client(Protocol):
         """Begin. Raises ConfigError for what cannot be started."""
 
     def poll(self) -> int | None:
-        """Its exit code, minus the number of a signal; None while it goes on."""
+        """Its exit code, minus the number of a signal; None while it continues."""
 
     def ask_to_end(self) -> None:
         """Tell it to end."""

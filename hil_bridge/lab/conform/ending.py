@@ -28,7 +28,7 @@ def describe_end(ending: Ending) -> str:
         return "the client was killed"
     code = ending.exit_code
     if code is None:
-        return "the client goes on"
+        return "the client continues"
     how = (
         "ended when told to"
         if ending.told_to_end

@@ -28,7 +28,7 @@ def read_rules(kind: type[Rules], given: Sequence[str], **declared: bool) -> Rul
         try:
             values[name] = float(value)
         except ValueError as error:
-            raise ConfigError(f"--set {text}: {value!r} is no number") from error
+            raise ConfigError(f"--set {text}: {value!r} is not a number") from error
     try:
         given_all: dict[str, Any] = {**values, **declared}
         return kind(**given_all)

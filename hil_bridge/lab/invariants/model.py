@@ -47,7 +47,7 @@ class GuardState(NamedTuple):
 
     phase: str = CONNECT
     code: int | None = None
-    """Exit code that the run will have; None while it goes on."""
+    """Exit code that the run will have; None while it continues."""
     away: bool = True
     """The tool is ordered to be no deeper than the start, and nothing says otherwise."""
     stage: Stage = Stage.GOES
@@ -92,7 +92,7 @@ FOLLOWS: Mapping[str, frozenset[str]] = {
     TARE: frozenset({TARE, *CYCLES}),
     **dict.fromkeys(CYCLES, CYCLES),
 }
-"""Phases in which the next sample may be while the run goes on. A program takes its steps in any order."""
+"""Phases in which the next sample may be while the run continues. A program takes its steps in any order."""
 WITHIN: Mapping[str, frozenset[str]] = {
     **{phase: frozenset({phase}) for phase in CYCLES},
     Phase.APPROACH: frozenset({Phase.APPROACH, Phase.TRACK}),
@@ -218,7 +218,7 @@ class GuardModel:
                 yield GuardStep(conditions, "", None, rest)
 
     def _ways(self, phase: str, stage: Stage, conditions: tuple[Cause, ...], held: bool) -> frozenset[Way]:
-        """Orders of a cycle that goes on. A clamp gives less than what is asked for, and never more than standing."""
+        """Orders of a cycle that continues. A clamp gives less than what is asked for, and never more than standing."""
         if phase == Phase.RETRACT and stage is Stage.WAITS and Cause.NO_FORCE not in conditions:
             return frozenset({Way.SAME})
         asked = self.asks[phase]
@@ -248,7 +248,7 @@ class GuardModel:
 
 
 def _code_after(before: int | None, ending: Collection[CauseRow]) -> int | None:
-    """Exit code after these conditions: a person's wish gives way to a failure, and nothing else does."""
+    """Exit code after these conditions: an operator's wish gives way to a failure, and nothing else does."""
     codes = [row.exit_code for row in ending if row.exit_code != INTERRUPTED]
     if before not in (None, INTERRUPTED) or not ending:
         return before

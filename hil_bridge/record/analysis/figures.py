@@ -320,7 +320,7 @@ JUDGED = tuple(one.key for one in _TABLE[: _TABLE.index(MERIT[-1]) + 1])
 COUNTED = ("faults_struck", "causes")
 """Figures that are counts by name."""
 WORDS = ("outcome", "retracted", "promises", *COUNTED)
-"""Figures that are no numbers."""
+"""Figures that are not numbers."""
 
 
 def title_of(column: str) -> str:

@@ -17,7 +17,7 @@ from hil_bridge.record.reader import Recording
 
 FEWEST_QUANTILES, MOST_QUANTILES = 21, 201
 """Quantiles of each distribution, ends included: one for every value, within these limits. Fewer values are no
-distribution; more make a file that a person cannot read. Chosen: the rare late values among many must stay rare. Lines
+distribution; more make a file that nobody can read. Chosen: the rare late values among many must stay rare. Lines
 between quantiles 0.5 % apart keep them so.
 """
 _DIGITS = 4

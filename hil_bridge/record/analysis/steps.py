@@ -1,4 +1,4 @@
-"""The steps of a program in a summary, and in the lines that a person reads at the end of a run."""
+"""The steps of a program in a summary, and in the lines that an operator reads at the end of a run."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -311,7 +311,7 @@ class _Ending:
                 looks.insert(0, LOOK[Part.COMPUTER])
         if self._end.retracted is False:
             looks.append("lift the tool off with `hil-bridge free`")
-        remedy = f"The message goes on: {reason.remedy}. " if reason is not None and reason.remedy else ""
+        remedy = f"The message continues: {reason.remedy}. " if reason is not None and reason.remedy else ""
         return remedy + (f"Look at: {'; '.join(looks)}." if looks else "")
 
     def _named(self, words: str) -> str:
@@ -324,7 +324,7 @@ class _Ending:
 
 
 _ASKED = {Cause.KEY: "the key {by}", Cause.PAGE: "the page in the browser", Cause.SIGNAL: "{by}"}
-"""How a person asked for the end, in words."""
+"""How an operator asked for the end, in words."""
 
 
 def _fault_words(fault: FaultNote) -> str:

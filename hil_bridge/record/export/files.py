@@ -24,7 +24,7 @@ CHANNEL = "can0"
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """Choices of a person about an export."""
+    """Choices of an operator about an export."""
 
     channel: str = CHANNEL
     """CAN interface in candump's text."""
@@ -90,7 +90,7 @@ class Format:
     make: Callable[[Source], Sequence[Export]]
     """Raises ConfigError for a recording that has nothing for it."""
     fits: Callable[[Source], bool] = field(default=lambda source: True)
-    """Whether it is made of a recording when a person has named no format."""
+    """Whether it is made of a recording when an operator has named no format."""
 
 
 def _candump(source: Source) -> Sequence[Export]:

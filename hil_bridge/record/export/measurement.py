@@ -45,7 +45,7 @@ def measurement(recording: Recording) -> tuple[bytes, int]:
         raise ConfigError(f"a measurement needs the package asammdf; {install_command('mdf')}") from error
     groups = dict(_groups(recording))
     if not 0 <= recording.unix_zero_ns < _TIME_MAX_NS:
-        raise ConfigError("its time is none that a measurement can hold; give --to csv")
+        raise ConfigError("a measurement cannot hold its time; give --to csv")
     if sum(len(channels) for _, channels in groups.values()) > COLUMNS_MAX:
         raise ConfigError(f"it has more than {COLUMNS_MAX} channels; the controller explains itself too much")
     if not groups:

@@ -1,4 +1,4 @@
-"""Records of a run as messages of ROS 2, for bags and for clients of a run that goes on; no ROS is needed.
+"""Records of a run as messages of ROS 2, for bags and for clients of a run that continues; no ROS is needed.
 
 | topic | type | frame | content |
 | --- | --- | --- | --- |

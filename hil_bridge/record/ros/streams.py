@@ -176,12 +176,12 @@ def _check_times(stamps_ns: Nanoseconds, where: str, choices: BagChoices) -> Non
 
 
 def _checked(values: Floats, role: str, where: str) -> Floats:
-    """Values without what is no number; quaternions of unit length. Torques that are never told are NaN."""
+    """Values without what is not a number; quaternions of unit length. Torques that are never told are NaN."""
     parts = _PARTS[WRENCH if role == WRENCH else POSE]
     untold = 3 if role == WRENCH and bool(np.isnan(values[:, 3:]).all()) else None
     told = values[:, :untold]
     _refuse_first(
-        ~np.isfinite(told), lambda row, part: f"{parts[part]} of message {row + 1} is no number", where
+        ~np.isfinite(told), lambda row, part: f"{parts[part]} of message {row + 1} is not a number", where
     )
     _refuse_first(
         np.abs(told) > LARGEST,

@@ -1,4 +1,4 @@
-"""The columns of a run's charts. A run that goes on grows them record by record, and a recording fills them."""
+"""The columns of a run's charts. A run that continues grows them record by record, and a recording fills them."""
 
 import math
 from collections import deque

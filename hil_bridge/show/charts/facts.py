@@ -1,4 +1,4 @@
-"""The facts of a run that its charts need; `show.terminal` has those of a run that goes on."""
+"""The facts of a run that its charts need; `show.terminal` has those of a run that continues."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple

@@ -90,7 +90,7 @@ def kept_rows(columns: Sequence[Array], rows: int) -> NDArray[np.intp]:
 
 
 def round_values(values: Array) -> list[float | None]:
-    """Numbers for a page; what is no number becomes None."""
+    """Numbers for a page; what is not a number becomes None."""
     return [float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None for value in values.tolist()]
 
 

@@ -2,7 +2,7 @@
 
    const charts = HilCharts.draw(element, description, {keep: 120, follow: 30, bar: true});   // options may be left out
      keep    a source drops what lies more than so many units of x behind its end
-     follow  shows the last so many units of x until a person zooms; a double click follows again
+     follow  shows the last so many units of x until an operator zooms; a double click follows again
      bar     whether the bar with the buttons is shown (it is)
    charts.append({cycle: {x: [1.2], force: [40.1]}})   further rows; a column that is left out becomes a gap
    charts.replace({cycle: {x: [...], force: [...]}})   other rows of these sources, as of another place of a recording
@@ -52,8 +52,8 @@ var HilCharts = (() => {
       for (const [name, source] of Object.entries(told.sources)) this.take(name, {...source});
       this.options = {bar: true, keep: null, follow: null, ...options};
       this.key = `hil-${++drawn}`;
-      this.views = {};          // by axis: what a person zoomed to, or nothing
-      this.hidden = new Set();  // `chart/label` of the series that a person switched off
+      this.views = {};          // by axis: what an operator zoomed to, or nothing
+      this.hidden = new Set();  // `chart/label` of the series that an operator switched off
       this.layers = new Map(this.told.layers.map(layer => [layer.id, layer.shown !== false]));
       this.charts = [];
       this.frame = 0;

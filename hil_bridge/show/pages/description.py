@@ -120,7 +120,7 @@ class Span(Struct, frozen=True, omit_defaults=True):
 
 
 class Layer(Struct, frozen=True, omit_defaults=True):
-    """Curves that a person shows and hides together."""
+    """Curves that an operator shows and hides together."""
 
     id: str
     label: str
@@ -153,7 +153,7 @@ class Scale(Struct, frozen=True, omit_defaults=True):
 
 
 class Trace(Struct, frozen=True, omit_defaults=True):
-    """A line on a map, through places in the map's unit. A place that is no number cuts it."""
+    """A line on a map, through places in the map's unit. A place that is not a number cuts it."""
 
     x: Values
     y: Values

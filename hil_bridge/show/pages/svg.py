@@ -61,7 +61,7 @@ class Frame:
     def path(
         self, places: Iterable[tuple[float, float]], colour: str, width: float, dashed: bool = False
     ) -> None:
-        """A line through places in the frame's own values; a place that is no number cuts it."""
+        """A line through places in the frame's own values; a place that is not a number cuts it."""
         commands, joined = [], False
         for x, y in places:
             if not (math.isfinite(x) and math.isfinite(y)):

@@ -1,4 +1,4 @@
-"""The figures of a summary as rows that a person reads: one table for the picture and the page."""
+"""The figures of a summary as rows that an operator reads: one table for the picture and the page."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""The steps of a program as a person reads them: each one once, with its way, force, time and passes."""
+"""The steps of a program as an operator reads them: each one once, with its way, force, time and passes."""
 
 import math
 import textwrap
@@ -23,7 +23,7 @@ class Shown:
     """One step as it is in its first pass."""
 
     number: str
-    """As a person counts; "4.2" for the second step of a repeat."""
+    """As an operator counts; "4.2" for the second step of a repeat."""
     leg: Leg
     begin: Place | None
     """Where it begins in the work frame, mm; None where that is known in the run alone."""
@@ -34,7 +34,7 @@ class Shown:
     ends: str = ""
     """Condition that ends a repeat before all passes, at its first step."""
     again: Place | None = None
-    """Where it begins in the passes behind the first, mm; None where there are none, or where that is not known."""
+    """Where it begins in the passes behind the first, mm; None if there are none, or where that is not known."""
 
     @property
     def word(self) -> str:
@@ -78,7 +78,7 @@ def list_steps(steps: Sequence[Step], row: Row) -> list[Shown]:
 
 
 def table_lines(steps: Sequence[Shown]) -> Iterator[str]:
-    """The table of the steps in lines of text; what is long in the last column goes on in the next line."""
+    """The table of the steps in lines of text; what is long in the last column continues in the next line."""
     rows = [HEAD, *(_cells(step) for step in steps)]
     *widths, _ = [max(len(row[column]) for row in rows) for column in range(len(HEAD))]
     for row in rows:

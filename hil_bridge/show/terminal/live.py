@@ -17,7 +17,7 @@ LINE_SECONDS = 1.0
 
 
 class LiveView(AbstractContextManager["LiveView"]):
-    """Shows a run while it goes on.
+    """Shows a run while it continues.
 
     `update` and `event` only store and belong to the control path. `refresh` draws, which takes milliseconds and waits
     for a slow terminal, for ever for one that is paused. Call it, and `close`, in a thread of the view's own. A

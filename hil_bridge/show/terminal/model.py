@@ -87,7 +87,7 @@ class Told(NamedTuple):
 
     @property
     def caution(self) -> bool:
-        """It tells of a disturbance, or of a person."""
+        """It tells of a disturbance, or of an operator."""
         return self.kind in CAUTIONS
 
 
@@ -115,7 +115,7 @@ class Snapshot:
     check: str = ""
     """Last finding about the sensor before the touch, in words."""
     warning: str = ""
-    """Warning that a person should read at once, beside the run's own reactions."""
+    """Warning that an operator should read at once, beside the run's own reactions."""
     period_s: float | None = None
     """Between the begins of the last two cycles."""
     depths_mm: tuple[float, ...] = ()
@@ -136,7 +136,7 @@ class Snapshot:
 
     @property
     def held(self) -> bool:
-        """A person holds the tool in its place on the surface."""
+        """An operator holds the tool in its place on the surface."""
         return self.newest is not None and self.newest.sample.held
 
     @property
@@ -163,7 +163,7 @@ class Snapshot:
 
     @property
     def step_label(self) -> str:
-        """Label of the step under way; empty where there is none."""
+        """Label of the step under way; empty if there is none."""
         steps = self.scene.steps
         return steps[self.step - 1] if 0 < self.step <= len(steps) else ""
 

@@ -189,7 +189,7 @@ def link(snapshot: Snapshot) -> list[Text]:
 
 
 def render_alarms(snapshot: Snapshot, width: int) -> list[Text]:
-    """Texts that a person should read at once: why the run stops, a warning, the check of the sensor."""
+    """Texts that an operator should read at once: why the run stops, a warning, the check of the sensor."""
     rows = _wrap("STOPPED", snapshot.cause, width) if snapshot.cause else []
     if snapshot.warning:
         rows.append(_row("warning", (snapshot.warning, "bold red")))

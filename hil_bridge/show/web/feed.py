@@ -41,7 +41,7 @@ RUN_PAGE, PANEL_PAGE = "page.html", "panel.html"
 
 @dataclass(frozen=True, slots=True)
 class WebOptions:
-    """A person's wishes of the page."""
+    """An operator's wishes of the page."""
 
     port: int = 0
     """Port on loopback; 0: one that is free."""
@@ -77,7 +77,7 @@ class Feed:
     """Gives the records of a run to the process that serves its page.
 
     All methods belong to the thread of the run's loop. `put`, `cycle`, `event` and `pulse` never wait: what the socket
-    does not take is dropped and counted. A serving process that ends is told once to `gone`; the run goes on.
+    does not take is dropped and counted. A serving process that ends is told once to `gone`; the run continues.
     """
 
     def __init__(self, options: WebOptions) -> None:

@@ -33,7 +33,7 @@ FIRST_S = 3.0
 """A connection is closed that has sent no complete request by then. Chosen: a browser sends one at once, or, where it
 opens a connection beforehand, opens another."""
 PICTURE_S = 0.05
-"""Time between two messages to a page. Chosen: a person sees it as motion."""
+"""Time between two messages to a page. Chosen: an operator sees it as motion."""
 BODY_BYTES = 1024
 END, PANEL = "/end", "/panel"
 
@@ -133,7 +133,7 @@ class Server:
     async def _root(self, request: web.Request) -> web.StreamResponse:
         if request.headers.get("Upgrade", "").lower() == "websocket":
             if self.splice is None:
-                return _refuse(404, "no run goes on here; open the recording in Foxglove instead")
+                return _refuse(404, "no run continues here; open the recording in Foxglove instead")
             return await self.splice(request)
         return _page(self._page)
 
@@ -146,7 +146,7 @@ class Server:
     async def _end(self, request: web.Request) -> web.StreamResponse:
         """Retract and end: needs the token, in a header, and JSON, which no form of another page can send."""
         if self.retract is None:
-            return _refuse(404, "no run goes on here")
+            return _refuse(404, "no run continues here")
         wanted = await self._read_trusted(request)
         if isinstance(wanted, web.Response):
             return wanted

@@ -1,4 +1,4 @@
-"""A run as a page shows it. A run that goes on is a recording that grows; both are told by the same words."""
+"""A run as a page shows it. A run that continues is a recording that grows; both are told by the same words."""
 
 import math
 import time
@@ -32,7 +32,7 @@ from hil_bridge.show.web.telling import (
 from hil_bridge.show.web.wire import Begin, End, Pulse
 
 EVENTS = 200
-"""Events, marks and steps that are kept of a run that goes on, and events that a page shows."""
+"""Events, marks and steps that are kept of a run that continues, and events that a page shows."""
 SILENT_S = 2.0
 """Time without news of the run from which the page says so. Chosen: ten pulses."""
 ROWS_MOST = 8000
@@ -50,7 +50,7 @@ class Cursor:
     marks: int = 0
     version: int = -1
     at: float | None = None
-    """Moment of a recording, s since its start; None: the newest of a run that goes on."""
+    """Moment of a recording, s since its start; None: the newest of a run that continues."""
     moved: bool = True
     """It looks at a moment that it has not been told."""
     panel: tuple[int, int] = (0, 0)
@@ -58,7 +58,7 @@ class Cursor:
 
 
 class Grown:
-    """The records of a run so far. Of one that goes on the newest are kept, and what a page never forgets."""
+    """The records of a run so far. Of one that continues the newest are kept, and what a page never forgets."""
 
     def __init__(self, bounded: bool) -> None:
         def kept(most: int) -> MutableSequence[Any]:
@@ -160,7 +160,7 @@ class Teller:
     # --- what the run tells
 
     def begin(self, begin: Begin) -> None:
-        """More is known of the run: every page begins anew."""
+        """More is known of the run: every page restarts."""
         self._begin, self._facts = begin, begin.scene.chart_facts
         self._version += 1
 

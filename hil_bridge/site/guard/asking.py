@@ -97,9 +97,9 @@ class Situation:
     controller_failure: str = ""
     """Fault of the controller, in words."""
     swing_n: float = 0.0
-    """Amplitude of a swing that goes on at the least gain; 0 for none."""
+    """Amplitude of a swing that continues at the least gain; 0 for none."""
     stiffness_n_m: float | None = None
-    """Estimate of the contact stiffness; None where there is none."""
+    """Estimate of the contact stiffness; None if there is none."""
     start_m: Vector | None = None
     """Position of the start, base frame; by default the middle of the workspace."""
     lowest_n: float | None = None

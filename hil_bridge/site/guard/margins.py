@@ -34,7 +34,7 @@ class Margin(NamedTuple):
 
 
 def number(value: float) -> str:
-    """Rounded to what a person reads."""
+    """Rounded to what an operator reads."""
     return f"{round(value, 6):.6g}"
 
 
@@ -110,7 +110,7 @@ _QUANTITIES = (
     _simple("tilt", "°", Cause.TILT, "tilt_deg", 180.0),
     _simple("gap", "ms", Cause.DEADLINE, "gap_ms", 1e6),
 )
-"""Quantities of a run that goes on."""
+"""Quantities of a run that continues."""
 _RISE = _Quantity(
     "force",
     "N",

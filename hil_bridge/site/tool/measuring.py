@@ -46,7 +46,7 @@ FRAMES_MIN = 10
 TIME_CONSTANTS = 7.0
 """Time constants of the sensor's filter, beside the settling. Derived: after as many less than 0.1 % is left."""
 USUAL_DEG = 30.0
-"""Chosen: turn of a sweep where a person asks for none."""
+"""Chosen: turn of a sweep where an operator asks for none."""
 _LESS_DEG = (25.0, 20.0, 15.0)
 """Chosen: turns that are tried where the arm does not reach the usual one; the least tells a centre of gravity."""
 _BELOW_LIMIT = 0.95
@@ -84,7 +84,7 @@ class Sweep:
 
 
 def choose_angle(setup: Setup, asked_deg: float | None, lift_mm: float) -> float:
-    """Angle of the sweep, degrees: the one that a person asks for, else the usual one, or as much as the robot can.
+    """Angle of the sweep, degrees: the one that an operator asks for, else the usual one, or as much as the robot can.
 
     What a robot can is known of its client's limit, and of the arm of an emulated one. Raises ConfigError where it
     cannot turn so far.
@@ -300,7 +300,7 @@ class _Measuring:
 def _unit(quaternion: Quaternion) -> Quaternion:
     """Device words are rounded; turns are calculated with unit length."""
     if math.hypot(*quaternion) < 0.5:
-        raise DeviceError(f"the robot reports the orientation {quaternion}, which is none")
+        raise DeviceError(f"the robot reports the orientation {quaternion}, which is invalid")
     return normalise(quaternion)
 
 

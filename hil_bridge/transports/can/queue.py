@@ -78,7 +78,7 @@ class SendQueue:
 
     @property
     def give_up_at(self) -> float:
-        """When the next frame is given up, s; never while there is none."""
+        """When the next frame is given up, s; never if there is none."""
         if not self.frames:
             return math.inf
         since, progress = self.frames[0][0], self.progress

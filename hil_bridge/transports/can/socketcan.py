@@ -61,7 +61,7 @@ class SocketCanLink:
 
 
 def interface_up(name: str) -> bool | None:
-    """Whether a network interface is up, None when there is none of this name. Linux only."""
+    """Whether a network interface is up, None if there is none of this name. Linux only."""
     try:
         request = _IFREQ.pack(os.fsencode(name), 0)
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as any_socket:

@@ -34,7 +34,7 @@ PROBE_S = 0.05
 LINK_PATIENCE_S = 10.0
 """Longest time for which a bus may be off or its interface down before the wire is broken, s.
 
-Chosen: a person sets an interface up again, or plugs an adapter in, within that time.
+Chosen: an operator sets an interface up again, or plugs an adapter in, within that time.
 """
 
 _STAMPED_BY_KERNEL = ("socketcan",)
@@ -58,7 +58,7 @@ class Place(NamedTuple):
     channel: str
     """Its name there: `can0`."""
     name: str
-    """The wire as a person has named it."""
+    """The wire as an operator has named it."""
 
 
 class CanWire:

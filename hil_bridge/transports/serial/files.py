@@ -88,7 +88,7 @@ class FileWire:
             self._clock.loop.add_writer(self._fd, self._writable)
 
     def hold(self, hold: bool) -> None:
-        """Take nothing more for now, so that the other side's sending waits; or go on. An end is noticed then, too."""
+        """Take nothing more for now, so that the other side's sending waits; or continue. An end is noticed, too."""
         if self._open and hold:
             self._clock.loop.remove_reader(self._fd)
         elif self._open:

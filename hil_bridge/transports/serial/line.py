@@ -122,7 +122,7 @@ class PacedLine(Around[bytes]):
     def send_break(self, duration_s: float, direction: Direction = Direction.SENT) -> None:
         """Hold one direction of the line low for a time, s, from now on.
 
-        Characters under way are damaged or lost: the UART goes on sending them (PC16550D, line control register bit 6).
+        Characters under way are damaged or lost: the UART still sends them (PC16550D, line control register bit 6).
         """
         line = self._way(direction)
         line.hold(True)

@@ -215,10 +215,10 @@ def encode_row(base: int, row: Sequence[float]) -> tuple[CanFrame, ...]:
 
 
 def decode_pair(data: bytes) -> tuple[float, float]:
-    """Two coefficients of a row. Raises RemoteProtocolError for another length, and for what is no number."""
+    """Two coefficients of a row. Raises RemoteProtocolError for another length, and for what is not a number."""
     a, b = ROW.unpack_exact(data)
     if not (math.isfinite(a) and math.isfinite(b)):
-        raise RemoteProtocolError("the matrix holds what is no number")
+        raise RemoteProtocolError("the matrix holds what is not a number")
     return a, b
 
 

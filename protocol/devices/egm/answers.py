@@ -20,7 +20,7 @@ class Answers:
         self._again: deque[bool] = deque(maxlen=_WAITING_MAX)
         """For each report that waits for its answer: whether it is one of a datagram that came again."""
         self._waiting_since: float | None = None
-        """When the answer left that may still be in the robot's queue, s; None where there is none."""
+        """When the answer left that may still be in the robot's queue, s; None if there is none."""
         self._ends = False
         """A movement has ended on its way: its speed is withdrawn at once, for no other datagram may be answered."""
         self._left_out = False

@@ -3,7 +3,7 @@
 The controller moves its set point with `speed = k * (reference - set point) + speed reference` [M], and k is 5 1/s by
 default: alone, a reference that goes 20 mm/s is followed 4 mm behind. So the answer carries the reference's own speed
 too, from one answer to the next. What is left is the delay of the controller, some 20 ms. When this side falls silent
-on its way, the robot goes on with the last speed until the controller's time-out, but never farther than speed / k
+on its way, the robot continues with the last speed until the controller's time-out, but never farther than speed / k
 beyond the last reference, for the position term holds it there: 4 mm at 20 mm/s.
 
 The robot takes one message a cycle, in the order in which they came, right behind the datagram that it sends [M]. An
@@ -13,7 +13,7 @@ too late to be taken with it, and waits for the one behind: then the next answer
 its way has its speed taken back at once, by an answer ahead of the next datagram.
 
 The robot is not guided while its motors are off, its program stands or its guidance has not begun. Then each datagram
-is answered with the set point that it tells, without speed: it stands still, also when the guidance begins or goes on.
+is answered with the set point that it tells, without speed: it stands still, also when guidance begins or continues.
 """
 
 import math
@@ -43,7 +43,7 @@ from protocol.geometry import Pose, Vector, rotate, rotation_vector, turn_betwee
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
 
 _BEGIN_S = 5.0
-"""Chosen: how long a session may go on before its guidance begins until that is told as a fault. Such datagrams are
+"""Chosen: how long a session may continue before its guidance begins until that is told as a fault. Such datagrams are
 answered, but not reported."""
 _EVENTS_MAX = 1024
 """Chosen: events that are kept until they are taken."""
@@ -235,7 +235,7 @@ class EgmClient:
         return stray
 
     def _begin_session(self, message: RobotMessage, at: float) -> Trouble:
-        """Count anew from this datagram. A robot that is guided on meanwhile has a fault, and its movement goes on."""
+        """Count again from this datagram. A robot that is guided meanwhile has a fault, and its movement continues."""
         goes_on = self._numbers.guided_on and self._moving
         if self._numbers.seqno is not None and not goes_on:
             self._lose("the controller began another EGM session", "the tool stands where it was stopped")

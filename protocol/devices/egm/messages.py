@@ -374,7 +374,7 @@ def _trusted(name: str, values: Sequence[float], most: int) -> None:
         raise RemoteProtocolError(f"{name}: {len(values)} numbers where {most} are the most")
     # a sum is quicker, and may be infinite for numbers that are not
     if not math.isfinite(sum(values)) and not all(map(math.isfinite, values)):
-        raise RemoteProtocolError(f"{name}: a number is none")
+        raise RemoteProtocolError(f"{name}: a number is invalid")
 
 
 def _only_finite(numbers: Sequence[float]) -> None:

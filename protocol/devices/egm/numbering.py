@@ -44,7 +44,7 @@ class Numbering:
             return ahead
         if ahead > 0:
             return None
-        later = _signed(message.tm_ms - self.tm) > 0  # the controller's clock goes on with a new session
+        later = _signed(message.tm_ms - self.tm) > 0  # the controller's clock continues with a new session
         return None if later or self.is_silent(at) or ahead < -_LATE_MAX else ahead
 
     def _silent(self, at: float) -> bool:

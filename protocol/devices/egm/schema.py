@@ -1,7 +1,7 @@
 """The messages of ABB's Externally Guided Motion in Protocol Buffers 2, as two descriptor pools of their own.
 
 RobotWare 6 and 7 differ in one message, the measured force, and 7 has more fields. Each shape has its pool, so neither
-clashes with a module that another package has made of ABB's file. Unknown fields are skipped by either.
+clashes with a module that a plug-in has made of ABB's file. Unknown fields are skipped by either.
 
 Names and numbers of the fields: `proto/egm.proto` of abb_libegm [O:lib] for RobotWare 6.10, ABBRobotEGM 1.0.7 [O:flo]
 for 7.

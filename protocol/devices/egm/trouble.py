@@ -31,7 +31,7 @@ _ERROR = Trouble(
     "read the controller's event log, then start the RAPID program",
 )
 NO_POSE = Trouble("it tells no pose", "guide it by EGMActPose")
-RENUMBERED = Trouble("its datagrams are numbered anew", "see which program sends to this port")
+RENUMBERED = Trouble("its datagrams are numbered again", "see which program sends to this port")
 
 
 _HEALTHY = frozenset(product(*(good for _, good, _ in _FAULTS)))

@@ -235,7 +235,7 @@ class _Samples:
         if (sequence := self._counter.follow(counter)) is None:
             stood = at - self.new_at
             if stood >= self._still_timeout and ready:
-                return f"its counter has stood at {counter} for {stood:.1f} s while samples go on"
+                return f"its counter has stood at {counter} for {stood:.1f} s while samples continue"
             return ""
         self.new_at = at
         if self.zeroing:

@@ -191,7 +191,7 @@ class NetFtClient(Outbox[bytes]):
             self._rates.begin(self._sequence + 1, self._clock.arrived_at)
         else:
             missing = (rdt - self._rdt) % WRAP - 1
-            if missing >= _BACKWARD:  # it was asked for anew, and its records count from 1
+            if missing >= _BACKWARD:  # it was asked for again, and its records count from 1
                 missing = step // self._step - 1
             self.statistics.lost += max(missing, 0)
         self._rdt, self._ft = rdt, ft

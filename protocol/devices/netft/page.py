@@ -87,7 +87,7 @@ def parse_page(page: bytes) -> Configuration:
         raise RemoteProtocolError(f"the page has more than {PAGE_LIMIT} bytes")
     text = page.decode("ascii", "replace")
     if "<!DOCTYPE" in text.upper() or "<netft" not in text:
-        raise RemoteProtocolError("the page is none of a Net F/T")
+        raise RemoteProtocolError("the page is not one of a Net F/T")
     force = _unit(text, "cfgfu", FORCE_UNITS, FORCE_CODES)
     torque = _unit(text, "cfgtu", TORQUE_UNITS, TORQUE_CODES)
     per_force, per_torque = (_number(_needed(text, name), name) for name in ("cfgcpf", "cfgcpt"))
@@ -137,7 +137,7 @@ def _number(text: str, name: str) -> float:
     except ValueError:
         value = math.nan
     if not 1e-9 < value < 1e15:
-        raise RemoteProtocolError(f"the page tells {name} as {text!r}, and that is no number above 0")
+        raise RemoteProtocolError(f"the page tells {name} as {text!r}, and that is not a number above 0")
     return value
 
 

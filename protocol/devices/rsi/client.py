@@ -111,7 +111,7 @@ class RsiClient:
     def begin(self, pose: Pose) -> None:
         offset = self._response.offset
         if self._response.strayed and offset is not None:
-            self._set(offset, self._axes_offset)  # as it did not come along, go on from where it is
+            self._set(offset, self._axes_offset)  # as it did not come along, continue from where it is
         self._began, self._aim = (pose, self._total), self._total
         self._limited = False
         self._response.begin_movement()
@@ -205,7 +205,7 @@ class RsiClient:
         if self._began is not None:
             self._began = None
             why = (
-                "its program has begun anew, or moves by itself"
+                "its program has restarted, or moves by itself"
                 if restarted
                 else f"it sent nothing for {SESSION_MS / 1e3:g} s"
             )

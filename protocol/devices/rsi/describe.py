@@ -43,7 +43,7 @@ def _item(raw: bytes, at: int) -> dict[str, object]:
         "ipoc": telegram.ipoc,
         "fields": fields,
         "problems": _problems(telegram)
-        + [f"{field['name']} is no number" for field in fields if field["value"] is None],
+        + [f"{field['name']} is not a number" for field in fields if field["value"] is None],
     }
 
 

@@ -39,7 +39,7 @@ class Response:
         self._leaving, self._apart_mm = 0, 0.0
         """Cycles in a row in which the robot left its correction, which stood; distance from it."""
         self.ran_away = False
-        """It goes on and on, as each whole correction is added to the one before: it gets no more answers."""
+        """It repeats for ever, as each whole correction is added to the one before: it gets no more answers."""
 
     def begin_session(self, restarted: bool) -> None:
         """Begin a session after the robot's program restarted or was silent."""

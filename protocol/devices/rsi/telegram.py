@@ -166,7 +166,7 @@ def _ipoc(clock: str) -> int:
 def number(text: str) -> float:
     """Parse a number. Raises RemoteProtocolError for anything else, such as NaN, and for one that is too large."""
     if len(text) > _LONGEST_NUMBER or not _NUMBER.fullmatch(text):
-        raise RemoteProtocolError(f"{text[:24]!r} is no number")
+        raise RemoteProtocolError(f"{text[:24]!r} is not a number")
     value = float(text)
     if not abs(value) <= LARGEST_NUMBER:
         raise RemoteProtocolError(f"{text[:24]!r} is too large")

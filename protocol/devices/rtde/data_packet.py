@@ -75,7 +75,9 @@ def read_force(values: Values) -> Vector | None:
     return (a, b, c) if math.isfinite(a + b + c) and any(force) else None
 
 
-_WHY_STOPPED = "see at the pendant whether a person, another client or the watchdog ended it, and begin again"
+_WHY_STOPPED = (
+    "see at the pendant whether an operator, another client or the watchdog ended it, and begin again"
+)
 
 
 def find_slow(scaling: float) -> Trouble:

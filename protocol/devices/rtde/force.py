@@ -54,7 +54,7 @@ class Lost(NamedTuple):
     text: str
     """The reason."""
     remedy: str = ""
-    """Advice for a person; empty where none is known."""
+    """Advice for an operator; empty where none is known."""
 
 
 Event: TypeAlias = Seen | Lost
@@ -163,7 +163,7 @@ class ForceClient(Mailbox[Piece, Event]):
     def _see(self, payload: bytes) -> None:
         values = self._recipes[self._outputs].unpack(payload)
         if not all(map(math.isfinite, values)):
-            self._lose("it reports values that are no numbers", "see its log")
+            self._lose("it reports values that are not numbers", "see its log")
             return
         x, y, z = values[7:10]
         seen = Seen(values[0], pose_of(values[1:7]), (x, y, z), pose_of(values[13:19]))

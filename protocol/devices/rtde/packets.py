@@ -80,7 +80,7 @@ class Types(NamedTuple):
     """Answer to a list of names."""
 
     recipe: int
-    """Number of the recipe; 0 where there is none."""
+    """Number of the recipe; 0 if there is none."""
     types: tuple[str, ...]
     """One for each name, or `NOT_FOUND` or `IN_USE` in its place."""
 

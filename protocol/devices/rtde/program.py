@@ -53,7 +53,7 @@ def program_text(
 ) -> str:
     """Return the program's text for the script port.
 
-    Without a new target for `hold_cycles` it brakes, and goes on with the next. Without any package for a period of
+    Without a new target for `hold_cycles` it brakes, and continues with the next. Without any package for a period of
     `watchdog_hz` the controller stops it. It refuses a pose that no joints within `joint_step_rad` of the last ones
     hold: at the end of its reach an arm would else swing over to another posture.
     """

@@ -41,7 +41,7 @@ class Plan:
     counting: NDArray[np.int16]
     """For each count, one after the other, the number of calculations after the block's beginning."""
     counted: Indices
-    """For the same words, the index of the newest word from which the count goes on."""
+    """For the same words, the index of the newest word from which the count continues."""
     places: Places
     size: int
 

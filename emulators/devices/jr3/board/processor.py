@@ -115,7 +115,7 @@ class Processor:
         """Identify the sensor whose calibration was read, with offsets 0 and no peaks; the first sensor or the second.
 
         A sensor other than the one before is told by `sensor changed`; observed: the same one again is not.
-        Assumed: transform and full scales that the host has set go on with another sensor, the filters start
+        Assumed: transform and full scales that the host has set continue with another sensor, the filters start
         from 0.
         """
         profile, put = self._profile, self.memory.put

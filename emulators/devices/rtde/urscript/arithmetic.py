@@ -152,7 +152,7 @@ def _to_number(text: Value) -> Value:
 
 
 def _no_number(text: str) -> float:
-    raise ScriptError(f"{text[:40]!r} is no number")
+    raise ScriptError(f"{text[:40]!r} is not a number")
 
 
 def _assert(task: Any, value: Value) -> Value:

@@ -162,7 +162,7 @@ class Host(Protocol):
         """Pose of a tool at these joints."""
 
     def solve(self, pose: Pose, near: Six | None = None, tcp: Pose | None = None) -> Six | None:
-        """Joints that hold a tool in a pose; None where there are none."""
+        """Joints that hold a tool in a pose; None if there are none."""
 
     def output(self, name: str) -> tuple[float, ...]:
         """Return an output of RTDE as it is sent now. Raises ScriptError for an unknown name."""

@@ -1,4 +1,4 @@
-"""Methods of lists: `list.append(x)` and the like. A method that changes the list assigns it anew.
+"""Methods of lists: `list.append(x)` and the like. A method that changes the list assigns it again.
 
 Source: the script manual on lists, since PolyScope 5.15. Bounds are ours.
 """

@@ -27,14 +27,14 @@ def _six(value: Value) -> Six:
 def finite_six(value: Value) -> Six:
     six = _six(value)
     if not all(map(math.isfinite, six)):
-        raise ScriptError("a value that is no number")
+        raise ScriptError("a value that is not a number")
     return six
 
 
 def _finite(*given: Value) -> list[float]:
     found = [number(value) for value in given]
     if not all(map(math.isfinite, found)):
-        raise ScriptError("a value that is no number")
+        raise ScriptError("a value that is not a number")
     return found
 
 
@@ -197,7 +197,7 @@ def _numbers_or_stop(host: Host, x: Value) -> Pose | None:
     """Return the pose; a value that is not a number makes a protective stop."""
     if all(map(math.isfinite, vector(x, 6))):
         return pose(x)
-    host.protective_stop("a target that is no number")
+    host.protective_stop("a target that is not a number")
     return None
 
 

@@ -70,7 +70,7 @@ class Code:
         return self.slots.setdefault(name, FIRST + len(self.slots))
 
     def find(self, name: str) -> tuple[int, int] | None:
-        """How many frames out a variable is, and its place there; None where there is none of this name."""
+        """How many frames out a variable is, and its place there; None if there is none of this name."""
         if name in self.globals:
             return self.hops_to(self.root), self.root.slots[name]
         hops, code = 0, self

@@ -14,7 +14,7 @@ def pose(value: Value) -> Pose:
     """Return a pose; a list of six counts as one. Raises ScriptError for anything else, and for invalid numbers."""
     six = vector(value, 6)
     if not all(map(math.isfinite, six)):
-        raise ScriptError("a pose with a value that is no number")
+        raise ScriptError("a pose with a value that is not a number")
     return pose_of(six)
 
 

@@ -30,7 +30,7 @@ def _sleep(task: Any, seconds: Value) -> Generator[None, None, None]:
     """At least one cycle (assumed)."""
     time = number(seconds)
     if not math.isfinite(time):
-        raise ScriptError("a time that is no number")
+        raise ScriptError("a time that is not a number")
     for _ in range(max(1, math.ceil(time / task.host.period - 1e-6))):
         yield
 
@@ -98,7 +98,7 @@ _REGISTERS: tuple[Function, ...] = (
 # --- inputs and outputs
 
 _DIGITAL = {"": (0, 18), "standard_": (0, 8), "configurable_": (8, 8), "tool_": (16, 2)}
-"""First number and count of each group; those without a word go on over all of them."""
+"""First number and count of each group; those without a word continue over all of them."""
 
 
 def _place(group: str, number_: Value) -> int:

@@ -18,7 +18,7 @@ def robot_facts(client: EgmSettings, assumed: EgmProfile) -> RobotFacts:
         pacing=Pacing.STREAMED,
         cycle_s=client.sample_ms * 1e-3,
         servo=_servo_facts(assumed, 0.0 if client.feed_forward else _trail_s(assumed)),
-        late="the controller goes on with the last pose and speed, takes a late message a cycle later, and stops after "
+        late="the controller continues at the last pose and speed, takes a late message a cycle later, and stops after "
         "CommTimeout without one",
         witness=None if client.force_axes == "none" else WitnessFacts(ORDINARY_N, WITNESS_DELAY_S),
     )

@@ -160,7 +160,7 @@ def _is_newer(response: aiohttp.ClientResponse) -> bool:
 
 
 def _find_in_json(body: bytes, key: str) -> str | None:
-    """The text of a key in the state that a document embeds; None where there is none."""
+    """The text of a key in the state that a document embeds; None if there is none."""
     try:
         document: Any = json.loads(body)
     except (ValueError, RecursionError):
@@ -175,7 +175,7 @@ def _find_in_json(body: bytes, key: str) -> str | None:
 
 
 def _find_in_xhtml(body: bytes, key: str) -> str | None:
-    """The text of the element of this class; None where there is none. A document type is refused before it is read."""
+    """The text of the element of this class; None if there is none. A document type is refused before it is read."""
     if b"<!" in body:
         return None
     try:

@@ -12,7 +12,7 @@ from protocol.marks import Mark
 _DELAY_CYCLES = 2.0
 """From an input package to the arm. Derived of measurements: two to three cycles there and back."""
 _LATE = (
-    "its program goes to the last target, brakes after hold_ms without a new one, and goes on with the next"
+    "its program goes to the last target, brakes after hold_ms without a new one, and continues with the next"
 )
 """Reaction of the program to a late target."""
 _ORDINARY_N, _ORDINARY_CB3_N = 12.0, 25.0

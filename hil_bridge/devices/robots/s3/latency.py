@@ -9,7 +9,7 @@ NOTES = (
     "Latency of a recorded run, as evenly spaced quantiles each: turnaround is answer time less",
     "line time (of a controller that answers a point only when it is reached, the motion too);",
 )
-"""Notes for a person about these settings."""
+"""Notes for an operator about these settings."""
 
 
 def late_settings(

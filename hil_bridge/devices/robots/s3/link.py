@@ -290,7 +290,7 @@ class S3Link:
             raise DeviceError(text, cause=Cause.ROBOT_FAILED) from error
 
     def fault(self, status: Status) -> str:
-        """Reasons in a status that forbid to move, in words with their known cause; empty while there are none."""
+        """Reasons in a status that forbid to move, in words with their known cause; empty if there are none."""
         if shown := describe_stop(status, self.profile.check_flags):
             facts = (*shown, *self._said_before(self._clock.now()))
             return f"robot on {self.name} cannot move; its status now shows: {'; '.join(facts)}"

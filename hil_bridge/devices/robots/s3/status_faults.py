@@ -21,7 +21,7 @@ _SURE = ("emergency_stop", "operation")
 
 
 def describe_stop(status: Status, check_flags: bool, standby: bool = True) -> tuple[str, str] | None:
-    """Reasons that keep the robot from moving and the first remedy; None where there are none.
+    """Reasons that keep the robot from moving and the first remedy; None if there are none.
 
     `check_flags`: flags whose place is assumed count too. `standby`: standby counts too.
     """

@@ -131,7 +131,7 @@ def _of_refused(seen: Seen, rules: Rules) -> Iterator[str]:
 def _of_stop(seen: Seen, rules: Rules) -> Iterator[str]:
     yield from _sent_on(seen, rules, "after the stop", "the stop")
     if seen.releases:
-        yield f"released it without a person: {', '.join(dict.fromkeys(seen.releases))}"
+        yield f"released it without an operator: {', '.join(dict.fromkeys(seen.releases))}"
     if moved := _way(seen.moved_after_m, seen.turned_after_rad):
         yield f"{moved} after the stop"
 

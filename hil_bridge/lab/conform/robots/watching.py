@@ -81,7 +81,7 @@ class Seen(Ending):
     turned_after_rad: float = 0.0
     """How far it turned then."""
     releases: list[str] = field(default_factory=list)
-    """Acts behind the fault that belong to a person at the robot, the first ten."""
+    """Acts behind the fault that belong to an operator at the robot, the first ten."""
     returned_at: float | None = None
     """End of the cut."""
     back_at: float | None = None

@@ -41,7 +41,7 @@ def _find_faults(scenario: str, heard: Heard, rules: SensorRules) -> Iterator[st
         return
     yield from _OWN[scenario](heard, rules)
     if heard.no_numbers:
-        yield f"told {heard.no_numbers} readings that are no numbers"
+        yield f"told {heard.no_numbers} readings that are not numbers"
     if heard.crashed:
         yield f"crashed: {describe_end(heard)}"
     if heard.killed:

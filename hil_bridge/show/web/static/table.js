@@ -1,4 +1,4 @@
-/* A saved page that is served: shows its body, each time that the server sends it anew. That of a campaign may go on. */
+/* A saved page that is served: shows its body, each time that the server sends it again. That of a campaign may continue. */
 "use strict";
 (() => {
   const $ = id => document.getElementById(id);

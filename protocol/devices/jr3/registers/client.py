@@ -188,7 +188,7 @@ class BoardClient:
     def _run(
         self, steps: Steps[BoardIdentity | None] | None, now: float, words: tuple[int, ...] = ()
     ) -> None:
-        """Begin these steps, or go on with those under way, whose present one is answered by `words`."""
+        """Begin these steps, or continue with those under way, whose present one is answered by `words`."""
         try:
             if steps is None:
                 self._procedure.advance(words, now)

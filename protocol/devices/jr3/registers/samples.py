@@ -145,7 +145,7 @@ class SampleReader:
         return 0
 
     def _stood(self, elapsed: float, step: int) -> bool:
-        """Whether the counter, which went on by `step` in this time, s, stood still in between."""
+        """Whether the counter, which continued by `step` in this time, s, stood still in between."""
         wrap = _COUNTER_MODULUS * self._tick
         missing = (elapsed - step * self._tick) % wrap
         return _STOOD_S + self._tick < missing < wrap / 2

@@ -189,7 +189,7 @@ def errors_text(word: int) -> str:
 
 
 def _sensor(profile: BoardClientProfile, further: int) -> Steps[None]:
-    """Look every so often until a sensor is there, and a number of times more, then go on."""
+    """Look every so often until a sensor is there, and a number of times more, then continue."""
     good, waited = 0, 0.0
     while True:
         words = yield Read(_ERRORS, _MODEL - _ERRORS + 1)

@@ -108,7 +108,7 @@ class LinkFailed:
     reason: LinkFailure
     text: str
     remedy: str = ""
-    """Checks for a person; empty where none is known."""
+    """Checks for an operator; empty where none is known."""
 
 
 class LinkNotice(NamedTuple):

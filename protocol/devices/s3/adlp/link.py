@@ -42,14 +42,14 @@ Time-outs (seconds from the end of the characters that we handed out last, `Shar
     where it matters: behind an old ACK the other side no longer waits, and a bid goes out again (`Shared.is_overdue`).
 
 Contention
-    Both bid at once: each hears ENQ while BIDDING (`_collide`). The `collision_winner` goes on waiting for its ACK, the
+    Both bid at once: each hears ENQ while BIDDING (`_collide`). The `collision_winner` waits further for its ACK, the
     other end acknowledges, takes the message, and bids again from IDLE; its own message stays queued.
     ENQ instead of an answer to a block (`_interrupt`): the other side has left our message. It may have taken the
     block, so the message fails and is never repeated: an order must not be done twice.
 
 Bidding ahead
     `announce` bids for a message that is still being made: bid and ACK travel meanwhile. The ACK then leads to HOLDING
-    ("the line is held"). `send` goes on from there. When no message comes within `HOLDING_SHARE` of
+    ("the line is held"). `send` continues from there. When no message comes within `HOLDING_SHARE` of
     `answer_timeout_s`, EOT gives the line back (`SendingHalf.release`).
 
 Noise

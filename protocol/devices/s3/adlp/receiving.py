@@ -57,7 +57,7 @@ class ReceivingHalf:
 
     def accept_bid(self) -> State:
         """Acknowledge a bid and wait for the first block."""
-        self._lose_unfinished("began anew")
+        self._lose_unfinished("restarted")
         self._message = _Message()
         self._shared.unended = False
         self._notice(_BID_RECEIVED, "ENQ")

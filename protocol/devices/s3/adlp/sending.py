@@ -276,7 +276,7 @@ def _check_telegram(telegram: bytes, max_telegram: int) -> None:
 
 
 def _explain_silence(message: _Message) -> tuple[LinkFailure, str, str]:
-    """Why no bid for a message was acknowledged: the failure, its text, and checks for a person."""
+    """Why no bid for a message was acknowledged: the failure, its text, and checks for an operator."""
     if message.bid_refused:
         return LinkFailure.BID_REFUSED, f"{message.bids} bids (ENQ) were refused by NAK", ""
     if message.heard:

@@ -207,7 +207,7 @@ def function_text(code: int) -> str:
 
 
 def refusal_remedy(code: int) -> str:
-    """Remedy of a person for a refusal; empty where none is known."""
+    """Remedy of an operator for a refusal; empty where none is known."""
     return _REFUSAL_REMEDIES.get(RefusalCode(code), "") if code in _REFUSALS else ""
 
 

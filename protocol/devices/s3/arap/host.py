@@ -64,7 +64,7 @@ class OrderFailed:
     reason: LinkFailure | OrderFailure
     text: str
     remedy: str = ""
-    """Checks for a person; empty where none is known."""
+    """Checks for an operator; empty where none is known."""
 
 
 @dataclass(frozen=True, slots=True)

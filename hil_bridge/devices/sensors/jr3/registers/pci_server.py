@@ -1,4 +1,4 @@
-"""A real board served until a person stops it."""
+"""A real board served until an operator stops it."""
 
 import asyncio
 import signal
