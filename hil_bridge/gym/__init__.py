@@ -1,4 +1,4 @@
-"""Runs of the bridge as an environment of Gymnasium, and the way back: a policy as a controller under the guard.
+"""Gymnasium environment of bridge runs, and policies as controllers under the guard.
 
     import gymnasium
     import hil_bridge.gym  # registers the environment
@@ -45,7 +45,7 @@ ENVIRONMENT = "hil-bridge/Follow-v0"
 
 
 def _register() -> None:
-    """Tell Gymnasium of the environment, where it is installed."""
+    """Register the environment with Gymnasium, if installed."""
     with suppress(ModuleNotFoundError):
         gymnasium = import_module("gymnasium")
         if ENVIRONMENT not in gymnasium.registry:
@@ -53,7 +53,7 @@ def _register() -> None:
 
 
 def __getattr__(name: str) -> Any:
-    """The environment's class, which needs Gymnasium. Raises ConfigError without it."""
+    """Return the environment class, which requires Gymnasium. Raises ConfigError if it is missing."""
     if name != "FollowEnv":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     try:
@@ -62,7 +62,7 @@ def __getattr__(name: str) -> Any:
         if error.name != "gymnasium":
             raise
         raise ConfigError(
-            f"the environment needs the package gymnasium; {install_command('gymnasium')}"
+            f"the environment requires the package gymnasium; {install_command('gymnasium')}"
         ) from error
 
 

@@ -1,4 +1,4 @@
-"""The configuration of each episode: a base, and what is drawn over it by a seed, as a campaign draws it."""
+"""Configuration of each episode: a base, and settings and faults drawn by a seed, as in a campaign."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
@@ -19,22 +19,22 @@ _NOTHING = '{"config": {}, "faults": []}'
 
 
 class Episodes(NamedTuple):
-    """Configurations of episodes by their seeds."""
+    """Configurations of episodes by seed."""
 
     base: str
-    """The configuration that they share, as JSON."""
+    """Common configuration, as JSON."""
     draw: Draw | None
-    """The settings and faults that are drawn for each; None where none are."""
+    """Settings and faults drawn for each episode; None for none."""
 
     def drawn(self, seed: int) -> str:
-        """Settings and faults that are drawn for a seed, as JSON."""
+        """Return the settings and faults drawn for a seed, as JSON."""
         if self.draw is None:
             return _NOTHING
         numbers = numbers_of(f"{seed} {_CELL}", self.draw.dimensions)
         return draw_values(self.draw, _CELL, self.base, numbers)
 
     def config(self, seed: int) -> Config:
-        """The configuration of an episode. Raises ConfigError for settings that do not fit each other."""
+        """Return the configuration of an episode. Raises ConfigError for contradictory settings."""
         return config_with(self.base, self.drawn(seed), seed)
 
 
@@ -45,23 +45,19 @@ def plan_episodes(
     faults: Tables,
     faults_per_run: int | Mapping[str, int] | None,
 ) -> Episodes:
-    """The episodes of an environment.
+    """Plan the episodes of an environment.
 
-    `over` are settings by dotted key, laid over `source`. `randomise` is as [campaign.draw], `faults` as the tables
-    [[campaign.fault]] of a campaign; `faults_per_run` is their number, one where it is None. Raises ConfigError.
+    `over` are settings by dotted key that override `source`. `randomise` is as [campaign.draw], `faults` as the tables
+    [[campaign.fault]] of a campaign; `faults_per_run` is their number, one if None. Raises ConfigError.
     """
     values = config_of(source).model_dump(mode="json")
     lay_over(values, over)
     base = config_of(values, seed=0)
     for key, url in (("robot.url", base.robot.url), ("sensor.url", base.sensor.url)):
         if url:
-            raise ConfigError(
-                f"{key}: an environment runs against the emulated cell alone; leave the URL empty"
-            )
+            raise ConfigError(f"{key}: an environment runs on the emulated cell only; leave the URL empty")
     if base.task.step:
-        raise ConfigError(
-            "task.step: an environment follows a surface without a program; leave the steps out"
-        )
+        raise ConfigError("task.step: an environment follows a surface without a program; remove the steps")
     if any(table.get("on") in (EVERY, CONTROLLER) for table in faults):
         raise ConfigError("faults: name the target; the controller of an environment is the policy")
     if faults_per_run is None:
@@ -86,7 +82,7 @@ def plan_episodes(
 
 
 def _name(key: str) -> str:
-    """A key of a campaign's file by the name of the environment's argument."""
+    """Translate a key of a campaign file to the environment's argument."""
     for of_file, argument in (
         ("campaign.draw", "randomise"),
         ("campaign.faults_per_run", "faults_per_run"),

@@ -1,7 +1,7 @@
-"""One episode: a run of the bridge in virtual time that stands still at each decision until an action comes.
+"""Episode: a run of the bridge in virtual time that pauses at each decision until it receives an action.
 
-The run goes in a thread of its own, with its own event loop. Virtual time does not pass while the policy thinks. One
-side always waits for the other, so that nothing is shared by both at once.
+The run has its own thread and event loop. Virtual time does not pass while the policy computes. One side always waits
+for the other, so that both never share data at the same time.
 """
 
 import threading
@@ -23,68 +23,68 @@ from protocol.geometry import Vector
 Action: TypeAlias = NDArray[np.float64]
 
 
-class Asked(NamedTuple):
-    """The run asks for a decision."""
+class Decision(NamedTuple):
+    """Decision that the run requests."""
 
     observation: Observed
     at: float
-    """s on the run's clock."""
+    """Time on the run's clock, s."""
     cycles: tuple[CycleRecord, ...]
-    """Control cycles since the decision before."""
+    """Control cycles since the previous decision."""
     position: Vector
     """True position of the tool, base frame, m."""
     force: Vector
     """True force of the surface on the tool, base frame, N."""
 
 
-class Ended(NamedTuple):
-    """The run has ended."""
+class EpisodeEnd(NamedTuple):
+    """End of the run."""
 
     result: Result | None
-    """None where a device refused before the movement."""
+    """Result of the run; None if a device refused before any motion."""
     cycles: tuple[CycleRecord, ...]
-    """As of `Asked`."""
+    """Control cycles since the previous decision."""
     text: str
-    """Why, in words; empty where the run completed."""
+    """Reason; empty if the run completed."""
 
 
 class Episode:
-    """A run, one decision at a time."""
+    """Run that is executed one decision at a time."""
 
     def __init__(self, config: Config, axes: tuple[Axis, ...], speeds: tuple[float, float]) -> None:
-        """`speeds` are those for an action of 1, mm/s and °/s."""
+        """`speeds` are the speeds for an action of 1, mm/s and °/s."""
         self.config = config_of(config, controller=PolicyController(self._ask, axes, *speeds))
         self._hold = np.zeros(len(axes))
         self._cycles: list[CycleRecord] = []
         self._simulation: Simulation | None = None
-        # Each holds one thing at most.
-        self._asked: SimpleQueue[Asked | Ended | BaseException] = SimpleQueue()
+        # Each holds at most one item.
+        self._decisions: SimpleQueue[Decision | EpisodeEnd | BaseException] = SimpleQueue()
         self._actions: SimpleQueue[Action | None] = SimpleQueue()
         self._left = False
         self._thread = threading.Thread(target=self._run, name="episode", daemon=True)
 
-    def start(self) -> Asked | Ended:
-        """Run to the first decision. Raises ConfigError for what cannot be run."""
+    def start(self) -> Decision | EpisodeEnd:
+        """Run to the first decision. Raises ConfigError for a configuration that cannot be run."""
         self._thread.start()
         return self._next()
 
-    def act(self, action: Action) -> Asked | Ended:
-        """Run on with an action, to the next decision."""
+    def act(self, action: Action) -> Decision | EpisodeEnd:
+        """Apply an action and run to the next decision."""
         self._actions.put(action)
         return self._next()
 
     def leave(self) -> None:
-        """End a run that stands at a decision: it holds its place, and retracts. Harmless for one that has ended."""
+        """End a run that waits for an action: it holds its position, and retracts. Idempotent."""
         if self._thread.is_alive():
             self._actions.put(None)
             self._thread.join()
 
-    def _next(self) -> Asked | Ended:
-        answer = self._asked.get()
+    def _next(self) -> Decision | EpisodeEnd:
+        answer = self._decisions.get()
         if isinstance(answer, BaseException):
             self._thread.join()
             raise answer
-        if isinstance(answer, Ended):
+        if isinstance(answer, EpisodeEnd):
             self._thread.join()
         return answer
 
@@ -93,13 +93,13 @@ class Episode:
     def _run(self) -> None:
         try:
             result = run_virtual(self._main)
-            self._asked.put(Ended(result, self._since(), result.text))
+            self._decisions.put(EpisodeEnd(result, self._since(), result.text))
         except ConfigError as error:
-            self._asked.put(error)
+            self._decisions.put(error)
         except BridgeError as error:
-            self._asked.put(Ended(None, self._since(), str(error)))
+            self._decisions.put(EpisodeEnd(None, self._since(), str(error)))
         except BaseException as error:  # for the other thread, which waits
-            self._asked.put(error)
+            self._decisions.put(error)
 
     async def _main(self) -> Result:
         async with simulating(self.config, self._cycles.append) as simulation:
@@ -113,13 +113,13 @@ class Episode:
         return cycles
 
     def _ask(self, observation: Observed) -> Action:
-        """The policy of the run: asks the other thread."""
+        """Request an action from the other thread, as the policy of the run."""
         simulation = self._simulation
         if self._left or simulation is None:
             return self._hold
         truth = simulation.truth()
         at = simulation.clock.now()
-        self._asked.put(Asked(observation, at, self._since(), truth.position, truth.contact_force))
+        self._decisions.put(Decision(observation, at, self._since(), truth.position, truth.contact_force))
         action = self._actions.get()
         if action is None:
             self._left = True

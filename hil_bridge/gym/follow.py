@@ -1,7 +1,8 @@
-"""The environment: follow a surface with a wanted force, over the bridge and its emulated devices.
+"""Environment: follow a surface with a target force, using the bridge and its emulated devices.
 
 An episode is a run in virtual time. It begins at the first contact, and ends with the run. Every byte between bridge
-and devices is that of the real devices, and the guard judges each action. It has no switch; its limits are settings.
+and devices is the same as with real devices, and the guard checks each action. The guard cannot be disabled; its
+limits are settings.
 """
 
 from collections.abc import Mapping
@@ -15,17 +16,17 @@ from gymnasium import spaces
 from hil_bridge.control.laws.policy import AXES, HIGH, LOW, Axis, Observed, PolicyController
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.gym.drawing import Episodes, Tables, plan_episodes
-from hil_bridge.gym.episode import Action, Asked, Ended, Episode
+from hil_bridge.gym.episode import Action, Decision, Episode, EpisodeEnd
 from hil_bridge.gym.rewards import Reward, Transition, make_reward
 from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.given import Source
 
 SENSORS: Mapping[str, str] = {"s3": "jr3"}
-"""Sensor of a robot where none is given; `netft` for all others."""
+"""Default sensor by robot; `netft` for all others."""
 _USUAL_SENSOR = "netft"
 SKIPPED_MAX = 50
-"""Runs in a row that may end before their first contact. Chosen: then the settings are wrong, not the draw."""
+"""Consecutive runs that may end before their first contact. Chosen: after more, the settings must be wrong."""
 _SEEDS = 2**31
 _NONE_YET = {"episodes": 0, "stops": 0, "skipped": 0}
 
@@ -34,30 +35,31 @@ class Options(TypedDict, total=False):
     """Further arguments of the environment."""
 
     config: Source
-    """Configuration below the other arguments: a file, tables, or a `Config`. `run.duration_s` ends an episode."""
+    """Base configuration, overridden by the other arguments: a file, tables, or a `Config`. `run.duration_s` ends an
+    episode."""
     actions: tuple[Axis, ...]
-    """Axes of the action, of `AXES`; `("along",)` where it is left out."""
+    """Axes of the action, from `AXES`; default `("along",)`."""
     speed_mm_s: float
-    """Speed at which the set point moves for an action of 1, mm/s; 5 where it is left out."""
+    """Speed of the setpoint for an action of 1, mm/s; default 5."""
     turn_deg_s: float
-    """Speed at which the tool turns for an action of 1, °/s; 5 where it is left out."""
+    """Angular speed of the tool for an action of 1, °/s; default 5."""
     reward: str | Reward
-    """Name of a reward, or a function of a `Transition`; `"force-error"` where it is left out."""
+    """Name of a reward, or a function of a `Transition`; default `"force-error"`."""
     randomise: Mapping[str, Any]
-    """Ranges and lists by key of the configuration, as [campaign.draw]: drawn again for each episode."""
+    """Ranges and lists by configuration key, as in [campaign.draw], drawn for each episode."""
     faults: Tables
-    """Faults of which some are drawn for each episode, as the tables [[campaign.fault]]."""
+    """Faults from which each episode draws, as in the tables [[campaign.fault]]."""
     faults_per_run: int | Mapping[str, int]
-    """Faults of an episode: a number, or `{"from": 0, "to": 2}`; one where it is left out and `faults` are given."""
+    """Faults per episode: a number, or `{"from": 0, "to": 2}`; default 1 if `faults` are given."""
     keep: Path | str
-    """Folder in which the recording of each run that is stopped is kept; none where it is left out."""
+    """Folder for the recordings of stopped runs; default none."""
 
 
 class FollowEnv(gymnasium.Env[Observed, Action]):
-    """The environment `hil-bridge/Follow-v0`.
+    """Environment `hil-bridge/Follow-v0`.
 
-    A run that ends before it has touched the surface is no episode: the next seed is taken, and `info["skipped"]`
-    counts it.
+    A run that ends before it touches the surface is not an episode: it is counted in `info["skipped"]`, and the next
+    seed is used.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  the class of Gymnasium declares it so
@@ -70,11 +72,11 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
         **options: Unpack[Options],
     ) -> None:
         """`robot` and `sensor` are kinds of emulated devices. `surface` are settings of [cell.surface], or the kind of
-        a surface. Raises ConfigError for a setting that is wrong.
+        a surface. Raises ConfigError for an invalid setting.
         """
         if unknown := set(options) - set(Options.__annotations__):
             known = ", ".join(Options.__annotations__)
-            raise ConfigError(f"the environment has no argument {min(unknown)!r}, only {known}")
+            raise ConfigError(f"the environment has no argument {min(unknown)!r}; known: {known}")
         over: dict[str, object] = {
             "robot.emulated": robot,
             "sensor.emulated": sensor or SENSORS.get(robot, _USUAL_SENSOR),
@@ -92,7 +94,9 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
         )
         self._axes = tuple(options.get("actions", AXES[:1]))
         self._speeds = options.get("speed_mm_s", 5.0), options.get("turn_deg_s", 5.0)
-        PolicyController(lambda observation: observation, self._axes, *self._speeds)  # refuses what cannot be
+        PolicyController(
+            lambda observation: observation, self._axes, *self._speeds
+        )  # validates the axes and speeds
         reward = options.get("reward", "force-error")
         self._reward: Reward = make_reward(reward) if isinstance(reward, str) else reward
         keep = options.get("keep")
@@ -100,24 +104,24 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
         self.observation_space = spaces.Box(LOW, HIGH, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self._axes),), np.float64)
         self._episode: Episode | None = None
-        self._asked: Asked | None = None
+        self._decision: Decision | None = None
         self._seed = 0
         self._counts = dict(_NONE_YET)
 
     def config(self, seed: int) -> Config:
-        """The configuration of the episode with this `info["seed"]`, for `hil_bridge.simulate`.
+        """Return the configuration of the episode with this `info["seed"]`, for `hil_bridge.simulate`.
 
-        Raises ConfigError for settings that were drawn together and do not fit each other.
+        Raises ConfigError for drawn settings that contradict each other.
         """
         return self._episodes.config(seed)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observed, dict[str, Any]]:
-        """Begin an episode; a run that is under way retracts first.
+        """Begin an episode; a running one retracts first.
 
-        `seed` is that of all episodes from here on, and the counts begin again with it. `options={"episode": N}` gives
-        this one the `info["seed"]` N. Raises ConfigError where no run comes to a contact.
+        `seed` determines all following episodes, and resets the counts. `options={"episode": N}` gives this episode the
+        `info["seed"]` N. Raises ConfigError if no run reaches a contact.
         """
         super().reset(seed=seed)
         if seed is not None:
@@ -129,8 +133,8 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
             self._seed = int(self.np_random.integers(_SEEDS)) if chosen is None else int(chosen)
             self._episode = Episode(self.config(self._seed), self._axes, self._speeds)
             begun = self._episode.start()
-            if isinstance(begun, Asked):
-                self._asked = begun
+            if isinstance(begun, Decision):
+                self._decision = begun
                 self._counts["episodes"] += 1
                 drawn = self._episodes.drawn(self._seed)
                 return begun.observation, {**self._info(begun), "seed": self._seed, "drawn": drawn}
@@ -138,31 +142,33 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
             text = begun.text or "it ended before it touched the surface"
             if chosen is not None:
                 break
-        raise ConfigError(f"no run comes to a contact; the last one, with seed {self._seed}: {text}")
+        raise ConfigError(f"no run reaches a contact; the last one, with seed {self._seed}: {text}")
 
     def step(self, action: Action) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
-        """Run on to the next decision.
+        """Apply an action and run to the next decision.
 
-        `terminated` tells that the run was stopped or came to its end, `truncated` that its time is up. The last
-        observation of an episode is that of its last decision. Raises ResetNeeded without an episode under way, and
-        ValueError for an action that is none.
+        `terminated` means that the run was stopped or ended, `truncated` that its time is up. The last observation of
+        an episode is that of its last decision. Raises ResetNeeded without a running episode, and ValueError for an
+        invalid action.
         """
-        episode, before = self._episode, self._asked
+        episode, before = self._episode, self._decision
         if episode is None or before is None:
-            raise gymnasium.error.ResetNeeded("the episode has ended, or none has begun: call reset()")
+            raise gymnasium.error.ResetNeeded("no episode is running; call reset()")
         given = np.array(action, np.float64).reshape(-1)
         if given.shape != self.action_space.shape or not np.isfinite(given).all():
-            raise ValueError(f"an action is {len(self._axes)} numbers from -1 to 1, got {action!r}")
+            raise ValueError(f"an action must be {len(self._axes)} numbers from -1 to 1, got {action!r}")
         after = episode.act(given)
-        if isinstance(after, Asked):
-            self._asked = after
+        if isinstance(after, Decision):
+            self._decision = after
             transition = Transition(after.cycles, after.at - before.at, given, None, stopped=False)
             return after.observation, float(self._reward(transition)), False, False, self._info(after)
-        self._asked = None
+        self._decision = None
         return before.observation, *self._end(before, after, given)
 
-    def _end(self, before: Asked, end: Ended, action: Action) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Reward, terminated, truncated and info of the last step."""
+    def _end(
+        self, before: Decision, end: EpisodeEnd, action: Action
+    ) -> tuple[float, bool, bool, dict[str, Any]]:
+        """Return reward, terminated, truncated and info of the last step."""
         result = end.result
         stopped = result is None or result.outcome is Outcome.STOPPED
         self._counts["stops"] += stopped
@@ -184,17 +190,17 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
         }
         return float(self._reward(transition)), not time_is_up, time_is_up, info
 
-    def _info(self, asked: Asked) -> dict[str, Any]:
-        """Truth of the cell at a decision, and the counts of this environment."""
+    def _info(self, decision: Decision) -> dict[str, Any]:
+        """Return the true state of the cell at a decision, and the counts of this environment."""
         return {
-            "truth_position": np.array(asked.position),
-            "truth_force": np.array(asked.force),
+            "truth_position": np.array(decision.position),
+            "truth_force": np.array(decision.force),
             **self._counts,
         }
 
     def close(self) -> None:
-        """End the run that is under way. Harmless when called again."""
-        episode, self._episode, self._asked = self._episode, None, None
+        """End the running episode. Idempotent."""
+        episode, self._episode, self._decision = self._episode, None, None
         if episode is not None:
             episode.leave()
 
@@ -204,12 +210,12 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
 
 
 def _is_time(cause: Cause | None) -> bool:
-    """Whether a run ended because its time, or its way, was up."""
+    """Return whether a run ended because its time or distance was used up."""
     return cause in (Cause.TIME_IS_UP, Cause.TRAVELLED)
 
 
 def _free_place(folder: Path, name: str) -> Path:
-    """A file that is not there yet."""
+    """Return a file path that does not exist yet."""
     place, number = folder / f"{name}.mcap", 1
     while place.exists():
         number += 1

@@ -1,4 +1,4 @@
-"""A recording, decided again by a policy that a program gives."""
+"""Replay of a recording with another policy."""
 
 from pathlib import Path
 
@@ -10,10 +10,10 @@ from hil_bridge.runs.replay import ReplayedCycle, recorded_config, replay
 def replay_policy(
     recording: Recording | Path | str, controller: PolicyController
 ) -> tuple[ReplayedCycle, ...]:
-    """Every recorded cycle, decided again by this controller; `differences` of a cycle tells what is not the same.
+    """Replay every recorded cycle with this controller; `differences` of a cycle lists what differs.
 
-    The policy with which the run was made gives the same, bit by bit. With another one, each cycle begins from the
-    command before it that was recorded. Raises ConfigError for a recording that cannot be replayed.
+    The original policy reproduces the run bit by bit. With another one, each cycle starts from the recorded previous
+    command. Raises ConfigError for a recording that cannot be replayed.
     """
     records = read(Path(recording)) if isinstance(recording, (str, Path)) else recording
     config = recorded_config(records, {}, controller)

@@ -1,7 +1,7 @@
-"""Rewards by name: ours, and those of other packages by the entry point group `hil_bridge.rewards`.
+"""Rewards by name: built-in ones, and those of plug-ins in the entry point group `hil_bridge.rewards`.
 
-A reward is a number per step, from the cycles that the action has led to. A package offers a class or a function
-without parameters that makes one.
+A reward maps the cycles that resulted from an action to a number per step. A plug-in provides a class or a function
+without parameters that creates one.
 """
 
 from collections.abc import Callable, Mapping
@@ -19,51 +19,51 @@ from hil_bridge.record import CycleRecord
 from hil_bridge.runs.simulation import Result
 
 GROUP = "hil_bridge.rewards"
-"""Entry point group of other packages' rewards."""
+"""Entry point group of plug-in rewards."""
 _AT_WORK = ("approach", "track")
 
 
 class Transition(NamedTuple):
-    """A step of an environment: what an action has led to."""
+    """Step of an environment: the result of an action."""
 
     cycles: tuple[CycleRecord, ...]
-    """Control cycles from the one that the action decided, to the next decision or the end of the run."""
+    """Control cycles from the one with the action to the next decision or the end of the run."""
     seconds: float
     """Time from the decision to the next one, or to the end of the tracking, s."""
     action: NDArray[np.float64]
-    """Shares of the farthest way, one for each axis."""
+    """Action, -1 to 1 for each axis."""
     result: Result | None
-    """Result of the run, where this step has ended it."""
+    """Result of the run, if this step ended it."""
     stopped: bool
-    """The run was stopped: by the guard, a device or a limit of the task."""
+    """Whether the run was stopped by the guard, a device or a limit of the task."""
 
     @property
     def at_work(self) -> tuple[CycleRecord, ...]:
-        """Cycles that tracked, or looked for a contact that was lost; no retraction."""
+        """Cycles that tracked, or searched for a lost contact, without retractions."""
         return tuple(cycle for cycle in self.cycles if cycle.phase in _AT_WORK)
 
 
 class Reward(Protocol):
-    """A reward: a pure function of a step."""
+    """Reward: a pure function of a step."""
 
     def __call__(self, transition: Transition) -> float:
-        """The reward of a step; more is better."""
+        """Return the reward of a step; more is better."""
 
 
 @dataclass(frozen=True, slots=True)
 class ForceError:
-    """−∫ (|f − f_d| / f_d + p · lost) dt, less a penalty for a run that is stopped.
+    """Reward −∫ (|f − f_d| / f_d + p · lost) dt, minus a penalty for a stopped run.
 
-    The integral counts in seconds, so that robots with other cycles give comparable sums.
+    The integral is over seconds, so that robots with different cycles give comparable sums.
     """
 
     lost_per_s: float = 5.0
-    """Penalty p while the tool has lost the surface, 1/s. Chosen: five times what no force costs."""
+    """Penalty p while contact is lost, 1/s. Chosen: five times the cost of zero force."""
     stopped: float = 50.0
-    """Penalty for a stop. Chosen: more than any episode of ten seconds costs that continues."""
+    """Penalty for a stop. Chosen: more than the cost of any ten-second episode without one."""
 
     def __call__(self, transition: Transition) -> float:
-        """The reward of a step."""
+        """Return the reward of a step."""
         cost = self.stopped if transition.stopped else 0.0
         cycles = transition.at_work
         if cycles:
@@ -78,14 +78,14 @@ class ForceError:
 
 @dataclass(frozen=True, slots=True)
 class ForceAndEffort:
-    """The force error, and the square of the action: for policies that shall be calm."""
+    """Reward of small force error and small actions, for smooth policies."""
 
     effort_per_s: float = 0.1
-    """Cost of an action of 1, 1/s. Chosen: a tenth of what no force costs."""
+    """Cost of an action of 1, 1/s. Chosen: a tenth of the cost of zero force."""
     force_error: ForceError = ForceError()
 
     def __call__(self, transition: Transition) -> float:
-        """The reward of a step."""
+        """Return the reward of a step."""
         effort = self.effort_per_s * float(np.square(transition.action).sum()) * transition.seconds
         return self.force_error(transition) - effort
 
@@ -94,26 +94,24 @@ Maker: TypeAlias = Callable[[], Reward]
 REWARDS: Mapping[str, Maker] = MappingProxyType(
     {"force-error": ForceError, "force-and-effort": ForceAndEffort}
 )
-"""Our rewards by name."""
+"""Built-in rewards by name."""
 
 
 def make_reward(name: str) -> Reward:
-    """A reward by its name. Raises ConfigError for a name that no package or too many offer, and for a package that
-    is broken.
-    """
-    found = find_plugin(GROUP, "reward", name, REWARDS)
-    if found is None:
+    """Create a reward by name. Raises ConfigError for an unknown or ambiguous name, and for a broken plug-in."""
+    plugin = find_plugin(GROUP, "reward", name, REWARDS)
+    if plugin is None:
         if name not in REWARDS:
             names = ", ".join([*REWARDS, *plugin_names(GROUP)])
-            raise ConfigError(f"there is no reward {name!r}; choose one of {names}")
+            raise ConfigError(f"unknown reward {name!r}; known: {names}")
         return REWARDS[name]()
     try:
-        made: Any = found.value()
+        created: Any = plugin.value()
     except (Exception, SystemExit) as error:
-        raise ConfigError(f"{found.where} cannot be made: {failure(error)}") from error
-    if not callable(made):
+        raise ConfigError(f"{plugin.where} cannot be created: {failure(error)}") from error
+    if not callable(created):
         raise ConfigError(
-            f"{found.where}: {found.source} makes {type(made).__name__}, which cannot be called"
+            f"{plugin.where}: {plugin.source} returns {type(created).__name__}, which is not callable"
         )
-    reward: Reward = made
+    reward: Reward = created
     return reward

@@ -279,8 +279,8 @@ def hil_conform(request: pytest.FixtureRequest) -> Callable[..., Any]:
         kind: str, command: Sequence[str], scenario: str = "nominal", config: Any = None, **rules: Any
     ) -> Any:
         from hil_bridge.errors import BridgeError
+        from hil_bridge.lab.conform.real_time import play_once
         from hil_bridge.lab.conform.reports import evidence
-        from hil_bridge.lab.conform.trying import play_once
 
         try:
             played = play_once((kind, scenario), command, config, rules)

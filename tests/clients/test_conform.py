@@ -15,10 +15,10 @@ import pytest
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.client import ProcessClient
+from hil_bridge.lab.conform.real_time import play_all, usual_port
 from hil_bridge.lab.conform.robots.scenarios import Rules
 from hil_bridge.lab.conform.robots.stage import RobotTrial
-from hil_bridge.lab.conform.trial import Played, choose_scenarios
-from hil_bridge.lab.conform.trying import play_all, usual_port
+from hil_bridge.lab.conform.trial import ScenarioResult, choose_scenarios
 from hil_bridge.settings.configuration import load_config
 
 pytestmark = pytest.mark.live
@@ -47,7 +47,7 @@ def judged(tmp_path: Path, *arguments: str) -> tuple[int, dict[str, Any], str]:
 
 def played(
     command: list[str], names: list[str], listen: str | None = None, **rules: Any
-) -> dict[str, Played[Any]]:
+) -> dict[str, ScenarioResult[Any]]:
     """The same in this process, which saves its start."""
     config = load_config(None, {"robot.emulated": "rtde"})
     asked = Rules(**{"after_s": 0.2, "watch_s": 0.8, "react_s": 0.3, "run_s": 0.6, "end_s": 0.5, **rules})
@@ -129,7 +129,7 @@ def test_a_client_that_keeps_sending_after_a_protective_stop_is_found(tmp_path: 
     assert found["nominal"]["outcome"] == "passed", output
     stopped = found["stopped"]
     assert stopped["outcome"] == "failed"
-    assert "orders of motion after the stop" in stopped["reason"]
+    assert "motion orders after the stop" in stopped["reason"]
     assert stopped["reason"] in output
     assert stopped["evidence"]["after_stop"] > 10
     assert stopped["evidence"]["last_motion_s"] == pytest.approx(0.8, abs=0.3)
@@ -143,7 +143,7 @@ def test_a_client_that_keeps_sending_after_a_protective_stop_is_found(tmp_path: 
     [
         ("crash", "failed by itself: ended by itself after 0."),
         ("garbage", "what the robot cannot read"),
-        ("deaf", "did not end within 0.5 s of being told to, and was killed"),
+        ("deaf", "did not end within 0.5 s of the request, and was killed"),
         ("leap", "of its orders leap, by up to 20"),
     ],
 )
@@ -161,7 +161,7 @@ def test_a_mistake_is_named(mistake: str, words: str) -> None:
 
 def test_a_client_that_never_comes_fails_once_and_the_rest_is_skipped() -> None:
     found = played(["sleep", "60"], [], start_s=0.3)
-    assert found["nominal"].verdict.reason == "never came to the robot: nothing in 0.3 s"
+    assert found["nominal"].verdict.reason == "never connected: nothing in 0.3 s"
     assert [one.verdict.outcome for one in found.values()] == ["failed", *["skipped"] * 5]
 
 
@@ -169,7 +169,7 @@ def test_a_client_that_declares_to_come_back_and_does_not_is_found() -> None:
     """Ours has no mind for it: the watchdog has stopped its program, and it does not bring it again."""
     found = played(mistaken("none"), ["cut"], comes_back=True, cut_s=0.3, back_s=0.5)
     assert found["cut"].verdict.outcome == "failed"
-    assert found["cut"].verdict.reason.startswith("did not come back within 0.5 s, as it declares")
+    assert found["cut"].verdict.reason.startswith("did not reconnect within 0.5 s, as it declares")
 
 
 def test_a_command_that_is_not_there_is_wrong_input() -> None:

@@ -37,7 +37,7 @@ class Naive:
     kind = ""
     """Its robot."""
     output = ""
-    hear: Callable[[bytes], object] | None = None
+    on_output: Callable[[bytes], object] | None = None
 
     def __init__(self, mistake: str = "") -> None:
         self.mistake = mistake
@@ -326,9 +326,9 @@ class Planted(NamedTuple):
     scenario: str = "nominal"
 
 
-W_END = "w of its quaternion seems to stand at the wrong end"
-LEAP, TURN, WIRE = "orders leap", "turn the tool at once", "break a rule of the wire"
-GOES_ON = "orders of motion after the stop"
+W_END = "w of its quaternion seems to be at the wrong end"
+LEAP, TURN, WIRE = "orders leap", "rotate the tool abruptly", "violate the protocol"
+GOES_ON = "motion orders after the stop"
 PLANTED = (
     Planted(EgmClient, "quaternion", "a quaternion x y z w is sent as w x y z", W_END),
     Planted(EgmClient, "metres", "a place in m is sent as mm", LEAP),
@@ -337,7 +337,7 @@ PLANTED = (
     Planted(EgmClient, "upwards", "the motion leads up instead of down", ""),
     Planted(EgmClient, "one number", "all messages have one sequence number", WIRE),
     Planted(EgmClient, "two loops", "two loops answer each datagram", WIRE),
-    Planted(EgmClient, "speed of 1000 times", "a speed in µm/s is sent as mm/s", "a speed above the robot's"),
+    Planted(EgmClient, "speed of 1000 times", "a speed in µm/s is sent as mm/s", "exceed the robot's speed"),
     Planted(EgmClient, "late", "each answer is sent five cycles late", ""),
     Planted(EgmClient, "clock", "behind a cut it continues by the clock", LEAP, "cut"),
     Planted(EgmClient, "restarts", "behind a cut it restarts at its first start", LEAP, "cut"),
@@ -353,9 +353,13 @@ PLANTED = (
     Planted(RtdeClient, "clock", "behind a cut it continues by the clock", LEAP, "cut"),
     Planted(RtdeClient, "blind", "it does not look at the safety mode", GOES_ON, "stopped"),
     Planted(
-        RtdeClient, "unlocks", "it unlocks a protective stop", "released it without an operator", "stopped"
+        RtdeClient,
+        "unlocks",
+        "it unlocks a protective stop",
+        "released the stop without an operator",
+        "stopped",
     ),
-    Planted(ScriptClient, "mm/s", "a speed in mm/s is sent as m/s in a script", "a speed above the robot's"),
+    Planted(ScriptClient, "mm/s", "a speed in mm/s is sent as m/s in a script", "exceed the robot's speed"),
     Planted(
         ScriptClient, "blind", "it sends scripts and does not look at the safety mode", GOES_ON, "stopped"
     ),

@@ -22,7 +22,7 @@ class Reader:
     """Tells the newest frame of our own sensor client every `EVERY_S`, as long as the client trusts it."""
 
     output = ""
-    hear: Callable[[bytes], object] | None = None
+    on_output: Callable[[bytes], object] | None = None
 
     def __init__(self, kind: str, mistake: str = "") -> None:
         self.kind, self.mistake = kind, mistake
@@ -74,8 +74,8 @@ class Reader:
                 return list(wrench)
 
     def _tell(self, wrench: list[float]) -> None:
-        assert self.hear is not None
-        self.hear(b"reading\n" + " ".join(f"{part:.4f}" for part in wrench).encode() + b"\n")
+        assert self.on_output is not None
+        self.on_output(b"reading\n" + " ".join(f"{part:.4f}" for part in wrench).encode() + b"\n")
 
     def poll(self) -> int | None:
         if self._task is None or not self._task.done():
@@ -106,12 +106,12 @@ class PlantedReading(NamedTuple):
 
 PLANTED_READINGS = (
     PlantedReading(
-        "netft", "pounds", "pounds of force are told as newtons", "nominal", "were told as fx +2.25"
+        "netft", "pounds", "pounds of force are told as newtons", "nominal", "were reported as fx +2.25"
     ),
-    PlantedReading("ft300", "swapped", "two axes are exchanged", "nominal", "on fx were told as fy +"),
-    PlantedReading("ati-can", "sign", "fz has the wrong sign", "nominal", "on fz were told as fz -"),
+    PlantedReading("ft300", "swapped", "two axes are exchanged", "nominal", "on fx were reported as fy +"),
+    PlantedReading("ati-can", "sign", "fz has the wrong sign", "nominal", "on fz were reported as fz -"),
     PlantedReading(
-        "jr3", "moments first", "moments stand before forces", "nominal", "on fx were told as mx +"
+        "jr3", "moments first", "moments stand before forces", "nominal", "on fx were reported as mx +"
     ),
     PlantedReading(
         "jr3-uart",
@@ -120,18 +120,18 @@ PLANTED_READINGS = (
         "nominal",
         "is neither the load nor zero",
     ),
-    PlantedReading("netft", "mean", "two axes have their mean", "nominal", "on fx were told as"),
+    PlantedReading("netft", "mean", "two axes have their mean", "nominal", "on fx were reported as"),
     PlantedReading(
         "netft",
         "",
-        "its reading at rest is no zero, as it declares",
+        "its reading at rest is not zero, as declared",
         "nominal",
-        "is no zero, as it declares",
+        "is not zero, as declared",
         True,
     ),
     PlantedReading(
-        "netft", "stale", "the last value is told on while nothing comes", "cut", "while the wire was cut"
+        "netft", "stale", "the last value is told on while nothing comes", "cut", "while the link was cut"
     ),
-    PlantedReading("netft", "blind", "it does not look at the status", "status", "said that they are wrong"),
-    PlantedReading("jr3", "blind", "it does not look at the counter", "status", "said that they are wrong"),
+    PlantedReading("netft", "blind", "it does not look at the status", "status", "reported them as invalid"),
+    PlantedReading("jr3", "blind", "it does not look at the counter", "status", "reported them as invalid"),
 )

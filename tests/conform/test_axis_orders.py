@@ -6,24 +6,24 @@ from emulators.devices.rsi import RsiController, RsiProfile
 from emulators.devices.rsi.correction import TOO_FAST
 from emulators.seams import StartPose
 from hil_bridge.lab.conform.robots.scenarios import Rules
-from hil_bridge.lab.conform.robots.watching import Seen, ToolLook, Watch
+from hil_bridge.lab.conform.robots.watching import RobotEvidence, ToolSample, Watch
 from protocol.devices.rsi import SENSOR, Telegram, axis_tags, decode, encode, fixed
 
 EPOCH = 100.0
-STANDING = ToolLook((0.9, 0.0, 0.6), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+STANDING = ToolSample((0.9, 0.0, 0.6), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-def judged(steps_deg: list[float]) -> Seen:
+def judged(steps_deg: list[float]) -> RobotEvidence:
     """The watch over a client that corrects axis 1 so, cycle by cycle."""
     profile = RsiProfile(mode="absolute", move_after_ms=0.0)
     robot = RsiController(profile, StartPose((0.9, 0.0, 0.6), (0.0, 1.0, 0.0, 0.0)), EPOCH)
     watch = Watch(EPOCH, Rules(), stops=False, from_start=False)
-    robot.orders.listener = watch.hear
+    robot.orders.listener = watch.receive
     for axis in [*steps_deg, steps_deg[-1]]:
         due = robot.endpoint.next_deadline()
         assert due is not None
         robot.endpoint.handle_deadline(due)
-        watch.look(due, STANDING, robot.hindrance(due))
+        watch.update(due, STANDING, robot.hindrance(due))
         for raw in robot.endpoint.data_to_send(due):
             texts = {**dict.fromkeys(axis_tags("AK"), "0"), "AK.A1": fixed(axis, 6)}
             answer = encode(Telegram(SENSOR, "ImFree", texts, decode(bytes(raw)).ipoc))

@@ -7,8 +7,8 @@ from click.testing import CliRunner
 
 from hil_bridge.cli import cli
 from hil_bridge.errors import BridgeError
+from hil_bridge.lab.conform.real_time import usual_port
 from hil_bridge.lab.conform.trial import where_of
-from hil_bridge.lab.conform.trying import usual_port
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.settings.devices import robot_at
 
@@ -26,10 +26,10 @@ def conform(*arguments: str) -> "tuple[int, str]":
         (("rtde",), "the client's command is missing; give it after --"),
         (
             ("nope", "--", "true"),
-            "there is no robot or sensor 'nope'; choose one of egm, rsi, rtde, s3, ati-can",
+            "unknown robot or sensor 'nope'; known: egm, rsi, rtde, s3, ati-can",
         ),
-        (("rtde", "--only", "fire", "--", "true"), "no scenario 'fire' for rtde; there are nominal, late"),
-        (("rtde", "--set", "fire=1", "--", "true"), "write NAME=VALUE"),
+        (("rtde", "--only", "fire", "--", "true"), "no scenario 'fire' for rtde; known: nominal, late"),
+        (("rtde", "--set", "fire=1", "--", "true"), "must be NAME=VALUE"),
         (("rtde", "--junit", "/nowhere/x.xml", "--", "true"), "there is no such folder"),
     ],
 )
@@ -42,7 +42,7 @@ def test_wrong_input_is_refused_in_one_line(arguments: tuple[str, ...], words: s
 def test_the_rules_are_shown_with_their_units() -> None:
     code, told = conform("rtde", "--rules", "--set", "react_s=0.2")
     assert code == 0
-    assert "react_s               0.2 s     in which it must have seen a stop" in told.splitlines()
+    assert "react_s               0.2 s     time to react to a stop" in told.splitlines()
 
 
 def test_verdicts_do_not_overwrite_a_file(tmp_path: Path) -> None:

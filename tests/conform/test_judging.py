@@ -12,15 +12,15 @@ from hil_bridge.lab.conform.client import Where
 from hil_bridge.lab.conform.reports import as_json, as_junit, lateness, not_modelled, table, totals
 from hil_bridge.lab.conform.robots.judging import judge
 from hil_bridge.lab.conform.robots.scenarios import Rules
-from hil_bridge.lab.conform.robots.watching import Seen, ToolLook, Watch
+from hil_bridge.lab.conform.robots.watching import RobotEvidence, ToolSample, Watch
 from hil_bridge.lab.conform.rules import read_rules
-from hil_bridge.lab.conform.trial import Played
+from hil_bridge.lab.conform.trial import ScenarioResult
 from hil_bridge.lab.conform.verdict import Outcome, Verdict
 from protocol.geometry import Pose, turn_by
 from protocol.unmodelled import NotModelled
 
 RULES = Rules()
-WELL = Seen(
+WELL = RobotEvidence(
     contact_at=0.1,
     orders=50,
     taken=50,
@@ -36,10 +36,10 @@ STOPPED = replace(WELL, fault_at=1.0, told_to_end=True, exit_code=-15)
 @pytest.mark.parametrize(
     ("scenario", "seen", "words"),
     [
-        ("nominal", replace(WELL, contact_at=None, moved_at=None, exit_code=1), "never came to the robot: ended by"),
+        ("nominal", replace(WELL, contact_at=None, moved_at=None, exit_code=1), "never connected: ended by"),
         ("nominal", replace(WELL, exit_code=3), "failed by itself: ended by itself after 2.0 s, exit code 3"),
         ("nominal", replace(WELL, exit_code=-11), "by SIGSEGV"),
-        ("nominal", replace(WELL, unreadable=1, first_unreadable="a Q"), "sent once what the robot cannot read"),
+        ("nominal", replace(WELL, unreadable=1, first_unreadable="a Q"), "sent unreadable data once"),
         ("nominal", replace(WELL, moved_at=None, orders=0), "it ordered no motion"),
         ("nominal", replace(WELL, moved_at=None), "none of its 50 orders moved the tool"),
         ("nominal", replace(WELL, hindrance="joint too fast"), "the robot stopped: joint too fast"),
@@ -47,18 +47,18 @@ STOPPED = replace(WELL, fault_at=1.0, told_to_end=True, exit_code=-15)
         ("nominal", replace(WELL, killed=True, exit_code=None), "was killed"),
         ("nominal", replace(WELL, leaps=2, largest_step_m=0.3), "2 of its orders leap, by up to 300.0 mm"),
         ("late", replace(STOPPED, own_stop="too fast"), "its orders stopped the robot: too fast"),
-        ("refused", replace(WELL, after_stop=7), "sent 7 orders of motion to a robot that could not move"),
+        ("refused", replace(WELL, after_stop=7), "sent 7 motion orders to a robot that could not move"),
         ("refused", replace(WELL, moved_m=0.002), "the tool moved by 2.0 mm"),
-        ("stopped", replace(STOPPED, after_stop=7, last_motion_s=1.9), "sent 7 orders of motion after the stop"),
+        ("stopped", replace(STOPPED, after_stop=7, last_motion_s=1.9), "sent 7 motion orders after the stop"),
         ("stopped", replace(STOPPED, releases=["dashboard: play"]), "without an operator: dashboard: play"),
         ("emergency", replace(STOPPED, moved_after_m=0.001), "the tool moved by 1.0 mm after the stop"),
-        ("refused", replace(WELL, moved_m=0.0, turned_rad=0.02), "the tool turned by 1.1°"),
-        ("stopped", replace(STOPPED, turned_after_rad=0.02), "the tool turned by 1.1° after the stop"),
+        ("refused", replace(WELL, moved_m=0.0, turned_rad=0.02), "the tool rotated by 1.1°"),
+        ("stopped", replace(STOPPED, turned_after_rad=0.02), "the tool rotated by 1.1° after the stop"),
         ("cut", replace(STOPPED, own_stop="sudden"), "its orders stopped the robot: sudden"),
         ("cut", replace(STOPPED, told_to_end=False, exit_code=-6), "crashed: ended by itself after 2.0 s, by SIGABRT"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_named(scenario: str, seen: Seen, words: str) -> None:
+def test_what_is_wrong_is_named(scenario: str, seen: RobotEvidence, words: str) -> None:
     verdict = judge(scenario, seen, RULES)
     assert verdict.outcome is Outcome.FAILED
     assert words in verdict.reason
@@ -73,18 +73,18 @@ def test_a_good_client_passes(scenario: str) -> None:
 def test_rules_of_a_person_and_declarations_are_asked_for() -> None:
     fast = replace(WELL, fastest_m_s=0.3, largest_step_m=0.002, told_to_end=True)
     assert judge("nominal", fast, RULES).outcome is Outcome.PASSED
-    assert "the tool went at 300.0 mm/s" in judge("nominal", fast, Rules(max_speed_mm_s=250.0)).reason
+    assert "the tool moved at 300.0 mm/s" in judge("nominal", fast, Rules(max_speed_mm_s=250.0)).reason
     assert "a step of 2.00 mm" in judge("nominal", fast, Rules(max_step_mm=1.0)).reason
     assert "did not end by itself" in judge("nominal", fast, Rules(ends=True)).reason
     assert judge("cut", STOPPED, RULES).outcome is Outcome.PASSED
-    assert "did not come back" in judge("cut", STOPPED, Rules(comes_back=True)).reason
+    assert "did not reconnect" in judge("cut", STOPPED, Rules(comes_back=True)).reason
     assert judge("cut", replace(STOPPED, back_at=3.0), Rules(comes_back=True)).outcome is Outcome.PASSED
 
 
 def test_a_scenario_that_never_came_to_its_fault_is_skipped() -> None:
     verdict = judge("stopped", WELL, RULES)
     assert verdict == Verdict(
-        Outcome.SKIPPED, "the client had ended after 2.0 s, before the fault came; let it move longer"
+        Outcome.SKIPPED, "the client ended after 2.0 s, before the fault; let it move longer"
     )
     assert judge("stopped", replace(WELL, moved_at=None), RULES).outcome is Outcome.SKIPPED
 
@@ -95,9 +95,7 @@ def test_a_client_that_fails_before_the_fault_is_not_skipped(scenario: str) -> N
     broken = replace(WELL, moved_at=None, orders=0, exit_code=1, ended_at=0.4)
     verdict = judge(scenario, broken, RULES)
     assert verdict.outcome is Outcome.FAILED
-    assert (
-        verdict.reason == "failed by itself before the fault came: ended by itself after 0.4 s, exit code 1"
-    )
+    assert verdict.reason == "failed by itself before the fault: ended by itself after 0.4 s, exit code 1"
     assert "by SIGSEGV" in judge(scenario, replace(broken, exit_code=-11), RULES).reason
     asked = replace(broken, refusals=["a variable"])
     assert judge(scenario, asked, RULES).outcome is Outcome.SKIPPED, "the emulator's lack, and no mistake"
@@ -119,7 +117,7 @@ def order(
 
 
 def look(watch: Watch, at: float, z: float = 0.0, speed: float = 0.0, why: Hindrance | None = None) -> None:
-    watch.look(100.0 + at, ToolLook((0.0, 0.0, z), LEVEL, (0.0, 0.0, speed)), why)
+    watch.update(100.0 + at, ToolSample((0.0, 0.0, z), LEVEL, (0.0, 0.0, speed)), why)
 
 
 def watched(*, from_start: bool = False, stops: bool = True) -> Watch:
@@ -130,12 +128,12 @@ def watched(*, from_start: bool = False, stops: bool = True) -> Watch:
 
 def test_orders_that_hold_are_no_motion() -> None:
     watch = watched()
-    watch.hear(order(0.1, 0.001))
+    watch.receive(order(0.1, 0.001))
     watch.seen.fault_at = 1.0
     for k in range(10):
-        watch.hear(order(2.0 + k, 0.001))
+        watch.receive(order(2.0 + k, 0.001))
     assert watch.seen.after_stop == 0
-    watch.hear(order(13.0, 0.002))
+    watch.receive(order(13.0, 0.002))
     assert watch.seen.after_stop == 1
     assert watch.seen.after_stop_step_m == pytest.approx(0.001)
     assert watch.seen.last_motion_s == pytest.approx(12.0)
@@ -145,9 +143,9 @@ def test_orders_that_hold_are_no_motion() -> None:
 def test_orders_in_the_time_to_react_are_forgiven() -> None:
     watch = watched()
     watch.seen.fault_at = 1.0
-    watch.hear(order(1.4, 0.001))
+    watch.receive(order(1.4, 0.001))
     assert watch.seen.after_stop == 0
-    watch.hear(order(1.6, 0.002))
+    watch.receive(order(1.6, 0.002))
     assert watch.seen.after_stop == 1
 
 
@@ -155,52 +153,52 @@ def test_speeds_and_strange_programs_behind_a_stop_are_motion() -> None:
     watch = watched()
     watch.seen.fault_at = 1.0
     for moves in (False, True):
-        watch.hear(HeardOrder(102.0, Act.MOTION, "speedL", False, moves=moves))
-        watch.hear(HeardOrder(102.0, Act.PROGRAM, "program x", False, moves=moves))
+        watch.receive(HeardOrder(102.0, Act.MOTION, "speedL", False, moves=moves))
+        watch.receive(HeardOrder(102.0, Act.PROGRAM, "program x", False, moves=moves))
     assert watch.seen.after_stop == 2
 
 
 def test_a_tool_that_turns_has_moved() -> None:
     """A client that turns the last joint alone moves no point on the tool's axis."""
     watch = watched()
-    watch.look(100.1, ToolLook((0.0, 0.0, 0.0), turn_by((0.0, 0.0, 0.004)), (0.0, 0.0, 0.0)), None)
+    watch.update(100.1, ToolSample((0.0, 0.0, 0.0), turn_by((0.0, 0.0, 0.004)), (0.0, 0.0, 0.0)), None)
     assert watch.seen.moved_at is None
-    watch.look(100.2, ToolLook((0.0, 0.0, 0.0), turn_by((0.0, 0.0, 0.006)), (0.0, 0.0, 0.0)), None)
+    watch.update(100.2, ToolSample((0.0, 0.0, 0.0), turn_by((0.0, 0.0, 0.006)), (0.0, 0.0, 0.0)), None)
     assert watch.seen.moved_at == pytest.approx(0.2)
 
 
 def test_a_robot_that_may_not_move_from_the_start_forgives_some_tries() -> None:
     watch = watched(from_start=True)
     for at in (1.0, 1.2, 1.8):
-        watch.hear(order(at, at, taken=False))
+        watch.receive(order(at, at, taken=False))
     assert watch.seen.fault_at == pytest.approx(1.0)
     assert watch.seen.after_stop == 1
-    watch.hear(order(3.0, 3.0, taken=True))  # an operator has switched it on
+    watch.receive(order(3.0, 3.0, taken=True))  # a person has switched it on
     assert watch.seen.after_stop == 1
 
 
 def test_leaps_hindrances_and_releases_are_kept() -> None:
     watch = watched()
     look(watch, 0.1, why=Hindrance("off", False))  # before the client came
-    watch.hear(order(0.2, 0.001, reach=REACH))
-    watch.hear(order(0.3, 0.101, reach=REACH))
+    watch.receive(order(0.2, 0.001, reach=REACH))
+    watch.receive(order(0.3, 0.101, reach=REACH))
     look(watch, 0.4, 0.003, 0.1)
     look(watch, 0.5, 0.003, 0.1, Hindrance("sudden change", True))
     look(watch, 0.6, 0.003, 0.1, Hindrance("off", False))
     seen = watch.seen
     assert (seen.leaps, seen.hindrance, seen.own_stop) == (1, "sudden change", "sudden change")
     assert seen.moved_at == pytest.approx(0.4)
-    watch.hear(HeardOrder(100.7, Act.RELEASE, "unlock", True))
+    watch.receive(HeardOrder(100.7, Act.RELEASE, "unlock", True))
     assert seen.releases == []
     seen.fault_at = 0.6
     for number in range(20):
-        watch.hear(HeardOrder(100.7, Act.RELEASE, f"unlock {number}", True))
+        watch.receive(HeardOrder(100.7, Act.RELEASE, f"unlock {number}", True))
     assert len(seen.releases) == 10
 
 
 def test_a_robot_may_stop_when_its_client_has_gone() -> None:
     watch = watched()
-    watch.hear(order(0.2, 0.001))
+    watch.receive(order(0.2, 0.001))
     watch.seen.told_to_end = True
     look(watch, 0.5, 0.003, 0.1, Hindrance("silence", False))
     assert watch.seen.hindrance == ""
@@ -212,8 +210,8 @@ def test_a_robot_may_stop_when_its_client_has_gone() -> None:
 # --- what is told
 
 PLAYED = [
-    Played("nominal", "nothing is wrong", Verdict(Outcome.PASSED, "moved"), WELL, "", 2.0),
-    Played(
+    ScenarioResult("nominal", "nothing is wrong", Verdict(Outcome.PASSED, "moved"), WELL, "", 2.0),
+    ScenarioResult(
         "stopped",
         "it stops",
         Verdict(Outcome.FAILED, "sent <7> & more"),
@@ -221,7 +219,9 @@ PLAYED = [
         "bad \x1b[2J\x00\nlines\n",
         3.0,
     ),
-    Played("cut", "a cut", Verdict(Outcome.SKIPPED, "no"), Seen(moved_m=float("nan")), "", 0.0),
+    ScenarioResult(
+        "cut", "a cut", Verdict(Outcome.SKIPPED, "no"), RobotEvidence(moved_m=float("nan")), "", 0.0
+    ),
 ]
 
 
@@ -230,14 +230,14 @@ def test_a_computer_that_was_too_busy_is_told() -> None:
     late = [replace(PLAYED[0], seen=replace(WELL, late_s=0.208)), PLAYED[1]]
     (line,) = lateness(late)
     assert line.startswith(
-        "this process was late by up to 208 ms in nominal: on a busy computer a verdict may change"
+        "this process was late by up to 208 ms in nominal: a busy computer may change a verdict"
     )
 
 
 def test_a_verdict_tells_how_often_orders_came() -> None:
     seen = replace(WELL, first_order_at=1.0, last_order_at=1.5, orders=51)
-    assert "by 51 orders, one each 10.0 ms, at most" in judge("nominal", seen, RULES).reason
-    assert "by 50 orders, at most" in judge("nominal", WELL, RULES).reason
+    assert "in 51 orders, one every 10.0 ms, at most" in judge("nominal", seen, RULES).reason
+    assert "in 50 orders, at most" in judge("nominal", WELL, RULES).reason
 
 
 def test_junit_is_read_as_it_was_meant() -> None:
@@ -296,6 +296,6 @@ def test_a_wrong_rule_and_a_wrong_placeholder_are_refused() -> None:
             read_rules(Rules, [wrong])
     where = Where("rtde+tcp://h:1", {"host": "h", "port": "1"})
     assert where.filled(["x", "--to={host}:{port}", "{other}"]) == ["x", "--to=h:1", "{other}"]
-    with pytest.raises(ConfigError, match="this wire has none"):
+    with pytest.raises(ConfigError, match="unknown placeholder"):
         where.filled(["{device}"])
     assert where.environment()["HIL_BRIDGE_HOST"] == "h"

@@ -8,8 +8,8 @@ import pytest
 from hil_bridge.clock import run_virtual
 from hil_bridge.lab.conform.robots.scenarios import Rules
 from hil_bridge.lab.conform.robots.stage import RobotTrial
-from hil_bridge.lab.conform.robots.watching import Seen
-from hil_bridge.lab.conform.trial import Played, play
+from hil_bridge.lab.conform.robots.watching import RobotEvidence
+from hil_bridge.lab.conform.trial import ScenarioResult, play
 from hil_bridge.lab.conform.verdict import Outcome
 from hil_bridge.runs.compose import choose_port
 from hil_bridge.settings.configuration import load_config
@@ -33,8 +33,8 @@ SHORT = Rules(run_s=3.0, start_s=6.0, watch_s=1.0, after_s=0.3)
 """The default rules, with shorter times."""
 
 
-def played(client: type[Naive], mistake: str, scenario: str) -> Played[Seen]:
-    async def main() -> Played[Seen]:
+def played(client: type[Naive], mistake: str, scenario: str) -> ScenarioResult[RobotEvidence]:
+    async def main() -> ScenarioResult[RobotEvidence]:
         config = load_config(None, {"robot.emulated": client.kind})
         url = choose_port(robot_at(config, ""), virtual=True).named_url
         one = await play(scenario, RobotTrial(config, url, SHORT, lambda: client(mistake)))

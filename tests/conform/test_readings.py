@@ -6,10 +6,10 @@ import pytest
 
 from hil_bridge.clock import run_virtual
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.conform.sensors.readings import Heard, Lines, Part
+from hil_bridge.lab.conform.sensors.readings import Lines, Part, SensorEvidence
 from hil_bridge.lab.conform.sensors.scenarios import SENSOR_SCENARIOS, SensorRules
 from hil_bridge.lab.conform.sensors.stage import SensorTrial
-from hil_bridge.lab.conform.trial import Played, choose_scenarios, play
+from hil_bridge.lab.conform.trial import ScenarioResult, choose_scenarios, play
 from hil_bridge.lab.conform.verdict import Outcome
 from hil_bridge.runs.compose import choose_port
 from hil_bridge.settings.configuration import load_config
@@ -27,8 +27,8 @@ def trial(kind: str, mistake: str = "", **rules: bool) -> SensorTrial:
     return SensorTrial(config, url, SensorRules(**rules), lambda: Reader(kind, mistake))
 
 
-def played(scenario: str, of: SensorTrial) -> Played[Heard]:
-    async def main() -> Played[Heard]:
+def played(scenario: str, of: SensorTrial) -> ScenarioResult[SensorEvidence]:
+    async def main() -> ScenarioResult[SensorEvidence]:
         one = await play(scenario, of)
         await asyncio.sleep(1.0)  # a task that was told to end does so
         return one
@@ -67,20 +67,20 @@ def test_a_planted_mistake_is_found(planted: PlantedReading) -> None:
 def test_a_client_that_must_come_back_and_does_not_fails() -> None:
     one = played("cut", trial("netft", comes_back=True))
     assert one.verdict.outcome is Outcome.FAILED
-    assert "did not come back within 10 s, as it declares" in one.verdict.reason
+    assert "did not reconnect within 10 s, as declared" in one.verdict.reason
 
 
 def test_a_client_that_tells_nothing_fails_and_the_other_scenarios_are_skipped() -> None:
     class Mute(Reader):
         def _tell(self, wrench: list[float]) -> None:
-            assert self.hear is not None
-            self.hear(b"1 2 3\nfx fy fz mx my mz\n")
+            assert self.on_output is not None
+            self.on_output(b"1 2 3\nfx fy fz mx my mz\n")
 
     of = SensorTrial(
         trial("netft").config, trial("netft").port, SensorRules(start_s=8.0), lambda: Mute("netft")
     )
     nominal = played("nominal", of)
-    assert nominal.verdict.reason == "told no reading: nothing in 8 s"
+    assert nominal.verdict.reason == "reported no reading: nothing in 8 s"
     skipped = of.refuse("cut", nominal)
     assert skipped is not None
     assert skipped.verdict.outcome is Outcome.SKIPPED
@@ -90,7 +90,7 @@ def test_scenarios_are_those_that_the_sensor_can_have() -> None:
     assert [*trial("ft300").scenarios] == ["nominal", "lost", "cut", "restart"]
     assert [*trial("jr3").scenarios] == ["nominal", "lost", "status", "cut"]
     with pytest.raises(
-        ConfigError, match="no scenario 'status' for ft300; there are nominal, lost, cut, restart"
+        ConfigError, match="no scenario 'status' for ft300; known: nominal, lost, cut, restart"
     ):
         choose_scenarios(trial("ft300"), ["status"])
 

@@ -14,8 +14,8 @@ from hil_bridge.errors import BridgeError
 from hil_bridge.lab.conform.client import Where
 from hil_bridge.lab.conform.robots.scenarios import SCENARIOS, Rules
 from hil_bridge.lab.conform.robots.stage import RobotTrial
-from hil_bridge.lab.conform.robots.watching import Seen
-from hil_bridge.lab.conform.trial import Played, play
+from hil_bridge.lab.conform.robots.watching import RobotEvidence
+from hil_bridge.lab.conform.trial import ScenarioResult, play
 from hil_bridge.lab.conform.verdict import Outcome
 from hil_bridge.runs.compose import choose_port, connect_robot
 from hil_bridge.settings.configuration import Config, load_config
@@ -36,7 +36,7 @@ class Linked:
     config: Config
     stubborn: bool = False
     output: str = ""
-    hear: "Callable[[bytes], object] | None" = None
+    on_output: "Callable[[bytes], object] | None" = None
     _task: "asyncio.Task[None] | None" = field(default=None, init=False)
 
     def start(self, where: Where) -> None:
@@ -79,8 +79,8 @@ def trial(kind: str) -> RobotTrial:
     )
 
 
-def played(kind: str, scenario: str) -> Played[Seen]:
-    async def main() -> Played[Seen]:
+def played(kind: str, scenario: str) -> ScenarioResult[RobotEvidence]:
+    async def main() -> ScenarioResult[RobotEvidence]:
         one = await play(scenario, trial(kind))
         await asyncio.sleep(1.0)  # a task that was told to end does so
         return one

@@ -8,7 +8,7 @@ from emulators.orders import Act, HeardOrder, Reach
 from hil_bridge.lab.conform.robots.judging import judge
 from hil_bridge.lab.conform.robots.scenarios import Rules
 from hil_bridge.lab.conform.robots.strides import Stride, Strides
-from hil_bridge.lab.conform.robots.watching import Seen, ToolLook, Watch
+from hil_bridge.lab.conform.robots.watching import RobotEvidence, ToolSample, Watch
 from hil_bridge.lab.conform.verdict import Outcome
 from protocol.geometry import Pose, turn_by
 
@@ -52,10 +52,10 @@ def test_a_quaternion_whose_w_stands_at_the_wrong_end_is_named(
         HeardOrder(0.0, Act.MOTION, "pose", True, Pose(tool.position, sent), reach=STREAM), tool
     )
     assert stride.turns == stride.w_misplaced == (sent != tool.quaternion)
-    seen = Seen(
+    seen = RobotEvidence(
         contact_at=0.1, moved_at=0.3, turns=1, largest_turn_rad=stride.turn_rad, w_misplaced=True, exit_code=0
     )
-    assert "the w of its quaternion seems to stand at the wrong end" in judge("nominal", seen, Rules()).reason
+    assert "the w of its quaternion seems to be at the wrong end" in judge("nominal", seen, Rules()).reason
     assert not path([order(0.0, 0.0), order(0.004, 0.0, 2.0)])[-1].w_misplaced, "a turn of another kind"
 
 
@@ -111,11 +111,11 @@ def test_an_ordered_speed_above_the_robots_is_told() -> None:
     assert Strides(0.05).take(fast._replace(speed=(0.0, 2.0)), TOOL).rushes
 
 
-def watched(orders: list[HeardOrder]) -> Seen:
+def watched(orders: list[HeardOrder]) -> RobotEvidence:
     watch = Watch(0.0, Rules(), stops=False, from_start=False)
-    watch.look(0.0, ToolLook((0.0, 0.0, 0.0), LEVEL, (0.0, 0.0, 0.0)), None)
+    watch.update(0.0, ToolSample((0.0, 0.0, 0.0), LEVEL, (0.0, 0.0, 0.0)), None)
     for each in orders:
-        watch.hear(each)
+        watch.receive(each)
     watch.seen.moved_at, watch.seen.exit_code = 0.1, 0
     return watch.seen
 
@@ -125,25 +125,27 @@ def test_each_fails_with_its_figure_and_a_rule_takes_its_place() -> None:
     assert "1 of its orders leap, by up to 26.1 mm" in judge("nominal", leap, Rules()).reason
     assert judge("nominal", leap, Rules(max_step_mm=30.0)).outcome is Outcome.PASSED
     turn = watched([order(0.0, 0.0, math.radians(120.0))])
-    assert "1 of its orders turn the tool at once, by up to 120.0°" in judge("nominal", turn, Rules()).reason
-    assert judge("nominal", turn, Rules(max_turn_deg=130.0)).outcome is Outcome.PASSED
-    assert "a turn of 120.00° between two orders" in judge("nominal", turn, Rules(max_turn_deg=10.0)).reason
-    rush = watched([HeardOrder(0.0, Act.MOTION, "speed", True, reach=STREAM, speed=(20.0, 0.0))])
     assert (
-        "ask for a speed above the robot's, of up to 20000.0 mm/s" in judge("nominal", rush, Rules()).reason
+        "1 of its orders rotate the tool abruptly, by up to 120.0°" in judge("nominal", turn, Rules()).reason
     )
+    assert judge("nominal", turn, Rules(max_turn_deg=130.0)).outcome is Outcome.PASSED
+    assert (
+        "a rotation of 120.00° between two orders" in judge("nominal", turn, Rules(max_turn_deg=10.0)).reason
+    )
+    rush = watched([HeardOrder(0.0, Act.MOTION, "speed", True, reach=STREAM, speed=(20.0, 0.0))])
+    assert "exceed the robot's speed, with up to 20000.0 mm/s" in judge("nominal", rush, Rules()).reason
     assert rush.largest_speed_m_s == pytest.approx(20.0)
 
 
 def test_a_tool_that_gains_the_robots_speed_at_once_was_driven_by_no_path() -> None:
     watch = Watch(0.0, Rules(), stops=False, from_start=False)
-    watch.hear(order(0.0, 0.0))
+    watch.receive(order(0.0, 0.0))
     for k, speed in enumerate((0.0, 0.0, 0.2, -0.2)):
-        watch.look(0.01 * k, ToolLook((0.0, 0.0, 0.0), LEVEL, (0.0, 0.0, speed)), None)
+        watch.update(0.01 * k, ToolSample((0.0, 0.0, 0.0), LEVEL, (0.0, 0.0, speed)), None)
     watch.seen.moved_at = 0.1
     reason = judge("nominal", watch.seen, Rules()).reason
     assert (
-        "the tool's speed changed by 400 mm/s within 50 ms, by more than the robot's fastest of 250" in reason
+        "the tool's speed changed by 400 mm/s within 50 ms, more than the robot's top speed of 250" in reason
     )
     assert judge("nominal", watch.seen, Rules(speed_up_s=0.0)).outcome is Outcome.PASSED
 
@@ -154,21 +156,21 @@ def test_breaches_of_the_wire_fail_where_they_are_many() -> None:
     assert judge("nominal", watched(few), Rules()).outcome is Outcome.PASSED
     many = watched([each._replace(breach="number 1") for each in orders])
     assert (
-        "50 of its 50 orders break a rule of the wire, as number 1" in judge("nominal", many, Rules()).reason
+        "50 of its 50 orders violate the protocol, such as number 1" in judge("nominal", many, Rules()).reason
     )
 
 
 def test_what_this_emulator_does_not_have_is_skipped_with_the_reason() -> None:
     watch = Watch(0.0, Rules(), stops=False, from_start=False)
-    watch.hear(HeardOrder(1.0, Act.REFUSED, "joints, and EGM runs in mode pose", False))
+    watch.receive(HeardOrder(1.0, Act.REFUSED, "joints, and EGM runs in mode pose", False))
     seen = watch.seen
     seen.exit_code, seen.ended_at = 1, 2.0
     verdict = judge("nominal", seen, Rules())
     assert verdict.outcome is Outcome.SKIPPED
-    assert "this emulated robot does not have: joints, and EGM runs in mode pose" in verdict.reason
+    assert "this emulated robot does not support: joints, and EGM runs in mode pose" in verdict.reason
     seen.exit_code = -11
     assert judge("nominal", seen, Rules()).outcome is Outcome.FAILED
     seen.exit_code = 1
-    watch.hear(order(2.0, 0.01))  # it moved the tool by an order that the robot took, and is judged
+    watch.receive(order(2.0, 0.01))  # it moved the tool by an order that the robot took, and is judged
     seen.moved_at = 2.0
     assert judge("nominal", seen, Rules()).outcome is Outcome.FAILED

@@ -16,8 +16,8 @@ from hil_bridge.cli import cli
 from hil_bridge.cli.devices import device_settings
 from hil_bridge.devices.kinds import ROBOTS, SENSORS, SURFACES, default_settings, robot_of, sensor_of
 from hil_bridge.errors import ConfigError
+from hil_bridge.lab.conform.real_time import cell_of, make_trial
 from hil_bridge.lab.conform.robots.scenarios import Rules
-from hil_bridge.lab.conform.trying import cell_of, make_trial
 from hil_bridge.record import read
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.checks import problems

@@ -464,7 +464,7 @@ def test_a_kind_and_a_table_without_a_mapping_are_told(tmp_path: Path) -> None:
     assert "unknown kind 'lathe'; known: egm" in ask(tmp_path, "lathe", GOOD, "")
     assert "its emulator cannot be played" in ask(tmp_path, "s3", GOOD, "")
     result = CliRunner().invoke(cli, ["identify", "fidelity", str(tmp_path / "log.csv"), "--as", "rsi"])
-    assert "a table needs --columns" in str(result.exception)
+    assert "give its column mapping with --columns" in str(result.exception)
 
 
 def test_without_scipy_the_command_says_what_to_install(

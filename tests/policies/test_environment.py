@@ -221,7 +221,7 @@ def test_memory_and_threads_stay_flat() -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"reward": "none-such"}, "there is no reward 'none-such'; choose one of force-error"),
+        ({"reward": "none-such"}, "unknown reward 'none-such'; known: force-error"),
         ({"gravity": 1}, "has no argument 'gravity'"),
         ({"actions": ("down",)}, "axes must be one or more of along, across, turn"),
         (
@@ -250,7 +250,7 @@ def test_wrong_argument_is_told_in_a_line(options: dict[str, Any], words: str) -
 
 def test_run_without_contact_is_told() -> None:
     env = FollowEnv(config={**NEAR, "task": {"approach_depth_limit_mm": 0.5}})
-    with pytest.raises(ConfigError, match=r"no run comes to a contact.*no contact found"):
+    with pytest.raises(ConfigError, match=r"no run reaches a contact.*no contact found"):
         env.reset(options={"episode": 1})
 
 
@@ -258,7 +258,7 @@ def test_wrong_action_is_refused() -> None:
     env = FollowEnv(config=NEAR)
     env.reset(seed=1)
     for wrong in ([0.0, 0.0], [float("nan")]):
-        with pytest.raises(ValueError, match="an action is 1 numbers from -1 to 1"):
+        with pytest.raises(ValueError, match="an action must be 1 numbers from -1 to 1"):
             env.step(np.array(wrong))
     env.close()
 
@@ -274,5 +274,5 @@ def test_reward_of_another_package(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.syspath_prepend(str(tmp_path))
     rewards, _, _ = play(FollowEnv(config=NEAR, reward="seven"), gentle, 1)
     assert set(rewards) == {7.0}
-    with pytest.raises(ConfigError, match=r"sevens 1.0: m_sevens:no makes int, which cannot be called"):
+    with pytest.raises(ConfigError, match=r"sevens 1.0: m_sevens:no returns int, which is not callable"):
         FollowEnv(config=NEAR, reward="no")

@@ -416,7 +416,7 @@ def test_a_bag_shows_how_far_an_emulated_contact_is_from_it(tmp_path: Path) -> N
     assert apart[0] < 1e-3
     assert apart[1] > 1.0
     refusal = run("identify", "fidelity", bag, "--as", "contact", "--columns", cell).exception
-    assert "is a bag of ROS 2: give --topic in place of --columns" in str(refusal)
+    assert "is a ROS 2 bag; give --topic instead of --columns" in str(refusal)
 
 
 def test_options_of_a_bag_are_checked(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ def _complete_scenarios(context: click.Context, parameter: click.Parameter, begu
     """Complete the scenario names of the device kind in the command line."""
 
     def names() -> list[str]:
-        from hil_bridge.lab.conform.trying import cell_of, make_trial, rules_of
+        from hil_bridge.lab.conform.real_time import cell_of, make_trial, rules_of
 
         kind = context.args[0]  # the option lacks its value, so click has not assigned the arguments
         return [*make_trial(cell_of(kind, None), rules_of(kind)(), ()).scenarios]
@@ -90,10 +90,10 @@ def conform(
 
     Exit codes: 0 none failed, 2 wrong input, 3 the emulator or its port, 4 a scenario failed, 130 interrupted.
     """
+    from hil_bridge.lab.conform.real_time import cell_of, make_trial, play_all, rules_of
     from hil_bridge.lab.conform.reports import as_json, as_junit, lateness, not_modelled, table, totals
     from hil_bridge.lab.conform.rules import describe_rules, read_rules
     from hil_bridge.lab.conform.trial import choose_scenarios
-    from hil_bridge.lab.conform.trying import cell_of, make_trial, play_all, rules_of
     from hil_bridge.lab.conform.verdict import Outcome
     from hil_bridge.record.files import check_place, write_whole
     from hil_bridge.runs.signals import as_ctrl_c

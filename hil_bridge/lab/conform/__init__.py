@@ -1,1 +1,1 @@
-"""Judges of clients in any language, by what an emulated device saw and made of them."""
+"""Conformance tests of clients in any language, judged by what the emulated device received."""

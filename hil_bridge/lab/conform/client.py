@@ -1,4 +1,4 @@
-"""The client that is judged: a process of its own, with all that it starts, and the end of its output."""
+"""Client under test: a separate process with its children, and the end of its output."""
 
 import os
 import signal
@@ -12,27 +12,27 @@ from typing import Protocol
 from hil_bridge.errors import ConfigError
 
 OUTPUT_MAX = 64 * 1024
-"""Chosen: bytes of a client's output that are kept, the last ones."""
+"""Chosen: number of last bytes kept of a client's output."""
 _REAP_S = 2.0
-"""Chosen: for how long the end of a process that was killed is waited for."""
+"""Chosen: timeout for the end of a killed process."""
 
 
 @dataclass(frozen=True, slots=True)
 class Where:
-    """How a client finds the device."""
+    """Address of the device for a client."""
 
     url: str
-    """The wire as hil-bridge writes it, with the kind where it needs one."""
+    """Link URL of hil-bridge, with the kind if required."""
     names: Mapping[str, str]
-    """Placeholders by name: url, host, port and what else the wire has."""
+    """Placeholders by name: url, host, port and others of the link."""
 
     def environment(self) -> dict[str, str]:
-        """`HIL_BRIDGE_HOST` and so on, beside what this process has. A client in Python tells each line at once."""
+        """Return this process's environment with `HIL_BRIDGE_HOST` and so on. Python clients write unbuffered."""
         given = {f"HIL_BRIDGE_{name.upper()}": value for name, value in self.names.items()}
         return {**os.environ, "PYTHONUNBUFFERED": "1", **given}
 
     def filled(self, command: Sequence[str]) -> list[str]:
-        """The command with its placeholders filled in. Raises ConfigError for one that this wire does not have."""
+        """Fill in the placeholders of a command. Raises ConfigError for a placeholder that this link does not have."""
         filled = []
         for word in command:
             for name, value in self.names.items():
@@ -40,29 +40,30 @@ class Where:
             for name in ("url", "host", "port", "device", "dashboard", "script"):
                 if f"{{{name}}}" in word:
                     raise ConfigError(
-                        f"{{{name}}}: this wire has none; there are {', '.join(f'{{{key}}}' for key in self.names)}"
+                        f"unknown placeholder {{{name}}} for this link; "
+                        f"known: {', '.join(f'{{{key}}}' for key in self.names)}"
                     )
             filled.append(word)
         return filled
 
 
 class Client(Protocol):
-    """Something that comes to a device by itself."""
+    """Client of a device that runs by itself."""
 
-    hear: Callable[[bytes], object] | None
-    """Called with each piece of its output; None while it is not wanted."""
+    on_output: Callable[[bytes], object] | None
+    """Called with each piece of its output; None to ignore it."""
 
     def start(self, where: Where) -> None:
-        """Begin. Raises ConfigError for what cannot be started."""
+        """Start the client. Raises ConfigError if it cannot be started."""
 
     def poll(self) -> int | None:
-        """Its exit code, minus the number of a signal; None while it continues."""
+        """Return its exit code, negative for a signal; None while it runs."""
 
     def ask_to_end(self) -> None:
-        """Tell it to end."""
+        """Ask it to terminate."""
 
     def kill(self) -> None:
-        """End it, and all that it has started; harmless when it has ended."""
+        """Kill it and all its children. Idempotent."""
 
     @property
     def output(self) -> str:
@@ -70,11 +71,11 @@ class Client(Protocol):
 
 
 class ProcessClient:
-    """A command in a session of its own, so that all its processes are reached."""
+    """Command in a new session, so that signals reach all its processes."""
 
     def __init__(self, command: Sequence[str]) -> None:
         self._command = command
-        self.hear: Callable[[bytes], object] | None = None
+        self.on_output: Callable[[bytes], object] | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._tail = b""
         self._cut = False
@@ -104,7 +105,7 @@ class ProcessClient:
         ended = os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
         if ended is None:
             return None
-        # Not reaped before `kill`: its number stays that of its group, so that no stranger's group has it.
+        # Not reaped before `kill`: its process group number must not be reused.
         self._read()
         return ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
 
@@ -129,13 +130,13 @@ class ProcessClient:
         return f"[…]{text}" if self._cut else text
 
     def _signal(self, number: signal.Signals) -> None:
-        """To the whole group, also when its leader has ended: it began what is left there."""
+        """Signal the complete group, even if its leader has ended: the rest are its children."""
         assert self._process is not None
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, number)
 
     def _read(self) -> None:
-        """Take what it has written, and not more than so much at a time: one that writes for ever is not waited for."""
+        """Read its output, for a limited time: a client that writes without end must not block."""
         assert self._process is not None
         stream = self._process.stdout
         if stream is None or stream.closed:
@@ -148,7 +149,7 @@ class ProcessClient:
                 return
             if not piece:
                 return
-            if self.hear is not None:
-                self.hear(piece)
+            if self.on_output is not None:
+                self.on_output(piece)
             self._cut |= len(self._tail) + len(piece) > OUTPUT_MAX
             self._tail = (self._tail + piece)[-OUTPUT_MAX:]

@@ -1,4 +1,4 @@
-"""How a client ended: evidence of every scenario."""
+"""End of a client, part of the evidence of every scenario."""
 
 import signal
 from dataclasses import dataclass
@@ -6,31 +6,31 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class Ending:
-    """The end of a client. Times are seconds since the begin of its scenario."""
+    """End of a client. Times are seconds since the start of the scenario."""
 
     ended_at: float | None = None
     exit_code: int | None = None
-    """As the shell's; minus the number of a signal. None where the client was killed."""
+    """Exit code, negative for a signal; None if the client was killed."""
     told_to_end: bool = False
     killed: bool = False
     late_s: float = 0.0
-    """Longest time by which this process was late, and the emulated device with it; 0 in virtual time."""
+    """Largest lateness of this process, and with it of the emulated device, s; 0 in virtual time."""
 
     @property
     def crashed(self) -> bool:
-        """Whether it ended by a signal that the judge did not send."""
+        """Whether it ended by a signal that the test did not send."""
         return not self.told_to_end and self.exit_code is not None and self.exit_code < 0
 
 
 def describe_end(ending: Ending) -> str:
-    """How the client ended, in words."""
+    """Describe how the client ended."""
     if ending.killed:
         return "the client was killed"
     code = ending.exit_code
     if code is None:
-        return "the client continues"
+        return "the client is still running"
     how = (
-        "ended when told to"
+        "terminated on request"
         if ending.told_to_end
         else f"ended by itself after {ending.ended_at or 0.0:.1f} s"
     )

@@ -1,4 +1,4 @@
-"""The rules of a trial, from a command line."""
+"""Rules of a conformance test, from the command line."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import Field, fields
@@ -12,19 +12,17 @@ Rules = TypeVar("Rules")
 
 
 def read_rules(kind: type[Rules], given: Sequence[str], **declared: bool) -> Rules:
-    """Rules of this kind with these `NAME=VALUE`. Raises ConfigError, also for a declaration that it does not have."""
+    """Parse rules from `NAME=VALUE`. Raises ConfigError, also for a declaration that the kind does not have."""
     values: dict[str, float] = {}
     unknown = [name for name, is_set in declared.items() if is_set and name not in _names(kind)]
     if unknown:
-        raise ConfigError(
-            f"--{unknown[0].replace('_', '-')} is nothing that a client of this device can declare"
-        )
+        raise ConfigError(f"--{unknown[0].replace('_', '-')} does not apply to a client of this device")
     declared = {name: is_set for name, is_set in declared.items() if name in _names(kind)}
     numbers = [item.name for item in _fields(kind) if item.type in (float, "float")]
     for text in given:
         name, equals, value = text.partition("=")
         if not equals or name not in numbers:
-            raise ConfigError(f"--set {text}: write NAME=VALUE with one of {', '.join(numbers)}")
+            raise ConfigError(f"--set {text}: must be NAME=VALUE with one of {', '.join(numbers)}")
         try:
             values[name] = float(value)
         except ValueError as error:
@@ -37,7 +35,7 @@ def read_rules(kind: type[Rules], given: Sequence[str], **declared: bool) -> Rul
 
 
 def describe_rules(rules: object) -> Iterator[str]:
-    """One line a rule."""
+    """Yield one line per rule."""
     for item in settings(rules):
         yield f"{item.name:16} {item.value!s:>8} {item.info.unit:5} {item.info.meaning}"
 

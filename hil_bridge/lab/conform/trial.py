@@ -1,4 +1,4 @@
-"""A trial of a client: one scenario after the other, each with a fresh emulated device and a fresh client."""
+"""Conformance test of a client: one scenario after the other, each with a fresh emulated device and a fresh client."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -20,65 +20,65 @@ from hil_bridge.settings.devices import Robot, Sensor
 from protocol.unmodelled import NotModelled
 
 SUITE_VERSION = 2
-"""Grows when a client that passed may fail: to be compared by those who pin it."""
+"""Version of the scenarios; increases when a client that passed may fail."""
 NOMINAL, CUT = "nominal", "cut"
-"""Scenarios of robots and of sensors: nothing is wrong, and the wire is cut."""
-_LOOK_S = 0.01
-"""Chosen: time between two looks at the device and the client."""
+"""Scenarios of both robots and sensors: no fault, and a cut link."""
+_POLL_S = 0.01
+"""Chosen: period of checks on the device and the client."""
 
-Seen = TypeVar("Seen", bound=Ending)
-"""Evidence of a scenario."""
+Evidence = TypeVar("Evidence", bound=Ending)
+"""Type of a scenario's evidence."""
 
 
 class Mishap(NamedTuple):
-    """The fault of a scenario."""
+    """Fault of a scenario."""
 
     on: str
     fault: str
     given: Mapping[str, Any] = {}
-    """Its parameters, and its duration."""
+    """Parameters and duration."""
 
 
 class InCell(NamedTuple):
-    """The emulated cell of a scenario."""
+    """Emulated cell of a scenario."""
 
     cell: Cell[Any, Any]
     clock: Clock
     failures: list[BaseException]
-    """Reasons for which it can no longer be served."""
+    """Errors that ended its service."""
 
 
 @dataclass(frozen=True, slots=True)
-class Played(Generic[Seen]):
-    """A scenario that was played."""
+class ScenarioResult(Generic[Evidence]):
+    """Result of a scenario."""
 
     name: str
     meaning: str
     verdict: Verdict
-    seen: Seen
+    seen: Evidence
     output: str
-    """The end of what the client wrote."""
+    """End of the client's output."""
     seconds: float
     not_modelled: tuple[NotModelled, ...] = ()
-    """Things that the client used and the emulated device does not model."""
+    """Features that the client used and the emulated device does not model."""
 
 
 class TrialRules(Protocol):
-    """Rules that every trial has. They are a dataclass."""
+    """Rules common to all trials, a dataclass."""
 
     @property
     def end_s(self) -> float:
-        """Time in which the client must end when it is told to, s."""
+        """Time in which the client must terminate on request, s."""
 
 
 class Ended(Exception):
     """The client has ended."""
 
 
-class Scene(ABC, Generic[Seen]):
-    """A scenario under way."""
+class Scene(ABC, Generic[Evidence]):
+    """Running scenario."""
 
-    def __init__(self, seen: Seen, in_cell: InCell, client: Client, end_s: float) -> None:
+    def __init__(self, seen: Evidence, in_cell: InCell, client: Client, end_s: float) -> None:
         self.seen = seen
         self._cell, self._clock, self._failures = in_cell
         self._client, self._end_s = client, end_s
@@ -86,10 +86,10 @@ class Scene(ABC, Generic[Seen]):
 
     @abstractmethod
     async def play(self, where: Where) -> None:
-        """All of it: the client begins, the fault comes, the client ends. Raises BridgeError for the emulator."""
+        """Run the scenario: the client starts, the fault occurs, the client ends. Raises BridgeError."""
 
     def _observe(self, now: float) -> None:
-        """Look at the device at `now`, s."""
+        """Sample the device at `now`, s."""
 
     def _since(self) -> float:
         return self._clock.now() - self._begun
@@ -97,7 +97,7 @@ class Scene(ABC, Generic[Seen]):
     def _strike(self, mishap: Mishap) -> None:
         FaultPanel(self._cell, self._clock).inject(mishap.on, mishap.fault, **mishap.given)
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         if self._failures:
             cause = self._failures[0]
             if isinstance(cause, BridgeError):
@@ -106,17 +106,17 @@ class Scene(ABC, Generic[Seen]):
         self._observe(self._clock.now())
 
     async def _until(self, done: Callable[[], bool] | None, seconds: float) -> None:
-        """Watch until it is done, or the time is over. Raises Ended when the client ends before."""
+        """Poll until `done`, or a timeout. Raises Ended if the client ends before."""
         end = self._clock.now() + seconds
         while not (done is not None and done()) and self._clock.now() < end:
-            await self._clock.sleep_until(self._clock.now() + _LOOK_S)
-            self._look()
+            await self._clock.sleep_until(self._clock.now() + _POLL_S)
+            self._check()
             if (code := self._client.poll()) is not None:
                 self.seen.exit_code, self.seen.ended_at = code, self._since()
                 raise Ended
 
     async def _end_client(self) -> None:
-        """Let the client end, and kill what is left of it."""
+        """Ask the client to terminate, and kill what is left of it."""
         if self.seen.exit_code is None:
             self.seen.told_to_end = True
             self._client.ask_to_end()
@@ -129,16 +129,16 @@ class Scene(ABC, Generic[Seen]):
 
 
 @dataclass(frozen=True)
-class Trial(ABC, Generic[Seen]):
-    """The client under trial, and the rules of the trial."""
+class Trial(ABC, Generic[Evidence]):
+    """Conformance test: a client, and the rules for it."""
 
     thing: ClassVar[str]
-    """The device: robot or sensor."""
+    """Type of device: robot or sensor."""
     meanings: ClassVar[Mapping[str, str]]
-    """All scenarios with their meaning, in the order in which they are played."""
+    """All scenarios with their meaning, in the order in which they run."""
 
     config: Config
-    """Its emulated kind is the one of the trial."""
+    """Configuration of the cell, whose emulated kind is under test."""
     port: str
     """URL on which the device listens."""
     rules: TrialRules
@@ -146,27 +146,27 @@ class Trial(ABC, Generic[Seen]):
 
     @property
     def kind(self) -> str:
-        """Name of the device's kind."""
+        """Kind of the device."""
         section: Any = getattr(self.config, self.thing)
         return str(section.emulated)
 
     @property
     @abstractmethod
     def mishaps(self) -> Mapping[str, Mishap | None]:
-        """The fault of each scenario that this device can have, in their order.
+        """Fault of each scenario that this device supports, in their order.
 
         Raises ConfigError for a device without any.
         """
 
     @property
     def scenarios(self) -> Mapping[str, str]:
-        """Scenarios that this device can have, in their order, with their meaning. Raises ConfigError as `mishaps`."""
+        """Scenarios that this device supports, in their order, with their meaning. Raises ConfigError as `mishaps`."""
         return {name: self.meanings[name] for name in self.mishaps}
 
     def _possible(
         self, mishaps: Mapping[str, Mishap], faults: Mapping[str, Mapping[str, Any]]
     ) -> dict[str, Mishap | None]:
-        """The mishaps among the faults of an emulated device, and the scenario without one."""
+        """Return the mishaps that an emulated device supports, and the scenario without one."""
         return {
             name: mishap
             for name in self.meanings
@@ -177,36 +177,36 @@ class Trial(ABC, Generic[Seen]):
     @property
     @abstractmethod
     def listen(self) -> Listen:
-        """Where the devices of the cell listen."""
+        """Addresses on which the devices of the cell listen."""
 
     @abstractmethod
     def device_of(self, served: ServedCell) -> Robot | Sensor:
-        """The device that the client comes to."""
+        """Return the device that the client connects to."""
 
     @abstractmethod
-    def scene(self, name: str, in_cell: InCell, client: Client) -> Scene[Seen]:
-        """A scenario that is about to begin. Raises ConfigError for a device that cannot be watched."""
+    def scene(self, name: str, in_cell: InCell, client: Client) -> Scene[Evidence]:
+        """Create a scenario. Raises ConfigError for a device that cannot be observed."""
 
     @abstractmethod
-    def judge(self, name: str, seen: Seen) -> Verdict:
-        """The verdict on this evidence."""
+    def judge(self, name: str, seen: Evidence) -> Verdict:
+        """Return the verdict on this evidence."""
 
     @abstractmethod
-    def refuse(self, name: str, nominal: Played[Seen]) -> Played[Seen] | None:
-        """The scenario as skipped, where it makes no sense behind this one; None where it is to be played."""
+    def refuse(self, name: str, nominal: ScenarioResult[Evidence]) -> ScenarioResult[Evidence] | None:
+        """Return the scenario as skipped if the nominal result makes it pointless; None to run it."""
 
 
 def choose_scenarios(trial: Trial[Any], only: Sequence[str]) -> list[str]:
-    """Names of the scenarios to be played. Raises ConfigError for one that this device does not have."""
-    there = trial.scenarios
+    """Return the scenarios to run. Raises ConfigError for one that this device does not support."""
+    known = trial.scenarios
     for name in only:
-        if name not in there:
-            raise ConfigError(f"no scenario {name!r} for {trial.kind}; there are {', '.join(there)}")
-    return [name for name in there if not only or name in only]
+        if name not in known:
+            raise ConfigError(f"no scenario {name!r} for {trial.kind}; known: {', '.join(known)}")
+    return [name for name in known if not only or name in only]
 
 
-async def play(name: str, trial: Trial[Seen]) -> Played[Seen]:
-    """Play one scenario and judge. Raises BridgeError when the emulator cannot be served."""
+async def play(name: str, trial: Trial[Evidence]) -> ScenarioResult[Evidence]:
+    """Run and judge one scenario. Raises BridgeError if the emulator fails."""
     clock = Clock.running()
     client = trial.make_client()
     failures: list[BaseException] = []
@@ -225,16 +225,16 @@ async def play(name: str, trial: Trial[Seen]) -> Played[Seen]:
         clock.close()
     seconds, seen = clock.now() - begun, scene.seen
     verdict = trial.judge(name, seen)
-    return Played(name, trial.scenarios[name], verdict, seen, client.output, seconds, tuple(things))
+    return ScenarioResult(name, trial.scenarios[name], verdict, seen, client.output, seconds, tuple(things))
 
 
-def skip(name: str, trial: Trial[Seen], reason: str, seen: Seen) -> Played[Seen]:
-    """A scenario that is not played."""
-    return Played(name, trial.scenarios[name], Verdict(Outcome.SKIPPED, reason), seen, "", 0.0)
+def skip(name: str, trial: Trial[Evidence], reason: str, seen: Evidence) -> ScenarioResult[Evidence]:
+    """Return the result of a skipped scenario."""
+    return ScenarioResult(name, trial.scenarios[name], Verdict(Outcome.SKIPPED, reason), seen, "", 0.0)
 
 
 def where_of(device: Robot | Sensor) -> Where:
-    """How a client finds a device that is served."""
+    """Return the address of a served device for a client."""
     wire = device.kind.parse(device.url, device.settings)
     names = {"url": device.named_url}
     host, mark, port = wire.target.rpartition(":")

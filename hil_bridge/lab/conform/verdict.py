@@ -6,11 +6,11 @@ from enum import StrEnum
 from itertools import islice
 
 _FAULTS_NAMED = 3
-"""Faults that a reason names at most, the gravest first. Chosen."""
+"""Most faults named in a reason, the most serious first. Chosen."""
 
 
 class Outcome(StrEnum):
-    """Outcomes of a scenario."""
+    """Outcome of a scenario."""
 
     PASSED = "passed"
     FAILED = "failed"
@@ -19,16 +19,16 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A scenario's outcome, and one line of reason."""
+    """Outcome of a scenario with a one-line reason."""
 
     outcome: Outcome
     reason: str
 
 
-def decide(skipped: str, faults: Iterable[str], well: Callable[[], str]) -> Verdict:
-    """The verdict on a scenario: why it was skipped, the faults that were found, or the reason why it went `well`."""
+def decide(skipped: str, faults: Iterable[str], summary: Callable[[], str]) -> Verdict:
+    """Return the verdict on a scenario: `skipped` with this reason if any, failed with faults, else passed."""
     if skipped:
         return Verdict(Outcome.SKIPPED, skipped)
     if wrong := list(islice(faults, _FAULTS_NAMED)):
         return Verdict(Outcome.FAILED, "; ".join(wrong))
-    return Verdict(Outcome.PASSED, well())
+    return Verdict(Outcome.PASSED, summary())

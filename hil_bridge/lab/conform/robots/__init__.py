@@ -1,1 +1,1 @@
-"""Clients of robots: the scenarios, the evidence and the verdict."""
+"""Conformance of robot clients: scenarios, evidence and verdicts."""

@@ -1,4 +1,4 @@
-"""The scenarios that a robot's client is put through, and the rules by which it is judged."""
+"""Scenarios for robot clients, and the rules by which they are judged."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,109 +8,111 @@ from hil_bridge.lab.conform.trial import CUT, NOMINAL
 from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 MOVED_M = 0.5e-3
-"""Chosen: a tool that is so far from its start has moved; noise and rounding of any robot are below."""
+"""Chosen: distance from its start at which a tool has moved, above noise and rounding of any robot."""
 MOVED_RAD = 5e-3
-"""Chosen: the same of its turn. A client that turns the last joint alone moves no point on the tool's axis."""
+"""Chosen: the same for its rotation. A client that turns only the last joint moves no point on the tool's axis."""
 SAME_PLACE_M = 1e-5
-"""Chosen: two orders nearer than this lead to the same place, as those of a client that holds."""
+"""Chosen: distance below which two orders lead to the same position, as those of a holding client."""
 SAME_TURN_RAD = 1e-4
-"""Chosen: the same of their turn; a quaternion of 1/16384 steps is as coarse."""
+"""Chosen: the same for their orientation; a quaternion in steps of 1/16384 is as coarse."""
 STILL_M = 0.05e-3
-"""Chosen: a tool that moves by less in `STILL_S` stands."""
+"""Chosen: motion within `STILL_S` below which a tool is stationary."""
 STILL_RAD = 1e-3
-"""Chosen: the same of its turn."""
+"""Chosen: the same for its rotation."""
 STILL_S = 0.2
-"""Chosen: for how long it has to stand."""
+"""Chosen: duration of a standstill."""
 
 LATE, REFUSED, STOPPED, EMERGENCY = "late", "refused", "stopped", "emergency"
 SCENARIOS: Mapping[str, str] = {
-    NOMINAL: "nothing is wrong",
-    LATE: "what the robot says comes late, once the tool moves",
-    REFUSED: "the robot may not move, from the start",
-    STOPPED: "the robot stops and says so, while the tool moves",
-    EMERGENCY: "its emergency stop is pressed, while the tool moves",
-    CUT: "the wire is cut while the tool moves, and comes back",
+    NOMINAL: "no fault",
+    LATE: "the robot's messages are delayed once the tool moves",
+    REFUSED: "the robot may not move from the start",
+    STOPPED: "the robot stops and reports it while the tool moves",
+    EMERGENCY: "the emergency stop is pressed while the tool moves",
+    CUT: "the link is cut while the tool moves, and restored",
 }
-"""In the order in which they are played."""
+"""Scenarios with their meaning, in the order in which they run."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """How long each part of a scenario takes, and what is asked of a client."""
+    """Durations of the parts of a scenario, and requirements for a client."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     start_s: float = setting(
         10.0,
         Mark.CHOSEN,
-        "until the tool of a new client must have moved",
+        "time in which the tool of a new client must move",
         above(0.0, 600.0),
         unit="s",
     )
-    after_s: float = setting(0.5, Mark.CHOSEN, "from then to the fault", between(0.0, 600.0), unit="s")
+    after_s: float = setting(0.5, Mark.CHOSEN, "time from then to the fault", between(0.0, 600.0), unit="s")
     watch_s: float = setting(
         2.0,
         Mark.CHOSEN,
-        "for how long a client is watched behind a fault",
+        "observation time after a fault",
         above(0.0, 600.0),
         unit="s",
     )
     run_s: float = setting(
-        10.0, Mark.CHOSEN, "how long it may move in `nominal`, then it is told to end", above(0.0), unit="s"
+        10.0,
+        Mark.CHOSEN,
+        "duration of motion in `nominal` before the request to terminate",
+        above(0.0),
+        unit="s",
     )
-    react_s: float = setting(
-        0.5, Mark.CHOSEN, "in which it must have seen a stop", between(0.0, 60.0), unit="s"
-    )
-    cut_s: float = setting(1.0, Mark.CHOSEN, "for how long the wire is cut", above(0.0, 60.0), unit="s")
-    back_s: float = setting(
-        5.0, Mark.CHOSEN, "in which it must come back behind a cut", above(0.0, 600.0), unit="s"
-    )
-    end_s: float = setting(
-        3.0, Mark.CHOSEN, "in which it must end when it is told to", above(0.0, 600.0), unit="s"
-    )
+    react_s: float = setting(0.5, Mark.CHOSEN, "time to react to a stop", between(0.0, 60.0), unit="s")
+    cut_s: float = setting(1.0, Mark.CHOSEN, "duration of the cut", above(0.0, 60.0), unit="s")
+    back_s: float = setting(5.0, Mark.CHOSEN, "time to reconnect after a cut", above(0.0, 600.0), unit="s")
+    end_s: float = setting(3.0, Mark.CHOSEN, "time to terminate on request", above(0.0, 600.0), unit="s")
     stand_s: float = setting(
-        2.0, Mark.CHOSEN, "in which the tool must stand when it has ended", above(0.0, 60.0), unit="s"
+        2.0, Mark.CHOSEN, "time in which the tool must stop after its end", above(0.0, 60.0), unit="s"
     )
     max_speed_mm_s: float = setting(
         0.0,
         Mark.CHOSEN,
-        "fastest that the tool may go, and be ordered to go; 0 for the robot's own limits",
+        "largest actual and ordered speed of the tool; 0 for the robot's own limits",
         at_least(0.0),
         unit="mm/s",
     )
     max_step_mm: float = setting(
         0.0,
         Mark.CHOSEN,
-        "farthest from one order to the next; 0 for what the robot goes in one cycle",
+        "largest step between two orders; 0 for the robot's motion in one cycle",
         at_least(0.0),
         unit="mm",
     )
     max_turn_deg: float = setting(
-        0.0, Mark.CHOSEN, "the same of the turn between two orders", at_least(0.0), unit="°"
+        0.0,
+        Mark.CHOSEN,
+        "largest rotation between two orders; 0 for the robot's own",
+        at_least(0.0),
+        unit="°",
     )
     pause_s: float = setting(
         0.05,
         Mark.CHOSEN,
-        "a pause that may be this computer's: behind it a step that the client's own speed explains is no leap",
+        "pause attributed to this computer; after it a step consistent with the client's speed is no leap",
         between(0.0, 10.0),
         unit="s",
     )
     speed_up_s: float = setting(
         0.05,
         Mark.CHOSEN,
-        "a tool that gains the robot's fastest speed in less than this was driven by no path; 0: not judged",
+        "shortest time in which a path may reach the robot's top speed; 0: not judged",
         between(0.0, 10.0),
         unit="s",
     )
     breaches_percent: float = setting(
         10.0,
         Mark.CHOSEN,
-        "share of orders in `nominal` that may break a rule of the wire, as late answers of a busy computer do",
+        "share of orders in `nominal` that may violate the protocol, such as late answers of a busy computer",
         between(0.0, 100.0),
         unit="%",
     )
-    comes_back: bool = setting(False, Mark.CHOSEN, "the client declares that it comes back behind a cut")
-    ends: bool = setting(False, Mark.CHOSEN, "the client declares that it ends by itself")
+    comes_back: bool = setting(False, Mark.CHOSEN, "the client reconnects after a cut")
+    ends: bool = setting(False, Mark.CHOSEN, "the client ends by itself")
 
     def __post_init__(self) -> None:
         check_settings(self)

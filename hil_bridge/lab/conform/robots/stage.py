@@ -1,4 +1,4 @@
-"""Scenarios of a robot's client."""
+"""Execution of the scenarios for robot clients."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -23,8 +23,18 @@ from hil_bridge.lab.conform.robots.scenarios import (
     STOPPED,
     Rules,
 )
-from hil_bridge.lab.conform.robots.watching import Seen, ToolLook, Watch
-from hil_bridge.lab.conform.trial import CUT, NOMINAL, Ended, InCell, Mishap, Played, Scene, Trial, skip
+from hil_bridge.lab.conform.robots.watching import RobotEvidence, ToolSample, Watch
+from hil_bridge.lab.conform.trial import (
+    CUT,
+    NOMINAL,
+    Ended,
+    InCell,
+    Mishap,
+    ScenarioResult,
+    Scene,
+    Trial,
+    skip,
+)
 from hil_bridge.lab.conform.verdict import Outcome, Verdict
 from hil_bridge.runs.compose import ServedCell
 from hil_bridge.runs.setup import Listen
@@ -33,8 +43,8 @@ from protocol.geometry import angle_between
 
 
 @dataclass(frozen=True)
-class RobotTrial(Trial[Seen]):
-    """A client of a robot under trial."""
+class RobotTrial(Trial[RobotEvidence]):
+    """Conformance test of a robot client."""
 
     thing: ClassVar[str] = "robot"
     meanings: ClassVar[Mapping[str, str]] = SCENARIOS
@@ -45,7 +55,7 @@ class RobotTrial(Trial[Seen]):
         kind = ROBOTS.kind(self.kind)
         if kind.emulation is None or not kind.emulation.mishaps:
             raise ConfigError(
-                f"{kind.name}: its clients cannot be judged: its RobotEmulation names no mishaps; "
+                f"{kind.name}: cannot test its clients, its RobotEmulation has no mishaps; "
                 "see the page on conform, A robot of your own"
             )
         emulation = kind.emulation
@@ -65,46 +75,46 @@ class RobotTrial(Trial[Seen]):
         assert served.robot is not None
         return served.robot
 
-    def scene(self, name: str, in_cell: InCell, client: Client) -> Scene[Seen]:
+    def scene(self, name: str, in_cell: InCell, client: Client) -> Scene[RobotEvidence]:
         return _RobotScene(name, self, in_cell, client)
 
-    def judge(self, name: str, seen: Seen) -> Verdict:
+    def judge(self, name: str, seen: RobotEvidence) -> Verdict:
         return judge(name, seen, self.rules)
 
-    def refuse(self, name: str, nominal: Played[Seen]) -> Played[Seen] | None:
+    def refuse(
+        self, name: str, nominal: ScenarioResult[RobotEvidence]
+    ) -> ScenarioResult[RobotEvidence] | None:
         if nominal.verdict.outcome is Outcome.PASSED or nominal.seen.moved_at is not None:
             return None
         unjudged = nominal.verdict.outcome is Outcome.SKIPPED
-        why = (
-            "`nominal` was skipped" if unjudged else "the client does not move the tool when nothing is wrong"
-        )
-        return skip(name, self, why, Seen())
+        why = "`nominal` was skipped" if unjudged else "the client does not move the tool without a fault"
+        return skip(name, self, why, RobotEvidence())
 
 
-class _RobotScene(Scene[Seen]):
-    """A scenario under way."""
+class _RobotScene(Scene[RobotEvidence]):
+    """Running scenario."""
 
     def __init__(self, name: str, trial: RobotTrial, in_cell: InCell, client: Client) -> None:
         robot = in_cell.cell.robot
         if not isinstance(robot, TellingRobot):
-            raise ConfigError(f"an emulated {trial.kind} does not tell the orders that it hears")
+            raise ConfigError(f"the emulated {trial.kind} does not report the orders that it receives")
         self._name, self._rules, self._robot = name, trial.rules, robot
         self._mishap = trial.mishaps[name]
         stops = name in (REFUSED, STOPPED, EMERGENCY)
         self._watch = Watch(in_cell.clock.now(), trial.rules, stops=stops, from_start=name == REFUSED)
         super().__init__(self._watch.seen, in_cell, client, trial.rules.end_s)
-        robot.orders.listener = self._watch.hear
+        robot.orders.listener = self._watch.receive
 
     async def play(self, where: Where) -> None:
-        """All of it: the client begins, the fault comes, the client ends, the tool stands or not."""
-        self._look()
+        """Run the scenario: the client starts, the fault occurs, the client ends, the tool stops or not."""
+        self._check()
         if self._name == REFUSED:
-            self._let_it_happen()
+            self._inject_fault()
         self._client.start(where)
         with suppress(Ended):
             await self._course()
         await self._end_client()
-        await self._look_at_standstill()
+        await self._check_standstill()
 
     async def _course(self) -> None:
         rules, seen = self._rules, self.seen
@@ -120,7 +130,7 @@ class _RobotScene(Scene[Seen]):
             return
         await self._until(None, rules.after_s)
         seen.fault_at = self._since()
-        self._let_it_happen()
+        self._inject_fault()
         if self._name != CUT:
             await self._until(None, rules.watch_s)
             return
@@ -129,23 +139,23 @@ class _RobotScene(Scene[Seen]):
         await self._until(lambda: seen.back_at is not None, rules.back_s)
         await self._until(None, STILL_S)
 
-    def _let_it_happen(self) -> None:
+    def _inject_fault(self) -> None:
         if self._mishap is not None:
             self._strike(self._mishap)
 
     def _observe(self, now: float) -> None:
         state = self._cell.true_state(self._cell.truth_available_from(now))
         self.seen.last_pose = state.position, state.quaternion
-        tool = ToolLook(state.position, state.quaternion, state.velocity)
-        self._watch.look(now, tool, self._robot.hindrance(now))
+        tool = ToolSample(state.position, state.quaternion, state.velocity)
+        self._watch.update(now, tool, self._robot.hindrance(now))
 
-    async def _look_at_standstill(self) -> None:
-        """See whether the tool stands behind the client's end."""
+    async def _check_standstill(self) -> None:
+        """Check whether the tool is stationary after the client's end."""
         seen = self.seen
-        for _ in self._looks(self._rules.stand_s):
+        for _ in self._checks(self._rules.stand_s):
             before, since = seen.last_pose, self._clock.now()
             await self._clock.sleep_until(self._clock.now() + STILL_S)
-            self._look()
+            self._check()
             assert before is not None
             assert seen.last_pose is not None
             gone = math.dist(before[0], seen.last_pose[0])
@@ -157,5 +167,5 @@ class _RobotScene(Scene[Seen]):
                 return
 
     @staticmethod
-    def _looks(seconds: float) -> Iterator[int]:
+    def _checks(seconds: float) -> Iterator[int]:
         return iter(range(max(1, math.ceil(seconds / STILL_S))))

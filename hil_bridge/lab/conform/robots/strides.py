@@ -1,4 +1,4 @@
-"""Steps and turns from one order to the next, against the robot's speed and the client's own pace."""
+"""Steps and rotations between successive orders, judged by the robot's speed and the client's own pace."""
 
 import math
 from collections import deque
@@ -10,52 +10,52 @@ from hil_bridge.lab.conform.robots.scenarios import SAME_PLACE_M, SAME_TURN_RAD
 from protocol.geometry import Pose, angle_between
 
 _KEPT = 50
-"""Chosen: newest intervals and speeds that make up the pace of a client."""
+"""Chosen: number of newest intervals and speeds that define the pace of a client."""
 _KNOWN = 5
-"""Chosen: intervals from which its pace is known."""
+"""Chosen: number of intervals after which the pace is known."""
 _STREAM = 10
-"""Chosen: orders from which a client of a robot with a way of its own is seen to stream."""
+"""Chosen: number of orders after which a client of a path-planning robot counts as streaming."""
 _FIRST_CYCLES = 5
-"""Chosen: cycles of the robot from its tool to the place of a first order."""
+"""Chosen: robot cycles allowed from its tool to the position of the first order."""
 _NEAR_RAD = 0.02
-"""Chosen: a quaternion that is so near to the tool's, put in another order, was meant in that order."""
+"""Chosen: angle below which a reordered quaternion matches the tool's, and thus reveals the wrong order."""
 
 
 class Stride(NamedTuple):
-    """The way from what was ordered before, or from the tool, whichever is nearer."""
+    """Motion from the previous order or from the tool, whichever is nearer."""
 
     step_m: float = 0.0
     turn_rad: float = 0.0
     speed_m_s: float = 0.0
-    """Speed that is ordered."""
+    """Ordered speed."""
     leaps: bool = False
-    """It is farther than the robot goes, or the client's own pace explains."""
+    """Whether the step exceeds both the robot's motion and the client's own pace."""
     turns: bool = False
-    """The same of the turn."""
+    """The same for the rotation."""
     rushes: bool = False
-    """The speed that it orders is above the robot's."""
+    """Whether the ordered speed exceeds the robot's."""
     elsewhere: bool = True
-    """It leads to another place than the order before."""
+    """Whether it leads to another pose than the previous order."""
     w_misplaced: bool = False
-    """It turns the tool, and would not with the w of its quaternion at the other end."""
+    """Whether it rotates the tool, but would not with the w of its quaternion at the other end."""
 
 
 class Strides:
-    """The orders of one client, in a row."""
+    """Sequence of one client's orders."""
 
     def __init__(self, pause_s: float) -> None:
-        """`pause_s`: so late may this computer be."""
+        """`pause_s` is the tolerated lateness of this computer, s."""
         self._pause = pause_s
         self._last: Pose | None = None
         self._at = 0.0
         self._intervals: deque[float] = deque(maxlen=_KEPT)
         self._speeds: deque[tuple[float, float]] = deque(maxlen=_KEPT)
-        """Speeds of the client's own path, m/s and rad/s."""
+        """Speeds of the client's path, m/s and rad/s."""
         self._first: Stride | None = None
-        """The first one of a robot with a way of its own, until the client is seen to stream."""
+        """First stride for a path-planning robot, until the client counts as streaming."""
 
     def take(self, order: HeardOrder, tool: Pose | None) -> Stride:
-        """The stride of an order of motion; `tool` is the robot's tool now."""
+        """Return the stride of a motion order; `tool` is the present pose of the robot's tool."""
         if order.pose is None:
             speed, turning = order.speed
             return Stride(
@@ -65,11 +65,11 @@ class Strides:
             return Stride(elsewhere=order.moves)
         before, interval = self._last, order.at - self._at
         self._last, self._at = order.pose, order.at
-        ways = [_way(order.pose, place) for place in (before, tool) if place is not None]
-        if not ways:
+        distances = [_distance(order.pose, place) for place in (before, tool) if place is not None]
+        if not distances:
             return Stride()
-        step, turn = (min(part) for part in zip(*ways, strict=True))
-        far, away = ways[0]
+        step, turn = (min(part) for part in zip(*distances, strict=True))
+        far, away = distances[0]
         elsewhere = far > SAME_PLACE_M or away > SAME_TURN_RAD
         if order.reach is None:
             return Stride(step, turn, elsewhere=elsewhere)
@@ -78,9 +78,9 @@ class Strides:
         return stride._replace(w_misplaced=misplaced)
 
     def _judge(
-        self, reach: Reach, way: tuple[float, float], interval: float | None, elsewhere: bool
+        self, reach: Reach, distance: tuple[float, float], interval: float | None, elsewhere: bool
     ) -> Stride:
-        step, turn = way
+        step, turn = distance
         if interval is None:
             allowed = self._limits(reach, _FIRST_CYCLES * reach.cycle_s, 0.0)
         else:
@@ -98,10 +98,10 @@ class Strides:
         if not (far or turns) or not known:
             self._speeds.append((step / span, turn / span))
         stride = stride._replace(speed_m_s=step / span)
-        return self._look_back(reach, usual, stride)
+        return self._judge_first(reach, usual, stride)
 
-    def _look_back(self, reach: Reach, usual: float, stride: Stride) -> Stride:
-        """Judge the first turn once the client is seen to stream: the first place is often a way to the begin."""
+    def _judge_first(self, reach: Reach, usual: float, stride: Stride) -> Stride:
+        """Judge the first rotation once the client streams: the first order often leads to the start of a path."""
         first = self._first
         if first is None or len(self._intervals) < _STREAM:
             return stride
@@ -112,13 +112,13 @@ class Strides:
         return stride._replace(turn_rad=max(first.turn_rad, stride.turn_rad), turns=True)
 
     def _usual(self, reach: Reach, interval: float) -> float:
-        """The usual time between two orders; never less than a cycle of the robot."""
+        """Return the usual time between two orders, at least a cycle of the robot."""
         known = len(self._intervals) >= _KNOWN
         usual = median(self._intervals) if known else min(max(interval, *self._intervals, 0.0), self._pause)
         return max(usual, reach.cycle_s)
 
     def _limits(self, reach: Reach, usual: float, interval: float) -> tuple[float, float]:
-        """Farthest step, m, and turn, rad: by the robot's speed, or by that of the client's own path."""
+        """Return the largest step, m, and rotation, rad, by the speed of the robot or of the client's path."""
         speed = max((speed for speed, _ in self._speeds), default=0.0)
         turning = max((turning for _, turning in self._speeds), default=0.0)
         if not reach.own_way:
@@ -129,14 +129,14 @@ class Strides:
         )
 
 
-def _way(pose: Pose, place: Pose) -> tuple[float, float]:
-    """Distance, m, and turn, rad."""
+def _distance(pose: Pose, place: Pose) -> tuple[float, float]:
+    """Return distance, m, and angle, rad."""
     turn = angle_between(pose.quaternion, place.quaternion)
     return math.dist(pose.position, place.position), turn if math.isfinite(turn) else 0.0
 
 
 def _has_w_misplaced(pose: Pose, tool: Pose) -> bool:
-    """Whether x y z w was taken for w x y z, or the other way round: then another order is the tool's orientation."""
+    """Return whether x y z w and w x y z were confused: the reordered quaternion then matches the tool's."""
     w, x, y, z = pose.quaternion
     return any(angle_between(other, tool.quaternion) < _NEAR_RAD for other in ((z, w, x, y), (x, y, z, w)))
 

@@ -1,4 +1,4 @@
-"""Evidence of an emulated robot about a client: its orders, and the way of the tool. Its size is bounded."""
+"""Evidence about a client from an emulated robot: its orders, and the motion of the tool. Its size is bounded."""
 
 import math
 from collections import deque
@@ -12,94 +12,94 @@ from hil_bridge.lab.conform.robots.strides import Stride, Strides
 from protocol.geometry import Pose, Quaternion, Vector, angle_between
 
 _WINDOW_S = 0.05
-"""Chosen: least time over which a turn of the tool, and a change of its speed, is measured."""
+"""Chosen: shortest time over which a rotation of the tool, and a change of its speed, is measured."""
 _FIRST = 10
-"""Chosen: words of one kind that are kept, the first ones."""
+"""Chosen: number of first texts of one kind that are kept."""
 
 
 @dataclass(slots=True)
-class Seen(Ending):
-    """Evidence of one scenario of a robot. Times are seconds since its begin; lengths m, speeds m/s."""
+class RobotEvidence(Ending):
+    """Evidence of one scenario of a robot. Times are seconds since its start; lengths m, speeds m/s."""
 
     contact_at: float | None = None
-    """First sign of the client: a connection, a question or an order."""
+    """First contact of the client: a connection, a request or an order."""
     unreadable: int = 0
-    """Packages that the robot can make nothing of."""
+    """Packets that the robot cannot parse."""
     first_unreadable: str = ""
     orders: int = 0
-    """Orders of motion."""
+    """Motion orders."""
     taken: int = 0
-    """Those that the robot could act on."""
+    """Orders that the robot accepted."""
     moving: int = 0
-    """Those of them that lead elsewhere than the order before."""
+    """Accepted orders that lead to another pose than the previous one."""
     refusals: list[str] = field(default_factory=list)
-    """Things that the client asked for, and that this emulated robot does not have, the first ten."""
+    """Requests that this emulated robot does not support, the first ten."""
     breaches: int = 0
-    """Orders that break a rule of the wire which the robot bears."""
+    """Orders with a protocol violation that the robot tolerates."""
     first_breach: str = ""
     first_order_at: float | None = None
     last_order_at: float | None = None
     largest_step_m: float = 0.0
-    """Largest distance of an order's place from the one before, or from the tool where that is nearer."""
+    """Largest distance of an order from the previous one, or from the tool if that is nearer."""
     largest_turn_rad: float = 0.0
-    """The same of the turn."""
+    """The same for the rotation."""
     largest_speed_m_s: float = 0.0
-    """Largest speed that was ordered: told as a speed, or a step in the time since the order before."""
+    """Largest ordered speed: explicit, or the step over the time since the previous order."""
     leaps: int = 0
-    """Orders farther from the one before than the robot goes in one cycle."""
+    """Orders farther from the previous one than the robot moves in one cycle."""
     turns: int = 0
-    """The same of the turn."""
+    """The same for the rotation."""
     w_misplaced: bool = False
-    """One of these has the w of its quaternion at the wrong end, as far as the tool's orientation tells."""
+    """Whether one of these has the w of its quaternion at the wrong end, judged by the tool's orientation."""
     rushes: int = 0
     """Orders of a speed above the robot's."""
     robot_speed_m_s: float | None = None
-    """Fastest that the robot takes its tool; None where it tells none, or orders tell a speed of their own."""
+    """Top speed of the robot's tool; None if it is unknown, or orders contain a speed."""
     longest_pause_s: float = 0.0
     """Longest time between two orders."""
     moved_at: float | None = None
     moved_m: float = 0.0
-    """Farthest that the tool was from its start."""
+    """Largest distance of the tool from its start."""
     turned_rad: float = 0.0
-    """Largest turn of the tool from its start."""
+    """Largest rotation of the tool from its start."""
     fastest_m_s: float = 0.0
-    """Largest speed of the tool, looked at every few milliseconds."""
+    """Largest speed of the tool, sampled every few milliseconds."""
     fastest_rad_s: float = 0.0
-    """The same of its turn, over 50 ms or more."""
+    """The same for its rotation, over 50 ms or more."""
     largest_gain_m_s: float = 0.0
     """Largest change of the tool's velocity within `speed_up_s`, before the fault and by orders."""
     fault_at: float | None = None
-    """The fault of the scenario; without one where the robot may not move from the start, its first order."""
+    """Time of the fault; in a scenario without one, time of the first order."""
     last_motion_s: float | None = None
-    """From the fault to the last order that would have moved the tool."""
+    """Time from the fault to the last order that would have moved the tool."""
     after_stop: int = 0
-    """Orders that would have moved the tool, later than `react_s` behind the fault."""
+    """Orders that would have moved the tool, later than `react_s` after the fault."""
     after_stop_step_m: float = 0.0
-    """The largest step of those."""
+    """Largest step of those."""
     moved_after_m: float = 0.0
-    """How far the tool went later than `react_s` behind the fault."""
+    """Distance that the tool moved later than `react_s` after the fault."""
     turned_after_rad: float = 0.0
-    """How far it turned then."""
+    """Angle that it rotated then."""
     releases: list[str] = field(default_factory=list)
-    """Acts behind the fault that belong to an operator at the robot, the first ten."""
+    """Actions after the fault that are reserved for an operator at the robot, the first ten."""
     returned_at: float | None = None
     """End of the cut."""
     back_at: float | None = None
-    """First order behind the cut that the robot could act on."""
+    """First order accepted after the cut."""
     hindrance: str = ""
-    """First state behind the first order in which the robot did not move by orders."""
+    """First state after the first order in which the robot did not follow orders."""
     own_stop: str = ""
-    """The first such state that an order of the client brought about."""
+    """First such state that an order of the client caused."""
     left_m_s: float = 0.0
     """Speed of the tool at the end."""
     left_rad_s: float = 0.0
-    """The same of its turn."""
+    """The same for its rotation."""
     last_pose: tuple[Vector, tuple[float, ...]] | None = None
     """Position, m, and quaternion w x y z of the tool at the end."""
 
 
-class ToolLook(NamedTuple):
-    """The tool at one look: where it is, m, and how fast it goes, m/s, base frame."""
+class ToolSample(NamedTuple):
+    """Sample of the tool's pose, m, and velocity, m/s, in the base frame."""
 
     position: Vector
     quaternion: Quaternion
@@ -107,28 +107,28 @@ class ToolLook(NamedTuple):
 
 
 class Watch:
-    """Listens to a robot, and looks at its tool."""
+    """Collector of evidence from a robot's orders and the motion of its tool."""
 
     def __init__(self, begun_at: float, rules: Rules, *, stops: bool, from_start: bool) -> None:
-        """`stops`: the fault stops the robot. `from_start`: it may not move from the start on."""
-        self.seen = Seen()
+        """`stops`: the fault stops the robot. `from_start`: it may not move from the start."""
+        self.seen = RobotEvidence()
         self._begun_at, self._react, self._speed_up = begun_at, rules.react_s, rules.speed_up_s
         self._stops, self._from_start = stops, from_start
         self._strides = Strides(rules.pause_s)
-        self._start: ToolLook | None = None
-        """The tool as it was first."""
+        self._start: ToolSample | None = None
+        """First sample of the tool."""
         self._tool: Pose | None = None
-        """Where it is."""
-        self._looks: deque[tuple[float, ToolLook]] = deque()
-        """Looks of the last time in which speeds are measured."""
-        self._stood: ToolLook | None = None
-        """Where the tool was at `react_s` behind the fault."""
+        """Present pose of the tool."""
+        self._samples: deque[tuple[float, ToolSample]] = deque()
+        """Newest samples, from which speeds are measured."""
+        self._stood: ToolSample | None = None
+        """Sample of the tool at `react_s` after the fault."""
         self._hindered = False
 
     # --- orders
 
-    def hear(self, order: HeardOrder) -> None:
-        """An order came to the robot."""
+    def receive(self, order: HeardOrder) -> None:
+        """Evaluate an order received by the robot."""
         at, seen = order.at - self._begun_at, self.seen
         if seen.contact_at is None:
             seen.contact_at = at
@@ -184,8 +184,8 @@ class Watch:
 
     # --- the robot
 
-    def look(self, now: float, tool: ToolLook, hindrance: Hindrance | None) -> None:
-        """The tool is there, and this keeps it from moving."""
+    def update(self, now: float, tool: ToolSample, hindrance: Hindrance | None) -> None:
+        """Evaluate a sample of the tool, and what keeps it from moving."""
         at, seen, position = now - self._begun_at, self.seen, tool.position
         if self._start is None:
             self._start = tool
@@ -207,20 +207,22 @@ class Watch:
             seen.turned_after_rad = max(seen.turned_after_rad, turned)
         self._hinder(hindrance)
 
-    def _measure(self, at: float, tool: ToolLook, by_orders: bool) -> None:
-        """Measure how the speed changes, and how fast the tool turns."""
-        seen, looks = self.seen, self._looks
-        looks.append((at, tool))
-        while len(looks) > 1 and at - looks[1][0] >= _WINDOW_S:
-            looks.popleft()
-        since, before = looks[0]
+    def _measure(self, at: float, tool: ToolSample, by_orders: bool) -> None:
+        """Measure the change of speed and the angular speed of the tool."""
+        seen, samples = self.seen, self._samples
+        samples.append((at, tool))
+        while len(samples) > 1 and at - samples[1][0] >= _WINDOW_S:
+            samples.popleft()
+        since, before = samples[0]
         if (span := at - since) >= _WINDOW_S:
             turn = angle_between(tool.quaternion, before.quaternion)
             seen.fastest_rad_s = max(seen.fastest_rad_s, turn / span)
         if not by_orders:
             return
         gains = [
-            math.dist(tool.velocity, look.velocity) for then, look in looks if at - then <= self._speed_up
+            math.dist(tool.velocity, sample.velocity)
+            for then, sample in samples
+            if at - then <= self._speed_up
         ]
         seen.largest_gain_m_s = max(seen.largest_gain_m_s, *gains)
 
@@ -239,6 +241,6 @@ class Watch:
 
 
 def _keep(words: list[str], more: str) -> None:
-    """Keep the first ones, each once."""
+    """Keep the first texts, without duplicates."""
     if more not in words and len(words) < _FIRST:
         words.append(more)

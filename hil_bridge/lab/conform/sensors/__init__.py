@@ -1,1 +1,1 @@
-"""Clients of force sensors: the scenarios, the evidence and the verdict."""
+"""Conformance of force sensor clients: scenarios, evidence and verdicts."""

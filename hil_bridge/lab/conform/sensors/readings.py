@@ -1,7 +1,7 @@
-"""Readings of a sensor's client: lines of its standard output with six numbers, and no other lines.
+"""Readings of a sensor client: the lines of its standard output that consist of six numbers.
 
-The numbers are fx fy fz in N and mx my mz in N·m, in the sensor's own frame, with blanks, tabs, commas or semicolons
-between them. Any other line is the client's own matter. Their size is bounded.
+The numbers are fx fy fz in N and mx my mz in N·m, in the sensor's frame, separated by blanks, tabs, commas or
+semicolons. All other lines are ignored. Their size is bounded.
 """
 
 import math
@@ -15,73 +15,73 @@ from protocol.geometry import Wrench
 from protocol.wrench import AXES
 
 LINE_MAX = 4096
-"""Chosen: bytes of a line that are kept."""
+"""Chosen: longest line, bytes."""
 READINGS_MAX = 200_000
-"""Chosen: readings of a scenario that are kept, those of 7 kHz for 28 s."""
+"""Chosen: most readings kept in a scenario, 28 s at 7 kHz."""
 _BETWEEN = re.compile(r"[\s,;]+")
 
 
 class Reading(NamedTuple):
-    """A reading as it was heard."""
+    """Received reading."""
 
     at: float
-    """s since the begin of the scenario."""
+    """Time since the start of the scenario, s."""
     wrench: Wrench
 
 
 class Part(NamedTuple):
-    """A time in which readings are looked at, s since the begin of the scenario."""
+    """Time interval, s since the start of the scenario."""
 
     begin: float
     end: float
 
 
 @dataclass(slots=True)
-class Heard(Ending):
-    """Evidence of one scenario of a sensor. Times are seconds since its begin; six values are N and N·m."""
+class SensorEvidence(Ending):
+    """Evidence of one scenario of a sensor. Times are seconds since its start; wrenches in N and N·m."""
 
     readings: int = 0
     """Lines with six numbers."""
     no_numbers: int = 0
-    """Lines of six words of which one is no finite number."""
+    """Lines of six numbers of which one is not finite."""
     first_at: float | None = None
-    """First reading."""
+    """Time of the first reading."""
     last_at: float | None = None
     truth: Wrench | None = None
-    """Load of the standing tool that the sensor feels."""
+    """True load of the stationary tool on the sensor."""
     at_rest: Wrench | None = None
     """Mean reading before the first load or fault."""
     loads: list[tuple[str, Wrench | None]] = field(default_factory=list)
-    """Each loaded axis, with how the mean reading changed; None where there was no reading under the load."""
+    """Each loaded axis, with the change of the mean reading; None if there was no reading under the load."""
     fault_at: float | None = None
     behind_fault: int = 0
-    """Readings while the fault held, later than `react_s` behind its begin."""
+    """Number of readings during the fault, later than `react_s` after its start."""
     same_behind_fault: int = 0
-    """Those of them that are equal to the last one before the fault."""
+    """Number of those equal to the last one before the fault."""
     returned_at: float | None = None
-    """End of a fault that ends."""
+    """End of a temporary fault."""
     back_at: float | None = None
-    """First reading behind that."""
+    """Time of the first reading after that."""
     at_end: Wrench | None = None
-    """Mean reading behind the fault, when its begin or its end was `react_s` ago."""
+    """Mean reading from `react_s` after the return on."""
     worst: Wrench | None = None
-    """Reading behind the fault that is farthest from the one at rest, by its tolerance."""
+    """Reading during the fault with the largest deviation from the unloaded one, in tolerances."""
 
 
 class Lines:
-    """Takes a client's output apart into readings."""
+    """Parser of a client's output."""
 
     def __init__(self) -> None:
         self.readings: list[Reading] = []
         self.no_numbers = 0
         self._rest = b""
         self._skips = False
-        """The line that came last is too long, and its rest is left out."""
+        """Whether the rest of an overlong line is being skipped."""
 
     def take(self, piece: bytes, at: float) -> None:
-        """A piece of output was heard at this time, s."""
-        *whole, self._rest = (self._rest + piece).split(b"\n")
-        for line in whole:
+        """Parse a piece of output received at `at`, s."""
+        *lines, self._rest = (self._rest + piece).split(b"\n")
+        for line in lines:
             if not self._skips:
                 self._read(line, at)
             self._skips = False
@@ -89,7 +89,7 @@ class Lines:
             self._rest, self._skips = b"", True
 
     def during(self, part: Part) -> Sequence[Reading]:
-        """Readings of a time, oldest first."""
+        """Return the readings of an interval, oldest first."""
         return [reading for reading in self.readings if part.begin <= reading.at < part.end]
 
     def _read(self, line: bytes, at: float) -> None:
@@ -107,7 +107,7 @@ class Lines:
 
 
 def mean_of(readings: Sequence[Reading]) -> Wrench | None:
-    """Mean of each axis; None without readings."""
+    """Return the mean of each axis; None without readings."""
     if not readings:
         return None
     fx, fy, fz, mx, my, mz = (
@@ -117,12 +117,12 @@ def mean_of(readings: Sequence[Reading]) -> Wrench | None:
 
 
 def difference(one: Wrench, other: Wrench) -> Wrench:
-    """The first less the second, axis by axis."""
+    """Return the first wrench minus the second."""
     fx, fy, fz, mx, my, mz = (a - b for a, b in zip(one, other, strict=True))
     return fx, fy, fz, mx, my, mz
 
 
 def units() -> Iterator[tuple[str, str]]:
-    """Each axis with its unit."""
+    """Yield each axis with its unit."""
     for axis in AXES:
         yield axis, "N" if axis.startswith("f") else "N·m"

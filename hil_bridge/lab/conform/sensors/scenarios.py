@@ -1,4 +1,4 @@
-"""The scenarios that a sensor's client is put through, and the rules by which it is judged."""
+"""Scenarios for sensor clients, and the rules by which they are judged."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,79 +9,77 @@ from protocol.marks import Mark, above, at_least, between, check_settings, setti
 
 LOST, STATUS, RESTART = "lost", "status", "restart"
 SENSOR_SCENARIOS: Mapping[str, str] = {
-    NOMINAL: "a known load comes on one axis after the other",
-    LOST: "some of what the sensor sends is lost",
-    STATUS: "the sensor says that its values are wrong, or that they are not new",
-    CUT: "the wire is cut, and comes back",
+    NOMINAL: "a known load on one axis after the other",
+    LOST: "some of the sensor's data are lost",
+    STATUS: "the sensor reports its values as invalid or stale",
+    CUT: "the link is cut, and restored",
     RESTART: "the sensor loses its supply, and boots",
 }
-"""In the order in which they are played."""
+"""Scenarios with their meaning, in the order in which they run."""
 
 
 @dataclass(frozen=True, slots=True)
 class SensorRules:
-    """How long each part of a scenario takes, and the readings that are right."""
+    """Durations of the parts of a scenario, and tolerances of the readings."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     powered_s: float = setting(
         6.0,
         Mark.CHOSEN,
-        "for how long the sensor has been powered when the client begins; an emulated Net F/T boots for 5 s",
+        "time between power-up and the start of the client; an emulated Net F/T boots for 5 s",
         between(0.0, 600.0),
         unit="s",
     )
     start_s: float = setting(
-        20.0, Mark.CHOSEN, "until a new client must have told a reading", above(0.0, 600.0), unit="s"
+        20.0, Mark.CHOSEN, "time in which a new client must report a reading", above(0.0, 600.0), unit="s"
     )
     settle_s: float = setting(
-        1.0, Mark.CHOSEN, "from the first reading to the first load or fault", above(0.0, 600.0), unit="s"
+        1.0,
+        Mark.CHOSEN,
+        "time from the first reading to the first load or fault",
+        above(0.0, 600.0),
+        unit="s",
     )
     load_s: float = setting(
-        1.5, Mark.CHOSEN, "for how long each axis is loaded in `nominal`", above(0.0, 60.0), unit="s"
+        1.5, Mark.CHOSEN, "duration of the load on each axis in `nominal`", above(0.0, 60.0), unit="s"
     )
     react_s: float = setting(
         0.5,
         Mark.CHOSEN,
-        "in which readings must follow a load, and end behind a fault",
+        "time in which readings must follow a load, and end after a fault",
         between(0.0, 60.0),
         unit="s",
     )
-    watch_s: float = setting(
-        2.0, Mark.CHOSEN, "for how long a client is watched behind a fault", above(0.0, 600.0), unit="s"
-    )
-    cut_s: float = setting(1.5, Mark.CHOSEN, "for how long the wire is cut", above(0.0, 60.0), unit="s")
+    watch_s: float = setting(2.0, Mark.CHOSEN, "observation time after a fault", above(0.0, 600.0), unit="s")
+    cut_s: float = setting(1.5, Mark.CHOSEN, "duration of the cut", above(0.0, 60.0), unit="s")
     back_s: float = setting(
         10.0,
         Mark.CHOSEN,
-        "in which readings must come back behind a cut or a restart",
+        "time in which readings must resume after a cut or a restart",
         above(0.0, 600.0),
         unit="s",
     )
-    end_s: float = setting(
-        3.0, Mark.CHOSEN, "in which it must end when it is told to", above(0.0, 600.0), unit="s"
-    )
-    force_n: float = setting(10.0, Mark.CHOSEN, "load on an axis of force", above(0.0), unit="N")
-    moment_nm: float = setting(1.0, Mark.CHOSEN, "load on an axis of moment", above(0.0), unit="N·m")
+    end_s: float = setting(3.0, Mark.CHOSEN, "time to terminate on request", above(0.0, 600.0), unit="s")
+    force_n: float = setting(10.0, Mark.CHOSEN, "load on a force axis", above(0.0), unit="N")
+    moment_nm: float = setting(1.0, Mark.CHOSEN, "load on a moment axis", above(0.0), unit="N·m")
     tolerance_percent: float = setting(
-        10.0, Mark.CHOSEN, "of a load, by which its mean reading may be off", between(0.0, 100.0), unit="%"
+        10.0, Mark.CHOSEN, "tolerance of the mean reading of a load", between(0.0, 100.0), unit="%"
     )
     tolerance_n: float = setting(
-        1.0, Mark.CHOSEN, "by which a mean force may be off at rest", at_least(0.0), unit="N"
+        1.0, Mark.CHOSEN, "tolerance of the unloaded mean force", at_least(0.0), unit="N"
     )
-    tolerance_nm: float = setting(0.1, Mark.CHOSEN, "the same of a moment", at_least(0.0), unit="N·m")
+    tolerance_nm: float = setting(
+        0.1, Mark.CHOSEN, "tolerance of the unloaded mean moment", at_least(0.0), unit="N·m"
+    )
     outlier: float = setting(
         5.0,
         Mark.CHOSEN,
-        "so many times its tolerance a single reading may be off while data are lost",
+        "tolerance of a single reading while data are lost, in multiples of the unloaded tolerance",
         above(0.0),
     )
-    takes_zero: bool = setting(
-        False, Mark.CHOSEN, "the client declares that it takes the load at its start as zero"
-    )
-    comes_back: bool = setting(
-        False, Mark.CHOSEN, "the client declares that it comes back behind a cut and a restart"
-    )
+    takes_zero: bool = setting(False, Mark.CHOSEN, "the client takes the load at its start as zero")
+    comes_back: bool = setting(False, Mark.CHOSEN, "the client reconnects after a cut and a restart")
 
     def __post_init__(self) -> None:
         check_settings(self)

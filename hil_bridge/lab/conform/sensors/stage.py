@@ -1,4 +1,4 @@
-"""Scenarios of a sensor's client. The tool stands in the air; loads are faults `offset` of the sensor's signal."""
+"""Execution of the scenarios for sensor clients. The tool hangs freely; loads are `offset` faults of the signal."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -12,9 +12,19 @@ from hil_bridge.devices.kinds import SENSORS
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.client import Client, Where
 from hil_bridge.lab.conform.sensors.judging import judge, off_by
-from hil_bridge.lab.conform.sensors.readings import Heard, Lines, Part, Reading, difference, mean_of
+from hil_bridge.lab.conform.sensors.readings import Lines, Part, Reading, SensorEvidence, difference, mean_of
 from hil_bridge.lab.conform.sensors.scenarios import LOST, RESTART, SENSOR_SCENARIOS, SensorRules
-from hil_bridge.lab.conform.trial import CUT, NOMINAL, Ended, InCell, Mishap, Played, Scene, Trial, skip
+from hil_bridge.lab.conform.trial import (
+    CUT,
+    NOMINAL,
+    Ended,
+    InCell,
+    Mishap,
+    ScenarioResult,
+    Scene,
+    Trial,
+    skip,
+)
 from hil_bridge.lab.conform.verdict import Outcome, Verdict
 from hil_bridge.runs.compose import ServedCell
 from hil_bridge.runs.setup import Listen
@@ -25,8 +35,8 @@ _SIGNAL, _OFFSET = "signal", "offset"
 
 
 @dataclass(frozen=True)
-class SensorTrial(Trial[Heard]):
-    """A client of a force sensor under trial."""
+class SensorTrial(Trial[SensorEvidence]):
+    """Conformance test of a force sensor client."""
 
     thing: ClassVar[str] = "sensor"
     meanings: ClassVar[Mapping[str, str]] = SENSOR_SCENARIOS
@@ -38,7 +48,7 @@ class SensorTrial(Trial[Heard]):
         faults = {} if kind.emulation is None else kind.emulation.faults
         if kind.emulation is None or _OFFSET not in faults.get(_SIGNAL, {}):
             raise ConfigError(
-                f"{kind.name}: its emulator has no fault {_SIGNAL} {_OFFSET} that loads an axis"
+                f"{kind.name}: cannot test its clients, the emulator has no fault {_SIGNAL} {_OFFSET} to load an axis"
             )
         mishaps = {
             LOST: Mishap(SENSOR_WIRE, "lost", {"for_s": self.rules.watch_s, "way": "from"}),
@@ -59,31 +69,33 @@ class SensorTrial(Trial[Heard]):
         assert served.sensor is not None
         return served.sensor
 
-    def scene(self, name: str, in_cell: InCell, client: Client) -> Scene[Heard]:
+    def scene(self, name: str, in_cell: InCell, client: Client) -> Scene[SensorEvidence]:
         return _SensorScene(name, self, in_cell, client)
 
-    def judge(self, name: str, seen: Heard) -> Verdict:
+    def judge(self, name: str, seen: SensorEvidence) -> Verdict:
         return judge(name, seen, self.rules)
 
-    def refuse(self, name: str, nominal: Played[Heard]) -> Played[Heard] | None:
+    def refuse(
+        self, name: str, nominal: ScenarioResult[SensorEvidence]
+    ) -> ScenarioResult[SensorEvidence] | None:
         if nominal.verdict.outcome is Outcome.PASSED or nominal.seen.first_at is not None:
             return None
-        return skip(name, self, "the client told no reading when nothing is wrong", Heard())
+        return skip(name, self, "the client reported no reading without a fault", SensorEvidence())
 
 
-class _SensorScene(Scene[Heard]):
-    """A scenario under way."""
+class _SensorScene(Scene[SensorEvidence]):
+    """Running scenario."""
 
     def __init__(self, name: str, trial: SensorTrial, in_cell: InCell, client: Client) -> None:
-        super().__init__(Heard(), in_cell, client, trial.rules.end_s)
+        super().__init__(SensorEvidence(), in_cell, client, trial.rules.end_s)
         self._name, self._rules, self._mishap = name, trial.rules, trial.mishaps[name]
         self._lines = Lines()
-        client.hear = self._hear
+        client.on_output = self._on_output
 
     async def play(self, where: Where) -> None:
-        """All of it: the client begins to read, loads or a fault come, the client ends."""
+        """Run the scenario: the client starts to read, loads or a fault occur, the client ends."""
         await self._clock.sleep_until(self._begun + self._rules.powered_s)
-        self._look()
+        self._check()
         self._client.start(where)
         with suppress(Ended):
             await self._course()
@@ -100,7 +112,7 @@ class _SensorScene(Scene[Heard]):
         now = self._clock.now()
         fx, fy, fz, mx, my, mz = self._cell.wrench(np.array([now]))[0].tolist()
         seen.truth = (fx, fy, fz, mx, my, mz)
-        # The first readings may be from before a zero of the client's own.
+        # The first readings may precede the client's own zero.
         at_rest = Part(begin + rules.settle_s / 2.0, self._since())
         seen.at_rest = mean_of(self._lines.during(at_rest))
         if self._name == NOMINAL:
@@ -122,7 +134,7 @@ class _SensorScene(Scene[Heard]):
             seen.loads.append((axis, difference(loaded, seen.at_rest) if known else None))  # type: ignore[arg-type]
 
     async def _break(self, mishap: Mishap) -> None:
-        """Let the fault happen, and look at the readings behind it."""
+        """Inject the fault, and evaluate the readings after it."""
         rules, seen = self._rules, self.seen
         last = self._lines.readings[-1].wrench
         seen.fault_at = self._since()
@@ -138,7 +150,7 @@ class _SensorScene(Scene[Heard]):
         if self._name not in (CUT, RESTART):
             return
         seen.returned_at = self._since()
-        # Readings from before a fault may still be under way: they are no return.
+        # Readings from before the fault may still be in transit: they do not count as a return.
         since = seen.fault_at + rules.react_s if self._name == RESTART else seen.returned_at
         await self._until(lambda: self._note_return(since), rules.back_s)
         if seen.back_at is None:
@@ -147,7 +159,7 @@ class _SensorScene(Scene[Heard]):
         seen.at_end = mean_of(self._lines.during(Part(seen.back_at + rules.react_s, self._since())))
 
     def _note_return(self, since: float) -> bool:
-        """Note the first reading behind a cut; behind a restart the first one that follows a silence."""
+        """Note the first reading after a cut, or the first one after the silence of a restart."""
         newest = self._lines.readings[-1]
         if newest.at >= since and self.seen.back_at is None:
             self.seen.back_at = newest.at
@@ -158,8 +170,8 @@ class _SensorScene(Scene[Heard]):
         if at_rest is not None and behind:
             self.seen.worst = max(behind, key=lambda one: off_by(one.wrench, at_rest, self._rules)).wrench
 
-    def _hear(self, piece: bytes) -> None:
-        """A piece of the client's output."""
+    def _on_output(self, piece: bytes) -> None:
+        """Parse a piece of the client's output."""
         lines, seen, at = self._lines, self.seen, self._since()
         lines.take(piece, at)
         if lines.readings:

@@ -1,4 +1,4 @@
-"""A whole trial in real time, and the port of its device."""
+"""Conformance tests in real time, and the port of their device."""
 
 import socket
 from collections.abc import Callable, Mapping, Sequence
@@ -15,28 +15,28 @@ from hil_bridge.lab.conform.robots.scenarios import Rules
 from hil_bridge.lab.conform.robots.stage import RobotTrial
 from hil_bridge.lab.conform.sensors.scenarios import SensorRules
 from hil_bridge.lab.conform.sensors.stage import SensorTrial
-from hil_bridge.lab.conform.trial import NOMINAL, Played, Trial, choose_scenarios, play
+from hil_bridge.lab.conform.trial import NOMINAL, ScenarioResult, Trial, choose_scenarios, play
 from hil_bridge.runs.compose import choose_port
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.settings.devices import robot_at, sensor_at
 
 _BOUND_BY_CLIENT = "udp://"
-"""The robot speaks first, to a port on which its client listens."""
+"""Scheme of robots that send first, to a port on which the client listens."""
 
 
 def rules_of(kind: str) -> type[Rules] | type[SensorRules]:
-    """Rules of a kind of robot or of sensor. Raises ConfigError for a kind that is none."""
+    """Return the rules class for a robot or sensor kind. Raises ConfigError for an unknown kind."""
     if kind in SENSORS.names:
         return SensorRules
     if kind not in ROBOTS.names:
         raise ConfigError(
-            f"there is no robot or sensor {kind!r}; choose one of {', '.join([*ROBOTS.names, *SENSORS.names])}"
+            f"unknown robot or sensor {kind!r}; known: {', '.join([*ROBOTS.names, *SENSORS.names])}"
         )
     return Rules
 
 
 def cell_of(kind: str, config: Path | Mapping[str, object] | None) -> Config:
-    """The configuration of an emulated cell with this kind of device: a file's, or values by dotted key.
+    """Return the configuration of an emulated cell with this kind of device, from a file or values by dotted key.
 
     Raises ConfigError.
     """
@@ -48,9 +48,7 @@ def cell_of(kind: str, config: Path | Mapping[str, object] | None) -> Config:
 def make_trial(
     config: Config, rules: Rules | SensorRules, command: Sequence[str], listen: str | None = None
 ) -> Trial[Any]:
-    """The trial of a command by the rules of its device, which listens there. Raises ConfigError for a command that no
-    port can be found for.
-    """
+    """Create the trial of a command; `listen` is the URL of the device. Raises ConfigError if no port is available."""
     if isinstance(rules, SensorRules):
         url = listen or choose_port(sensor_at(config, ""), virtual=False).named_url
         return SensorTrial(config, url, rules, partial(ProcessClient, command))
@@ -58,16 +56,16 @@ def make_trial(
 
 
 def usual_port(config: Config, listen: str | None, command: Sequence[str]) -> str:
-    """URL on which the robot listens, where none is named: free ports where the client is told them.
+    """Return the URL on which the robot listens, by default with free ports.
 
-    A client of a robot that speaks first listens itself. It is given a free port where its command has {port} or {url},
-    and the robot's usual one elsewhere.
+    If the robot sends first, its client listens: on a free port if its command has {port} or {url}, otherwise on the
+    robot's usual port.
     """
     if listen is not None:
         return listen
     usual = choose_port(robot_at(config, ""), virtual=False)
-    told = any("{port}" in word or "{url}" in word for word in command)
-    if usual.url.startswith(_BOUND_BY_CLIENT) and told:
+    has_port = any("{port}" in word or "{url}" in word for word in command)
+    if usual.url.startswith(_BOUND_BY_CLIENT) and has_port:
         host, _, _ = usual.url.removeprefix(_BOUND_BY_CLIENT).rpartition(":")
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.bind((host, 0))
@@ -80,29 +78,31 @@ def play_once(
     command: Sequence[str],
     config: Path | Mapping[str, object] | None,
     rules: Mapping[str, Any],
-) -> Played[Any]:
-    """Put a command through one scenario in real time: kind of device and scenario, words, settings, rules.
+) -> ScenarioResult[Any]:
+    """Run one scenario with a command in real time; `what` is the device kind and the scenario.
 
-    Settings are a file's, or values by dotted key. Raises BridgeError, also ConfigError for a wrong name.
+    Settings come from a file or as values by dotted key. Raises BridgeError, and ConfigError for a wrong name.
     """
     kind, scenario = what
     try:
-        asked = rules_of(kind)(**rules)
+        chosen = rules_of(kind)(**rules)
     except (TypeError, ValueError) as error:
         raise ConfigError(f"a rule: {error}; `hil-bridge conform {kind} --rules` lists them") from error
-    trial = make_trial(cell_of(kind, config), asked, command)
+    trial = make_trial(cell_of(kind, config), chosen, command)
     (name,) = choose_scenarios(trial, [scenario])
     return run_real(lambda: play(name, trial))
 
 
-def play_all(trial: Trial[Any], names: Sequence[str], say: Callable[[str], None]) -> list[Played[Any]]:
-    """Play these scenarios one after the other, in real time. Raises BridgeError, KeyboardInterrupt."""
-    played: list[Played[Any]] = []
+def play_all(
+    trial: Trial[Any], names: Sequence[str], say: Callable[[str], None]
+) -> list[ScenarioResult[Any]]:
+    """Run scenarios one after the other, in real time. Raises BridgeError, KeyboardInterrupt."""
+    results: list[ScenarioResult[Any]] = []
     for name in names:
-        nominal = next((one for one in played if one.name == NOMINAL), None)
+        nominal = next((one for one in results if one.name == NOMINAL), None)
         if nominal is not None and (skipped := trial.refuse(name, nominal)) is not None:
-            played.append(skipped)
+            results.append(skipped)
             continue
         say(f"{name} …")
-        played.append(run_real(lambda name=name: play(name, trial)))  # type: ignore[misc]
-    return played
+        results.append(run_real(lambda name=name: play(name, trial)))  # type: ignore[misc]
+    return results
