@@ -41,7 +41,7 @@ class Reach(NamedTuple):
     """It plans a way of its own to each place, at this speed: a far place alone is no leap."""
 
 
-class HeardOrder(NamedTuple):
+class ReceivedOrder(NamedTuple):
     """An order as the robot understood it."""
 
     at: float
@@ -79,17 +79,17 @@ class Orders:
     __slots__ = ("listener",)
 
     def __init__(self) -> None:
-        self.listener: Callable[[HeardOrder], object] | None = None
+        self.listener: Callable[[ReceivedOrder], object] | None = None
         """Called with each order at once; None while it is not wanted."""
 
-    def tell(self, order: HeardOrder) -> None:
+    def tell(self, order: ReceivedOrder) -> None:
         """Report an order; no effect without a listener."""
         if self.listener is not None:
             self.listener(order)
 
 
 @runtime_checkable
-class TellingRobot(Protocol):
+class ReportingRobot(Protocol):
     """Facts that an `EmulatedRobot` tells beside its motion, so that its client can be judged."""
 
     orders: Orders

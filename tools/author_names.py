@@ -62,7 +62,7 @@ GROUPS: Mapping[str, Names] = {
             "SensorStatistics",
             "HostTare",
         ),
-        "protocol.sensor_telling": ("SensorTelling",),
+        "protocol.sensor_events": ("SensorEventQueue",),
     },
     "Client of a robot": {
         "protocol.robot": (
@@ -101,10 +101,10 @@ GROUPS: Mapping[str, Names] = {
             "StartPose",
         ),
         "emulators.arm.followed": ("FollowedArm", "FollowedProfile"),
-        "emulators.arm.told_pose": ("ToldPose",),
+        "emulators.arm.reported_pose": ("ReportedPose",),
         "emulators.sensing": ("NoisyWrench", "MeasuredWrench", "Converter"),
         "emulators.panel": ("Controls", "Switch", "Dial"),
-        "emulators.orders": ("TellingRobot", "Orders", "HeardOrder", "Act", "Reach", "Hindrance"),
+        "emulators.orders": ("ReportingRobot", "Orders", "ReceivedOrder", "Act", "Reach", "Hindrance"),
     },
     "Faults of emulated devices": {
         "emulators.faults": ("Fault", "Parameter", "FOREVER", "Injection"),

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from emulators.orders import Act, HeardOrder
+from emulators.orders import Act, ReceivedOrder
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_commands.s3 import probe as s3_probe
 from hil_bridge.devices.kinds import ROBOTS
@@ -98,7 +98,7 @@ def look_at(case: Case) -> Look:
             if case.fault:
                 served.cell.ledger.inject(case.on, case.fault, clock.now(), GIVEN.get(case.fault, {}))
             before = _place(robot, clock.now())
-            orders: list[HeardOrder] = []
+            orders: list[ReceivedOrder] = []
             robot.orders.listener = orders.append
             begun = clock.now()
             try:

@@ -137,10 +137,10 @@ class _Commands(EntryPointGroup):
         except BrokenPipeError as error:
             raise ReaderLeft from error
         except BaseException as error:
-            from hil_bridge.errors.cancelling import is_asked
+            from hil_bridge.errors.cancelling import is_interrupt
             from hil_bridge.errors.failures import failure, of_others, traceback_of
 
-            if is_asked(error):
+            if is_interrupt(error):
                 raise
             if of_others(error):
                 if debug_wanted(context):

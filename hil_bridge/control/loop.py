@@ -36,7 +36,7 @@ from hil_bridge.control.program.state import ProgramState
 from hil_bridge.control.sample import Sample
 from hil_bridge.control.types import SAMPLE_MS, Command, Measurement
 from hil_bridge.errors.causes import Cause, Reason
-from hil_bridge.errors.failures import RAISED, raise_if_asked
+from hil_bridge.errors.failures import RAISED, raise_if_interrupt
 from protocol.geometry import Vector
 
 # Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
@@ -308,7 +308,7 @@ class ControlLoop:
                 return program, intent, None
             failed = blame_answer(self.program.controller, command)
         except RAISED as error:
-            raise_if_asked(error)
+            raise_if_interrupt(error)
             failed = blame_error(self.program.controller, self.program.row.legs[state.course.leg], error)
         return state, self.program.hold(state, measurement), failed
 

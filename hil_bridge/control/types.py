@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 from msgspec import Struct
 
 from hil_bridge.control.sample import Sample
-from hil_bridge.errors.failures import RAISED, raise_if_asked
+from hil_bridge.errors.failures import RAISED, raise_if_interrupt
 
 SAMPLE_MS = 180.0
 """Sample time that a controller is taken to be tuned for when it declares none. Source: the paper's chain, whose cycle
@@ -127,7 +127,7 @@ def begin(controller: "Controller[Any]") -> Any:
     try:
         return controller.initial()
     except RAISED as error:
-        raise_if_asked(error)
+        raise_if_interrupt(error)
         raise ControllerFailed from error
 
 
@@ -143,7 +143,7 @@ def ask(
             raise TypeError(f"step answers {type(answer).__name__}, not a state and a command")
         return answer[0], as_command(answer[1])
     except RAISED as error:
-        raise_if_asked(error)
+        raise_if_interrupt(error)
         raise ControllerFailed from error
 
 

@@ -5,13 +5,13 @@ import asyncio
 from hil_bridge.errors.failures import is_keyboard
 
 
-def raise_if_asked(error: BaseException) -> None:
+def raise_if_interrupt(error: BaseException) -> None:
     """Raise an exception again by which an operator or the event loop ends this code."""
-    if is_asked(error):
+    if is_interrupt(error):
         raise error
 
 
-def is_asked(error: BaseException) -> bool:
+def is_interrupt(error: BaseException) -> bool:
     """Whether an exception continues its way: an operator's KeyboardInterrupt, or the cancellation of the present task.
 
     A CancelledError that code of others raises although the task continues is its failure.

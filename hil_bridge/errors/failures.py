@@ -19,7 +19,7 @@ from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.errors.offers import OWN, packages_of_modules
 
 RAISED = BaseException
-"""Whatever other packages' code may raise where it should return; see `raise_if_asked`."""
+"""Whatever other packages' code may raise where it should return; see `raise_if_interrupt`."""
 _PYTHON = tuple({sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")})
 
 
@@ -75,13 +75,13 @@ def failure(error: BaseException, otherwise: str = "") -> str:
     return f"{said}{place and f' ({place})'}"
 
 
-def tell_failure(what: str, cause: BaseException, notice: Callable[[str, str], object]) -> None:
+def report_failure(what: str, cause: BaseException, notice: Callable[[str, str], object]) -> None:
     """Tell a failure beside the bridge's own devices: its traceback, then that the thing has failed."""
     notice(EventKind.TRACEBACK, traceback_of(cause))
     notice(EventKind.FAILED, f"{what} failed: {failure(cause)}")
 
 
-def raise_if_asked(error: BaseException) -> None:
+def raise_if_interrupt(error: BaseException) -> None:
     """Raise a KeyboardInterrupt again, unless a plug-in itself has raised it: an operator's continues its way.
 
     The event loop handles Ctrl-C itself, so that it is not raised in the midst of other code.

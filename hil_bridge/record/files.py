@@ -72,7 +72,7 @@ def write_whole(path: Path, data: bytes, overwrite: bool = False) -> None:
         if place.exists() and not place.is_file():
             _write_through(place, data)
         else:
-            _write_beside(place, data, overwrite)
+            _write_temporary(place, data, overwrite)
     except FileExistsError as error:  # since the check
         raise ConfigError(f"{path} is there already; {REMEDY}") from error
     except OSError as error:
@@ -107,7 +107,7 @@ def _write_through(place: Path, data: bytes) -> None:
         file.write(data)
 
 
-def _write_beside(place: Path, data: bytes, overwrite: bool) -> None:
+def _write_temporary(place: Path, data: bytes, overwrite: bool) -> None:
     """Into a new file in the same folder, which then gets the name. Raises FileExistsError without `overwrite`."""
     part, descriptor = _part(place)
     try:

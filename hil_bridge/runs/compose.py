@@ -20,7 +20,7 @@ from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Serving, Wiring, Wrap, unwrapped
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.errors.failures import WrongAnswer, one_line, plugin_place, tell_failure
+from hil_bridge.errors.failures import WrongAnswer, one_line, plugin_place, report_failure
 from hil_bridge.record import EventKind
 from hil_bridge.runs.faults.bus import BusFaults
 from hil_bridge.runs.setup import Setup
@@ -154,7 +154,7 @@ def _tell_failed(cause: BaseException, log: DeviceLog) -> None:
     if isinstance(cause, BridgeError):
         log.notice(EventKind.EMULATOR, repr(cause))
         return
-    tell_failure("the emulated cell", cause, log.notice)
+    report_failure("the emulated cell", cause, log.notice)
 
 
 def follow_unmodelled(cell: Cell[Any, Any], listener: Callable[[NotModelled], object]) -> None:

@@ -17,7 +17,7 @@ from hil_bridge.control.program.reach import ways_across
 from hil_bridge.devices.robots.seam import Motion, MotionLimits, RobotLink, RobotReport
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import BridgeError, Cause, DeviceError, Reason
-from hil_bridge.errors.cancelling import is_asked
+from hil_bridge.errors.cancelling import is_interrupt
 from hil_bridge.errors.failures import explain_exception, failure_event, of_others
 from hil_bridge.record import EventKind, Outcome
 from hil_bridge.runs.bounds import check_depth, run_bounds
@@ -202,7 +202,7 @@ class Run:
             journal.blame(self._in_step(error.reason(Cause.ROBOT_FAILED)))
             await self._retract(motion)
         except BaseException as error:
-            if asked := is_asked(error):
+            if asked := is_interrupt(error):
                 journal.blame(Reason(Cause.CANCELLED, "the run was cancelled"), Stimulus.CANCELLED)
             else:
                 journal.event(*failure_event(error))

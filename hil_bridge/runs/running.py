@@ -19,7 +19,7 @@ from hil_bridge.control.course.intent import TARE
 from hil_bridge.devices.facts import Devices, Pacing, RobotFacts, Sensor
 from hil_bridge.devices.wiring import Wrap, unwrapped
 from hil_bridge.errors.causes import Cause, Reason
-from hil_bridge.errors.failures import RAISED, of_others, raise_if_asked, tell_failure
+from hil_bridge.errors.failures import RAISED, of_others, raise_if_interrupt, report_failure
 from hil_bridge.record import CycleRecord, EventKind, EventRecord, RunEnd, TruthRecord
 from hil_bridge.record.removed_map import MEDIA_TYPE, REMOVED_NAME
 from hil_bridge.runs import compose
@@ -92,11 +92,11 @@ class _Truth:
         try:
             ask(self._truth)
         except RAISED as error:
-            raise_if_asked(error)
+            raise_if_interrupt(error)
             if not of_others(error):
                 raise
             self._truth = None
-            tell_failure("the truth of the emulated cell", error, self._log.notice)
+            report_failure("the truth of the emulated cell", error, self._log.notice)
 
 
 @asynccontextmanager

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from hil_bridge.errors import BridgeError, Cause
-from hil_bridge.errors.cancelling import is_asked
+from hil_bridge.errors.cancelling import is_interrupt
 from hil_bridge.errors.failures import explain_exception, failure_event, traceback_of
 from hil_bridge.record import EventKind
 from hil_bridge.runs.ending import Act, Ending, RunState, Stimulus, result_after
@@ -80,7 +80,7 @@ class Stopping:
 
         Return False if there is nothing that could end in order.
         """
-        if is_asked(error) or self._task is None:
+        if is_interrupt(error) or self._task is None:
             return False
         if self._stray is None:
             self._stray = error

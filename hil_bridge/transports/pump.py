@@ -4,7 +4,7 @@ from collections.abc import Callable, Sized
 from typing import Generic, TypeVar
 
 from hil_bridge.clock import Clock, Timer
-from hil_bridge.errors.failures import RAISED, blame, raise_if_asked
+from hil_bridge.errors.failures import RAISED, blame, raise_if_interrupt
 from hil_bridge.transports.base import Transport
 from protocol.endpoint import Endpoint
 
@@ -80,7 +80,7 @@ class Pump(Generic[Data, Event]):
         try:
             self._turn()
         except RAISED as error:
-            raise_if_asked(error)
+            raise_if_interrupt(error)
             blame(error, self._endpoint, "data_to_send")
             self._end(error)
         finally:
@@ -117,7 +117,7 @@ class Pump(Generic[Data, Event]):
         try:
             self._endpoint.receive(data, self._clock.now())
         except RAISED as error:
-            raise_if_asked(error)
+            raise_if_interrupt(error)
             self._end(error)
             return
         self.kick()
@@ -138,7 +138,7 @@ class Pump(Generic[Data, Event]):
             # a timer may come a rounding step early
             self._endpoint.handle_deadline(max(deadline, now))
         except RAISED as error:
-            raise_if_asked(error)
+            raise_if_interrupt(error)
             self._end(error)
             return
         self.kick()

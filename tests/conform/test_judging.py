@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from emulators.orders import Act, HeardOrder, Hindrance, Reach
+from emulators.orders import Act, Hindrance, Reach, ReceivedOrder
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.client import Where
 from hil_bridge.lab.conform.reports import as_json, as_junit, lateness, not_modelled, table, totals
@@ -111,9 +111,9 @@ REACH = Reach(0.004, 0.25, 1.0)
 
 def order(
     at: float, z: float, *, taken: bool = True, reach: Reach | None = None, turn: float = 0.0
-) -> HeardOrder:
+) -> ReceivedOrder:
     pose = Pose((0.0, 0.0, z), turn_by((turn, 0.0, 0.0)))
-    return HeardOrder(100.0 + at, Act.MOTION, "pose", taken, pose, reach=reach)
+    return ReceivedOrder(100.0 + at, Act.MOTION, "pose", taken, pose, reach=reach)
 
 
 def look(watch: Watch, at: float, z: float = 0.0, speed: float = 0.0, why: Hindrance | None = None) -> None:
@@ -153,8 +153,8 @@ def test_speeds_and_strange_programs_behind_a_stop_are_motion() -> None:
     watch = watched()
     watch.seen.fault_at = 1.0
     for moves in (False, True):
-        watch.receive(HeardOrder(102.0, Act.MOTION, "speedL", False, moves=moves))
-        watch.receive(HeardOrder(102.0, Act.PROGRAM, "program x", False, moves=moves))
+        watch.receive(ReceivedOrder(102.0, Act.MOTION, "speedL", False, moves=moves))
+        watch.receive(ReceivedOrder(102.0, Act.PROGRAM, "program x", False, moves=moves))
     assert watch.seen.after_stop == 2
 
 
@@ -188,11 +188,11 @@ def test_leaps_hindrances_and_releases_are_kept() -> None:
     seen = watch.seen
     assert (seen.leaps, seen.hindrance, seen.own_stop) == (1, "sudden change", "sudden change")
     assert seen.moved_at == pytest.approx(0.4)
-    watch.receive(HeardOrder(100.7, Act.RELEASE, "unlock", True))
+    watch.receive(ReceivedOrder(100.7, Act.RELEASE, "unlock", True))
     assert seen.releases == []
     seen.fault_at = 0.6
     for number in range(20):
-        watch.receive(HeardOrder(100.7, Act.RELEASE, f"unlock {number}", True))
+        watch.receive(ReceivedOrder(100.7, Act.RELEASE, f"unlock {number}", True))
     assert len(seen.releases) == 10
 
 

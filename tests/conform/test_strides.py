@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from emulators.orders import Act, HeardOrder, Reach
+from emulators.orders import Act, Reach, ReceivedOrder
 from hil_bridge.lab.conform.robots.judging import judge
 from hil_bridge.lab.conform.robots.scenarios import Rules
 from hil_bridge.lab.conform.robots.strides import Stride, Strides
@@ -19,12 +19,12 @@ LEVEL = (1.0, 0.0, 0.0, 0.0)
 TOOL = Pose((0.0, 0.0, 0.0), LEVEL)
 
 
-def order(at: float, z: float, turn: float = 0.0, reach: Reach | None = STREAM) -> HeardOrder:
+def order(at: float, z: float, turn: float = 0.0, reach: Reach | None = STREAM) -> ReceivedOrder:
     pose = Pose((0.0, 0.0, z), turn_by((turn, 0.0, 0.0)))
-    return HeardOrder(at, Act.MOTION, "pose", True, pose, reach=reach)
+    return ReceivedOrder(at, Act.MOTION, "pose", True, pose, reach=reach)
 
 
-def path(orders: list[HeardOrder]) -> list[Stride]:
+def path(orders: list[ReceivedOrder]) -> list[Stride]:
     """Their strides, with a tool that stands at the begin."""
     strides = Strides(0.05)
     return [strides.take(each, TOOL) for each in orders]
@@ -32,7 +32,7 @@ def path(orders: list[HeardOrder]) -> list[Stride]:
 
 def steady(
     count: int, period: float, speed: float, reach: Reach = STREAM, turn: float = 0.0
-) -> list[HeardOrder]:
+) -> list[ReceivedOrder]:
     return [order(k * period, k * period * speed, turn, reach) for k in range(count)]
 
 
@@ -49,7 +49,7 @@ def test_a_quaternion_whose_w_stands_at_the_wrong_end_is_named(
 ) -> None:
     tool = Pose((0.0, 0.0, 0.0), (-0.4, 0.2, 0.4, 0.8))
     stride = Strides(0.05).take(
-        HeardOrder(0.0, Act.MOTION, "pose", True, Pose(tool.position, sent), reach=STREAM), tool
+        ReceivedOrder(0.0, Act.MOTION, "pose", True, Pose(tool.position, sent), reach=STREAM), tool
     )
     assert stride.turns == stride.w_misplaced == (sent != tool.quaternion)
     seen = RobotEvidence(
@@ -105,13 +105,13 @@ def test_a_move_that_the_robot_plans_is_any_step() -> None:
 
 
 def test_an_ordered_speed_above_the_robots_is_told() -> None:
-    fast = HeardOrder(0.0, Act.MOTION, "speed", True, reach=STREAM, speed=(20.0, 0.0))
+    fast = ReceivedOrder(0.0, Act.MOTION, "speed", True, reach=STREAM, speed=(20.0, 0.0))
     assert Strides(0.05).take(fast, TOOL).rushes
     assert not Strides(0.05).take(fast._replace(speed=(0.2, 0.0)), TOOL).rushes
     assert Strides(0.05).take(fast._replace(speed=(0.0, 2.0)), TOOL).rushes
 
 
-def watched(orders: list[HeardOrder]) -> RobotEvidence:
+def watched(orders: list[ReceivedOrder]) -> RobotEvidence:
     watch = Watch(0.0, Rules(), stops=False, from_start=False)
     watch.update(0.0, ToolSample((0.0, 0.0, 0.0), LEVEL, (0.0, 0.0, 0.0)), None)
     for each in orders:
@@ -132,7 +132,7 @@ def test_each_fails_with_its_figure_and_a_rule_takes_its_place() -> None:
     assert (
         "a rotation of 120.00° between two orders" in judge("nominal", turn, Rules(max_turn_deg=10.0)).reason
     )
-    rush = watched([HeardOrder(0.0, Act.MOTION, "speed", True, reach=STREAM, speed=(20.0, 0.0))])
+    rush = watched([ReceivedOrder(0.0, Act.MOTION, "speed", True, reach=STREAM, speed=(20.0, 0.0))])
     assert "exceed the robot's speed, with up to 20000.0 mm/s" in judge("nominal", rush, Rules()).reason
     assert rush.largest_speed_m_s == pytest.approx(20.0)
 
@@ -162,7 +162,7 @@ def test_breaches_of_the_wire_fail_where_they_are_many() -> None:
 
 def test_what_this_emulator_does_not_have_is_skipped_with_the_reason() -> None:
     watch = Watch(0.0, Rules(), stops=False, from_start=False)
-    watch.receive(HeardOrder(1.0, Act.REFUSED, "joints, and EGM runs in mode pose", False))
+    watch.receive(ReceivedOrder(1.0, Act.REFUSED, "joints, and EGM runs in mode pose", False))
     seen = watch.seen
     seen.exit_code, seen.ended_at = 1, 2.0
     verdict = judge("nominal", seen, Rules())

@@ -101,8 +101,8 @@ def test_the_turn_between_two_orientations_goes_the_short_way(a, b) -> None:
 
 def test_a_direction_is_seen_along_the_sensors_own_axes() -> None:
     """Base down is z of a tool that points down, and x of one held level: −y of a sensor turned by 90°."""
-    assert Wrist(QUARTER).seen_by_sensor((0.0, 0.0, -1.0), DOWN) == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)
-    level = Wrist(QUARTER, flip=True).seen_by_sensor((0.0, 0.0, -1.0), LEVEL)
+    assert Wrist(QUARTER).in_sensor_axes((0.0, 0.0, -1.0), DOWN) == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)
+    level = Wrist(QUARTER, flip=True).in_sensor_axes((0.0, 0.0, -1.0), LEVEL)
     assert level == pytest.approx([0.0, -1.0, 0.0], abs=1e-12)
 
 

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 from msgspec.structs import asdict, replace
 
-from emulators.arm.told_pose import POSE_FAULTS
+from emulators.arm.reported_pose import POSE_FAULTS
 from emulators.faults.packets import BYTES, DATAGRAMS, SENSOR_WIRE, WIRE
 from hil_bridge.cli import cli
 from hil_bridge.devices.facts import RobotFacts, ServoFacts

@@ -12,7 +12,7 @@ from emulators.devices.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot, Server
 from emulators.devices.rtde.rehearsal import DryHost
 from emulators.devices.rtde.script_host import ControllerHost
 from emulators.faults import Ledger
-from emulators.orders import Act, HeardOrder, Reach, TellingRobot
+from emulators.orders import Act, Reach, ReceivedOrder, ReportingRobot
 from emulators.seams import StartPose
 from protocol.devices.egm import SensorMessage, encode_answer, to_wire
 from protocol.devices.rsi import SENSOR, Telegram, encode
@@ -27,14 +27,14 @@ START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 T0 = 100.0
 
 
-def listening(robot: TellingRobot) -> list[HeardOrder]:
-    assert isinstance(robot, TellingRobot)
-    heard: list[HeardOrder] = []
+def listening(robot: ReportingRobot) -> list[ReceivedOrder]:
+    assert isinstance(robot, ReportingRobot)
+    heard: list[ReceivedOrder] = []
     robot.orders.listener = heard.append
     return heard
 
 
-def place_of(order: HeardOrder) -> Vector:
+def place_of(order: ReceivedOrder) -> Vector:
     assert order.pose is not None
     return order.pose.position
 
@@ -63,14 +63,14 @@ class Ur:
         assert server is not None
         return server
 
-    def write(self, *values: float) -> HeardOrder:
+    def write(self, *values: float) -> ReceivedOrder:
         self.now += 0.1
         self.rtde.receive(self.recipe.pack(*values), self.now)
         self.robot.controller.advance(self.now + 0.01)  # the program that hears it has its cycles
         self.now += 0.01
         return self.heard[-1]
 
-    def upload(self, text: str) -> HeardOrder:
+    def upload(self, text: str) -> ReceivedOrder:
         self.script.receive(text.encode(), self.now)
         order = self.heard[-1]
         self.now += 0.2

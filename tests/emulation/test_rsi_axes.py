@@ -12,7 +12,7 @@ from emulators.devices.rsi.arm import OUT_OF_REACH
 from emulators.devices.rsi.correction import AXES_TOO_FAR, TOO_FAST
 from emulators.devices.rsi.session import State
 from emulators.faults import Ledger
-from emulators.orders import Act, HeardOrder
+from emulators.orders import Act, ReceivedOrder
 from emulators.seams import StartPose
 from protocol.devices.rsi import SENSOR, Telegram, axis_tags, decode, encode, fixed, numbers, pose_tags
 from protocol.devices.rsi.angles import pose_of
@@ -256,7 +256,7 @@ def test_a_force_on_the_tool_is_felt_in_the_axes() -> None:
 
 def test_orders_of_axes_are_heard_as_places() -> None:
     client = AxisClient()
-    heard: list[HeardOrder] = []
+    heard: list[ReceivedOrder] = []
     client.robot.orders.listener = heard.append
     start = axes_in(client.cycle((0.0,) * 6), "ASPos")
     client.cycle((0.1, 0.0, 0.0, 0.0, 0.0, 0.0))

@@ -6,7 +6,7 @@ from typing import Literal
 import pytest
 
 from emulators.devices.rtde.urscript import Message
-from emulators.orders import Act, HeardOrder
+from emulators.orders import Act, ReceivedOrder
 from emulators.unmodelled import NotModelled
 from protocol.devices.rtde.states import Runtime
 from protocol.devices.rtde.wires import Port
@@ -100,7 +100,7 @@ NEWER = {
 def test_function_of_another_version_does_not_compile(version: str, call: str) -> None:
     model: Literal["ur10", "ur10e"] = "ur10" if version.startswith("3") else "ur10e"
     desk = Desk(EXACT.__class__(version=version, model=model))
-    told: list[HeardOrder] = []
+    told: list[ReceivedOrder] = []
     desk.controller.orders.listener = told.append
     desk.upload(f"def f():\n  {call}\nend\n")
     assert (errors(desk) == []) is NEWER[version, call]

@@ -75,7 +75,7 @@ def test_the_pages_name_many() -> None:
     """The search itself finds what it should: names with capitals, imports, and functions with their file."""
     text = (DOCS / "how-to/devices.md").read_text(encoding="utf-8")
     assert {"SensorClient", "SIGNAL_FAULTS", "OwnFaults"} <= set(CODE.findall(text))
-    assert "SensorTelling" in set(with_their_file(text))
+    assert "SensorEventQueue" in set(with_their_file(text))
     assert "RobotCase" in set(imported((DOCS / "reference/testing.md").read_text(encoding="utf-8")))
 
 

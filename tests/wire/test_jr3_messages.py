@@ -12,6 +12,7 @@ from protocol.devices.jr3 import (
     Command,
     Op,
     Triple,
+    client_filters,
     decode_acknowledge,
     decode_command,
     decode_triple,
@@ -21,8 +22,7 @@ from protocol.devices.jr3 import (
     encode_sample,
     facts_of,
     full_scales_si,
-    heard_by_client,
-    heard_by_gateway,
+    gateway_filters,
     identifier,
     parse_frame,
     split,
@@ -221,8 +221,8 @@ def test_filters_let_through_what_an_end_has_to_hear(op: Op, node: int, other: i
         return any(choice.accepts(CanFrame(identifier(op, of))) for choice in filters)
 
     from_gateway = op in (Op.FORCES, Op.MOMENTS, Op.ACKNOWLEDGE, Op.BOOT_UP)
-    assert passes(heard_by_client(node), node) == from_gateway
-    assert passes(heard_by_gateway(node), node)
+    assert passes(client_filters(node), node) == from_gateway
+    assert passes(gateway_filters(node), node)
     if other != node:
-        assert passes(heard_by_client(node), other) == (op in (Op.ACKNOWLEDGE, Op.BOOT_UP))
-        assert passes(heard_by_gateway(node), other) == (op is Op.SYNC)
+        assert passes(client_filters(node), other) == (op in (Op.ACKNOWLEDGE, Op.BOOT_UP))
+        assert passes(gateway_filters(node), other) == (op is Op.SYNC)

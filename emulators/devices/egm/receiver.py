@@ -5,7 +5,7 @@ from collections import Counter
 
 from emulators.devices.egm.guided import ArmJoints
 from emulators.devices.egm.profile import EgmProfile
-from emulators.orders import Act, HeardOrder, Reach
+from emulators.orders import Act, Reach, ReceivedOrder
 from emulators.unmodelled import Unmodelled
 from protocol.devices.egm import (
     Answer,
@@ -90,17 +90,17 @@ class Receiver:
         if pose is not None and abs(math.hypot(*pose.quaternion) - 1.0) > self._profile.quat_tol:
             raise RemoteProtocolError("a quaternion without unit length")
 
-    def read_order(self, datagram: bytes, now: float, taken: bool) -> HeardOrder:
+    def read_order(self, datagram: bytes, now: float, taken: bool) -> ReceivedOrder:
         """Return a message as an order, whatever the state makes of it. `taken`: the robot acts on it now."""
         try:
             message = decode_answer(datagram)
             if other := self._other_mode(message):
                 words = f"{other}, and EGM runs in mode {self._profile.mode}, see cell.egm.mode"
-                return HeardOrder(now, Act.REFUSED, words, False)
+                return ReceivedOrder(now, Act.REFUSED, words, False)
             self._check(message)
         except RemoteProtocolError as error:
-            return HeardOrder(now, Act.UNREADABLE, str(error), False)
-        order = HeardOrder(
+            return ReceivedOrder(now, Act.UNREADABLE, str(error), False)
+        order = ReceivedOrder(
             now, Act.MOTION, "speed", taken, reach=self._reach, breach=self._breach_of(message)
         )
         if isinstance(message, PathCorrection):

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from emulators.arm.followed import FollowedArm
 from emulators.arm.own_force import Errors, OwnForce
-from emulators.arm.told_pose import ToldPose
+from emulators.arm.reported_pose import ReportedPose
 from emulators.devices.egm.guided import GuidedMotion
 from emulators.devices.egm.profile import EgmProfile
 from emulators.devices.egm.state import Session
@@ -31,7 +31,7 @@ class Reporter:
         self._profile, self._motion, self._powered_at = profile, motion, powered_at
         self.measured: tuple[Pose, Joints] = motion.pose, motion.joints
         """The pose that was measured last, and the joints that hold it."""
-        self._pose = ToldPose(arm.pose)
+        self._pose = ReportedPose(arm.pose)
         rms = profile.force_noise_n
         noise = (rms, rms, rms, 0.0, 0.0, 0.0)
         errors = Errors(profile.force_offset_n, profile.force_lag_ms * 1e-3, noise, noise)

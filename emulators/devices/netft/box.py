@@ -298,7 +298,7 @@ class NetBox:
 
     # --- faults
 
-    def told_scale(self, kind: str, now: float) -> float:
+    def reported_scale(self, kind: str, now: float) -> float:
         """Factor by which its page tells the counts for a unit of the forces or the moments wrongly."""
         wrong = self._faults.under_way("wrong-scales", now)
         return 1.0 if wrong is None or wrong.values["of"] not in ("all", kind) else wrong.number("factor")

@@ -50,7 +50,7 @@ def _document(root: str, values: dict[str, str]) -> bytes:
 def _configuration(box: NetBox, now: float) -> dict[str, str]:
     profile = box.profile
     per_force, per_torque = (
-        max(1, round(profile.counts_per_unit / (box.told_scale(kind, now) or 1.0)))
+        max(1, round(profile.counts_per_unit / (box.reported_scale(kind, now) or 1.0)))
         for kind in ("forces", "moments")
     )
     rates = {"setrate": f"{box.adc_rate_hz}"} if profile.family == "axia" else {}

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from emulators.arm.told_pose import POSE_FAULTS
+from emulators.arm.reported_pose import POSE_FAULTS
 from emulators.faults.kinds import FOREVER, Fault, Parameter
 from emulators.faults.packets import DATAGRAMS, WIRE
 

@@ -8,7 +8,7 @@ from emulators.devices.rsi.desk import Desk
 from emulators.devices.rsi.ethernet import channels_of
 from emulators.devices.rsi.profile import RsiProfile
 from emulators.devices.rsi.session import Session
-from emulators.orders import Act, HeardOrder, Reach
+from emulators.orders import Act, Reach, ReceivedOrder
 from protocol.devices.rsi import Telegram, number
 from protocol.endpoint import RemoteProtocolError
 
@@ -25,7 +25,7 @@ class OrderReader:
         """Relative corrections add up from here on."""
         self._sum = NOTHING * 2
 
-    def read(self, raw: bytes, now: float, session: Session, ipoc: int, acts: bool) -> HeardOrder:
+    def read(self, raw: bytes, now: float, session: Session, ipoc: int, acts: bool) -> ReceivedOrder:
         """Read an answer as an order.
 
         `ipoc` is the clock of the newest telegram, `acts` whether the robot moves by it.
@@ -34,10 +34,10 @@ class OrderReader:
             telegram = session.ethernet.read(raw)
             *values, _ = self._values_of(telegram)
         except RemoteProtocolError as error:
-            return HeardOrder(now, Act.UNREADABLE, str(error), False)
+            return ReceivedOrder(now, Act.UNREADABLE, str(error), False)
         if telegram.values and self._channels.keys().isdisjoint(telegram.values):
             words = f"tag {next(iter(telegram.values))}, see cell.rsi.correction_tag and axis_tags"
-            return HeardOrder(now, Act.REFUSED, words, False)
+            return ReceivedOrder(now, Act.REFUSED, words, False)
         if self._profile.mode == "relative":
             values = [before + more for before, more in zip(self._sum, values, strict=True)]
             self._sum = tuple(values)
@@ -52,7 +52,7 @@ class OrderReader:
         reach = Reach(period, min(speed, self._desk.tool_step_m(period)) / period, turn / period)
         breach = "" if telegram.ipoc == ipoc else "the IPOC of another telegram than the newest"
         words = f"{self._profile.mode} correction"
-        return HeardOrder(now, Act.MOTION, words, acts, pose, reach=reach, breach=breach)
+        return ReceivedOrder(now, Act.MOTION, words, acts, pose, reach=reach, breach=breach)
 
     def _values_of(self, telegram: Telegram) -> list[float]:
         """Values of the channels in an answer: pose, axes, stop; 0 for one that is missing."""

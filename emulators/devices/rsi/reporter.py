@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from emulators.arm.told_pose import ToldPose
+from emulators.arm.reported_pose import ReportedPose
 from emulators.devices.rsi.arm import CorrectedArm
 from emulators.devices.rsi.desk import Desk
 from emulators.devices.rsi.profile import RsiProfile
@@ -28,7 +28,7 @@ class Reporter:
 
     def __init__(self, profile: RsiProfile, arm: CorrectedArm, desk: Desk) -> None:
         self._profile, self._arm, self._desk = profile, arm, desk
-        self.pose = ToldPose(arm.pose)
+        self.pose = ReportedPose(arm.pose)
         """The measured pose, altered by faults."""
 
     def make_telegram(self, session: Session, ipoc: int, runs: bool, now: float) -> bytes:

@@ -183,7 +183,7 @@ class Connection:
         types = tuple(type_of(OUTPUTS, name, controller.version) for name in names)
         if not names or len(payload) - 8 > packets.NAMES_MAX:
             types = (NOT_FOUND,)
-        self._tell_missing(names, types)
+        self._report_missing(names, types)
         found = NOT_FOUND not in types
         if found:
             recipe = Recipe(1, names, types)
@@ -202,7 +202,7 @@ class Connection:
         types = tuple(self._input_type(name) for name in names)
         if not names or len(payload) > packets.NAMES_MAX:
             types = (NOT_FOUND,)
-        self._tell_missing(names, types)
+        self._report_missing(names, types)
         number = 0
         if not {NOT_FOUND, IN_USE} & set(types) and len(self._inputs) < _RECIPES_MAX:
             number = len(self._inputs) + 1
@@ -212,7 +212,7 @@ class Connection:
             controller.io.claims.update(dict.fromkeys(names, self))
         self._out.append(packets.types_answer(Kind.INPUTS, Types(number, types)))
 
-    def _tell_missing(self, names: tuple[str, ...], types: tuple[str, ...]) -> None:
+    def _report_missing(self, names: tuple[str, ...], types: tuple[str, ...]) -> None:
         """Tell a judge the variables that this controller does not have."""
         if missing := [name for name, kind in zip(names, types, strict=False) if kind == NOT_FOUND]:
             self._controller.report_order(Act.REFUSED, f"variable {missing[0]}", False)

@@ -22,7 +22,7 @@ from emulators.devices.rtde.running import Console, Program
 from emulators.devices.rtde.safety import RobotState, Stimulus
 from emulators.devices.rtde.state import Snapshot
 from emulators.devices.rtde.timers import Timers
-from emulators.orders import Act, HeardOrder, Orders
+from emulators.orders import Act, Orders, ReceivedOrder
 from emulators.seams import StartPose
 from emulators.unmodelled import Unmodelled
 from protocol.devices.rtde.fields import Value
@@ -81,7 +81,7 @@ class Controller:
         if self.orders.listener is not None:
             player.uploads.rehearse()
         self._guard()
-        self.console.tell_safety(self.state.safety)
+        self.console.report_safety(self.state.safety)
         paces = Paces(io.slider if self.profile.slider_slows_servo else 1.0, io.slider)
         tool = ToolState(manipulator.tcp, self.force.felt)
         if problem := self.compliance.step(self.arm, paces, self.plays, tool):
@@ -170,13 +170,13 @@ class Controller:
         return self.player.runtime == Runtime.PLAYING and self.state.may_move
 
     @property
-    def pose_told(self) -> Pose:
+    def reported_pose_now(self) -> Pose:
         """Pose of the controller's tool, without noise."""
         return self.snapshots[-1].now
 
     def report_order(self, act: Act, words: str, accepted: bool, moves: bool = True) -> None:
         """Report an order without a position."""
-        self.orders.tell(HeardOrder(self.now, act, words, accepted, moves=moves))
+        self.orders.tell(ReceivedOrder(self.now, act, words, accepted, moves=moves))
 
     # --- orders to programs and to the arm
 
@@ -200,7 +200,7 @@ class Controller:
         if problem := self.manipulator.take(order):
             self.protective_stop(problem)
 
-    def target_taken(self) -> None:
+    def target_changed(self) -> None:
         """Note that a program has a new target from this cycle on."""
         self.path.taken()
         self.path.begins(self.now)

@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from emulators.arm.told_pose import ToldPose
+from emulators.arm.reported_pose import ReportedPose
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.faults import DROPPED, POSE_FAULTS, PROGRAM_WIRE
 from emulators.devices.rtde.kinematics import compose, invert
@@ -38,7 +38,7 @@ class Disturbance:
         self.connections: list[Closable] = []
         """Connections to the RTDE port."""
         self._own = own = OwnFaults()
-        self._told_pose = ToldPose(self._measured_at, POSE_FAULTS)
+        self._told_pose = ReportedPose(self._measured_at, POSE_FAULTS)
         acts = {
             "protective-stop": lambda: controller.protective_stop(BY_FAULT),
             "program-stopped": lambda: controller.player.stop(controller.now),

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from emulators.arm.own_force import WITNESS_FAULTS
-from emulators.arm.told_pose import pose_faults
+from emulators.arm.reported_pose import pose_faults
 from emulators.devices.rtde.packages import MESSAGES, PACKAGES
 from emulators.faults.kinds import FOREVER, Fault, Parameter
 from emulators.faults.packets import WIRE

@@ -7,7 +7,7 @@ from emulators.devices.rtde.io import RegisterBank
 from emulators.devices.rtde.kinematics import Joints
 from emulators.devices.rtde.manipulator import Manipulator
 from emulators.devices.rtde.profile import RtdeProfile
-from emulators.orders import Act, HeardOrder, Orders, Reach
+from emulators.orders import Act, Orders, Reach, ReceivedOrder
 from protocol.devices.rtde.program import COMMAND, POSE, Command
 from protocol.geometry import Pose, turn_by
 
@@ -29,7 +29,7 @@ class Playing(Protocol):
         """Whether a program plays on an arm that may move."""
 
     @property
-    def pose_told(self) -> Pose:
+    def reported_pose_now(self) -> Pose:
         """Pose of the controller's tool, without noise."""
 
 
@@ -112,5 +112,5 @@ class Motions:
         speed: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         controller, moves = self._controller, goal is not None or any(speed)
-        order = HeardOrder(controller.now, Act.MOTION, words, controller.plays, goal, moves, reach)
-        controller.orders.tell(order._replace(tool=controller.pose_told, speed=speed))
+        order = ReceivedOrder(controller.now, Act.MOTION, words, controller.plays, goal, moves, reach)
+        controller.orders.tell(order._replace(tool=controller.reported_pose_now, speed=speed))

@@ -211,7 +211,7 @@ class PrimaryPort:
         """Another safety mode holds."""
         self._modes.append((mode, self._controller.state.stop_reason))
 
-    def _tell_modes(self) -> None:
+    def _send_modes(self) -> None:
         """Tell safety modes that have begun, behind a state that has the newest (assumed)."""
         self._out.append(encode_state(self._controller))
         for mode, reason in self._modes:
@@ -255,7 +255,7 @@ class PrimaryPort:
         controller = self._controller
         controller.advance(now)
         if self._modes:
-            self._tell_modes()
+            self._send_modes()
         if now >= self._state_at:
             self._out.append(encode_state(controller))
             self._state_at += primary.STATE_PERIOD_S * (1 + (now - self._state_at) // primary.STATE_PERIOD_S)

@@ -15,7 +15,7 @@ from emulators.devices.rtde.urscript import (
     compile_in_steps,
     functions_of,
 )
-from emulators.orders import Act, HeardOrder
+from emulators.orders import Act, ReceivedOrder
 from protocol.devices.rtde.program import NAME
 
 _MOVES = frozenset({"movej", "movel", "movep", "movec", "servoj", "servoc", "speedj", "speedl"})
@@ -33,11 +33,11 @@ def start_text(
     Source: ros-industrial/universal_robot, pull request 165, tried on controllers 1.5, 1.8, 3.0 and 3.1.
     """
     words = f"program {name}" if name else f"script {text[:64].decode('utf-8', 'replace')}"
-    order = HeardOrder(controller.now, Act.PROGRAM, words, controller.state.takes_programs)
+    order = ReceivedOrder(controller.now, Act.PROGRAM, words, controller.state.takes_programs)
     stops = controller.player.uploads.stops
 
     def work() -> Iterator[None]:
-        compiled = yield from _compiled_or_told(controller, text)
+        compiled = yield from _compiled_or_reported(controller, text)
         if compiled is None:
             answer(False)
             return
@@ -62,7 +62,9 @@ def _moves_by_itself(compiled: CompiledProgram) -> bool:
     return not _MOVES.isdisjoint(compiled.calls) and not _asks(compiled)
 
 
-def _compiled_or_told(controller: Controller, text: bytes) -> Generator[None, None, CompiledProgram | None]:
+def _compiled_or_reported(
+    controller: Controller, text: bytes
+) -> Generator[None, None, CompiledProgram | None]:
     """Compile a text in steps; None for one that does not compile, which is reported."""
     functions, uploads = functions_of(controller.version), controller.player.uploads
     try:
@@ -71,7 +73,7 @@ def _compiled_or_told(controller: Controller, text: bytes) -> Generator[None, No
         return compiled
     except ScriptSyntaxError as error:
         failure = error.failure
-        ControllerHost(controller).tell_failure(failure)
+        ControllerHost(controller).report_failure(failure)
         if failure.function and text.strip() == f"{uploads.defined}()".encode():
             words = f"a call of {failure.function}() behind its definition, which plays by itself"
             controller.report_order(Act.CONTACT, words, False)
@@ -103,12 +105,12 @@ def run_secondary(controller: Controller, text: bytes) -> None:
     controller.counts["secondary programs"] += 1
 
     def work() -> Iterator[None]:
-        compiled = yield from _compiled_or_told(controller, text)
+        compiled = yield from _compiled_or_reported(controller, text)
         if compiled is None:
             return
         if compiled.main.waits:
             failure = RuntimeFailure(1, "a secondary program must not move the arm, or wait")
-            ControllerHost(controller).tell_failure(failure)
+            ControllerHost(controller).report_failure(failure)
             return
         Script(controller, compiled).cycle()
 

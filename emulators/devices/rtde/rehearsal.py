@@ -21,10 +21,10 @@ class DryHost(ControllerHost):
     def tell(self, message: Message, text: str, title: str = "") -> None:
         """Not said."""
 
-    def tell_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
+    def report_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
         """Not told."""
 
-    def tell_tagged(self, function: str, detail: str) -> None:
+    def report_tagged(self, function: str, detail: str) -> None:
         """Not told."""
 
     def write_register(self, kind: str, number: int, value: float) -> None:

@@ -13,7 +13,7 @@ from emulators.devices.rtde.profile import RtdeProfile
 from emulators.devices.rtde.program_socket import ProgramSocket
 from emulators.devices.rtde.realtime import RealtimePort
 from emulators.devices.rtde.script import ScriptPort
-from emulators.orders import Act, HeardOrder
+from emulators.orders import Act, ReceivedOrder
 from emulators.seams import ArmPath, Handlers, RobotFactory, StartPose
 from protocol.devices.rtde.wires import Port
 from protocol.geometry import Pose
@@ -58,7 +58,7 @@ class RtdeRobot:
             self.controller.counts["clients refused"] += 1
             return None
         self._open[port] += 1
-        self.orders.tell(HeardOrder(now, Act.CONTACT, f"connection to {port}", True))
+        self.orders.tell(ReceivedOrder(now, Act.CONTACT, f"connection to {port}", True))
         return self._served(port, now)
 
     def connect_program(self, now: float) -> tuple[Server, ProgramSocket]:

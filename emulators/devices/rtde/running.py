@@ -89,7 +89,7 @@ class Console:
         for listener in self.listeners:
             listener.hear(saying)
 
-    def tell_safety(self, mode: SafetyMode) -> None:
+    def report_safety(self, mode: SafetyMode) -> None:
         """Report the safety mode of this cycle to listeners, if it has changed."""
         if mode == self._safety:
             return

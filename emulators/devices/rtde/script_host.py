@@ -49,13 +49,13 @@ class ControllerHost:
     def popup_open(self) -> bool:
         return self._controller.console.popup_open
 
-    def tell_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
+    def report_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
         kind = Message.SYNTAX if isinstance(failure, SyntaxFailure) else Message.RUNTIME
         self._controller.counts[str(kind)] += 1
         place = failure.line, failure.column
         self._controller.console.tell(Saying(self._controller.now, kind, failure.text, "", *place))
 
-    def tell_tagged(self, function: str, detail: str) -> None:
+    def report_tagged(self, function: str, detail: str) -> None:
         self._controller.unmodelled.touch(f"URScript {function}()", detail)
         self._controller.report_order(Act.REFUSED, f"URScript {function}(), which has no effect here", False)
 
@@ -177,7 +177,7 @@ class ControllerHost:
         cycles = max(1, round(min(max(time, 0.0), 1.0) / controller.period))
         inputs = controller.io.inputs
         if self._servoing is None or joints != self._servoing.target or inputs is not self._inputs:
-            controller.target_taken()
+            controller.target_changed()
         self._inputs = inputs
         servo = Servo(joints, min(max(lookahead, 0.03), 0.2), min(max(gain, 100.0), 2000.0), cycles)
         self._servoing = servo

@@ -19,7 +19,7 @@ from emulators.devices.s3.site import EMPTY_SITE, S3Site
 from emulators.devices.s3.state import State, Stimulus
 from emulators.faults.ledger import Handler, Injection, Ledger, target_of
 from emulators.faults.packets import BYTES, WIRE, Packets
-from emulators.orders import Act, HeardOrder, Hindrance, Orders, Reach
+from emulators.orders import Act, Hindrance, Orders, Reach, ReceivedOrder
 from emulators.quantiles import draw
 from emulators.seams import ArmPath, StartPose
 from protocol.devices.s3.adlp import MessageReceived
@@ -275,7 +275,7 @@ class S3Controller:
             "motors-off": self._lever(lambda robot, now: robot._executive.happen(Stimulus.STANDBY, now)),
             "late-answer": Handler(self._answer_late),
             "refuses": Handler(self._refuse_next),
-            "spontaneous": Handler(self._tell_unasked),
+            "spontaneous": Handler(self._send_unsolicited),
             "power-cycle": Handler(self._power_cycle),
             "stands": Handler(self._freeze, lambda injection, now: self.motion.freeze(now, now)),
         }
@@ -322,7 +322,7 @@ class S3Controller:
     def _refuse_next(self, injection: Injection) -> None:
         self._refuse = injection
 
-    def _tell_unasked(self, injection: Injection) -> None:
+    def _send_unsolicited(self, injection: Injection) -> None:
         kind, x, y = (int(injection.number(key)) for key in ("kind", "x", "y"))
         injection.struck += not self.state.starting
         self._say(Spontaneous(kind, x, y).to_telegram())
@@ -437,14 +437,14 @@ class S3Controller:
         now = order.came_at
         taken = isinstance(answer, Telegram)
         if order.telegram is None:
-            self.orders.tell(HeardOrder(now, Act.UNREADABLE, function_text(order.function), taken))
+            self.orders.tell(ReceivedOrder(now, Act.UNREADABLE, function_text(order.function), taken))
         elif order.function == FunctionCode.START_PROGRAM:
-            self.orders.tell(HeardOrder(now, Act.PROGRAM, "start program", taken))
+            self.orders.tell(ReceivedOrder(now, Act.PROGRAM, "start program", taken))
         elif order.function == FunctionCode.MOVE and order.telegram.suffix != MoveKind.START:
             self._heard_move(self._executive.move_of(order.telegram), taken, now)
         else:
             act = Act.REFUSED if self._executive.lacks(order.function) else Act.CONTACT
-            self.orders.tell(HeardOrder(now, act, function_text(order.function), taken))
+            self.orders.tell(ReceivedOrder(now, act, function_text(order.function), taken))
 
     def _heard_move(self, move: Move | None, taken: bool, now: float) -> None:
         """Tell a move to a judge. It has a speed of its own, and the robot plans its way."""
@@ -455,7 +455,7 @@ class S3Controller:
             speed, turn = move.velocity * move.run_speed, math.radians(servo.reorientation_deg_s)
             reach = Reach(servo.interpolation_ms * 1e-3, speed, turn, own_way=True)
             pose = Pose(move.position, normalise(move.quaternion) if norm else move.quaternion)
-        self.orders.tell(HeardOrder(now, Act.MOTION, "move", taken, pose, norm > 0.0, reach))
+        self.orders.tell(ReceivedOrder(now, Act.MOTION, "move", taken, pose, norm > 0.0, reach))
 
     def _say(self, telegram: Telegram) -> None:
         if self.state.starting:

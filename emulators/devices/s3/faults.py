@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from emulators.arm.told_pose import along_axes, pose_faults
+from emulators.arm.reported_pose import along_axes, pose_faults
 from emulators.faults.kinds import FOREVER, Fault, Parameter
 from emulators.faults.packets import BYTES, WIRE
 from protocol.devices.s3.arap import RefusalCode, SpontaneousKind
@@ -52,7 +52,7 @@ ROBOT_FAULTS: Mapping[str, Fault] = {
     "stands": Fault("the interpolator stands still, points are queued", {}, 5.0),
 }
 
-TOLD_POSE_FAULTS: Mapping[str, Fault] = pose_faults(without=("nan", "missing"))
+REPORTED_POSE_FAULTS: Mapping[str, Fault] = pose_faults(without=("nan", "missing"))
 """A status has a word for each coordinate, and each word is a number."""
 
 POSE_FAULTS: Mapping[str, Fault] = {
@@ -62,7 +62,7 @@ POSE_FAULTS: Mapping[str, Fault] = {
         FOREVER,
         amounts=tuple(_JUMP),
     ),
-    **TOLD_POSE_FAULTS,
+    **REPORTED_POSE_FAULTS,
 }
 
 LINE_FAULTS: Mapping[str, Fault] = {

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 
-from emulators.arm.told_pose import ToldPose
+from emulators.arm.reported_pose import ReportedPose
 from emulators.arm.waypoints import WaypointArm
-from emulators.devices.s3.faults import TOLD_POSE_FAULTS
+from emulators.devices.s3.faults import REPORTED_POSE_FAULTS
 from emulators.faults.ledger import Handler
 from emulators.faults.own import OwnFaults
 from protocol.devices.s3.arap import Status, position_words, quaternion_words
@@ -20,7 +20,7 @@ class Reporting:
 
     def __init__(self, motion: WaypointArm) -> None:
         self._motion = motion
-        self._pose = ToldPose(self._measured, TOLD_POSE_FAULTS, in_cycles=False)
+        self._pose = ReportedPose(self._measured, REPORTED_POSE_FAULTS, in_cycles=False)
         self._own = OwnFaults()
         self.pose_handlers: Mapping[str, Handler] = self._pose.handlers
         """Handlers for a ledger: of the told pose, and of the told mode."""

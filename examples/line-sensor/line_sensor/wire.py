@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from protocol.geometry import Wrench
-from protocol.sensor_telling import SensorTelling
+from protocol.sensor_events import SensorEventQueue
 from protocol.wrench import SensorFacts, SensorStatistics
 
 BAUDRATE = 115_200
@@ -89,11 +89,11 @@ class LineClient:
     def __init__(self, now: float) -> None:
         self.statistics = SensorStatistics()
         self._reader = Reader()
-        self._telling = SensorTelling(zero_samples=25)
+        self._sensor_events = SensorEventQueue(zero_samples=25)
         self.next_event, self.zero, self.stop = (
-            self._telling.next_event,
-            self._telling.zero,
-            self._telling.stop,
+            self._sensor_events.next_event,
+            self._sensor_events.zero,
+            self._sensor_events.stop,
         )
         self._counter: int | None = None
         self._sequence = 0
@@ -101,7 +101,7 @@ class LineClient:
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes."""
-        if self._telling.ended:
+        if self._sensor_events.ended:
             return
         before = self._reader.noises
         messages = self._reader.feed(data)
@@ -110,12 +110,12 @@ class LineClient:
             self._due = now + SILENCE_S
             if self._is_new(message.counter):
                 counts, ends = message.counts, saturated_axes(message.counts)
-                self._telling.numbered_sample(counts, message.counter, self._sequence, now, ends)
+                self._sensor_events.numbered_sample(counts, message.counter, self._sequence, now, ends)
 
     def _is_new(self, counter: int) -> bool:
         """Unwrap the counter; whether this message comes behind the newest one."""
         if self._counter is None:
-            self._telling.begin(FACTS)
+            self._sensor_events.begin(FACTS)
             self._counter = counter
             return True
         step = (counter - self._counter) % COUNTERS
@@ -133,10 +133,10 @@ class LineClient:
 
     def handle_deadline(self, now: float) -> None:
         """Give up on a sensor that is silent."""
-        if not self._telling.ended and now >= self._due:
+        if not self._sensor_events.ended and now >= self._due:
             advice = f"look at its supply, its cable and the line: {BAUDRATE} baud, 8 data bits, no parity"
-            self._telling.fail(f"no message came for {SILENCE_S:g} s", advice)
+            self._sensor_events.fail(f"no message came for {SILENCE_S:g} s", advice)
 
     def next_deadline(self) -> float | None:
         """When the silence is too long, s."""
-        return None if self._telling.ended else self._due
+        return None if self._sensor_events.ended else self._due

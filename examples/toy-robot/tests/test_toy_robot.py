@@ -12,7 +12,7 @@ from toy_robot.wire import REPORT, TARGET, ArmClient
 
 import hil_bridge
 from emulators.arm.followed import FollowedProfile
-from emulators.orders import Act, HeardOrder
+from emulators.orders import Act, ReceivedOrder
 from emulators.seams import StartPose
 from hil_bridge.testing import RobotCase
 from hil_bridge.testing.robot_clients import *  # noqa: F403
@@ -74,7 +74,7 @@ def test_a_client_that_looks_at_the_stop_passes(hil_conform: Callable[..., Any])
 
 def test_orders_are_told_to_a_judge() -> None:
     arm = Arm(FollowedProfile(), START, 0.0)
-    heard: list[HeardOrder] = []
+    heard: list[ReceivedOrder] = []
     arm.orders.listener = heard.append
     arm.receive([TARGET.pack(b"AT", 0, *START.position, *START.quaternion)], 0.001)
     arm.receive([TARGET.pack(b"AT", 0, *START.position, float("nan"), 0.0, 0.0, 0.0)], 0.002)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from emulators.arm.followed import FollowedArm, FollowedProfile
 from emulators.faults import FOREVER, Fault
 from emulators.faults.own import OwnFaults
-from emulators.orders import Act, HeardOrder, Hindrance, Orders, Reach
+from emulators.orders import Act, Hindrance, Orders, Reach, ReceivedOrder
 from emulators.seams import ArmPath, Handlers, Joints, StartPose
 from protocol.geometry import Pose
 from toy_robot.wire import CYCLE_S, HELLO, REPORT, TARGET
@@ -23,7 +23,7 @@ REACH = Reach(CYCLE_S, speed_m_s=0.25, turn_rad_s=1.5)
 
 class Arm:
     """An arm that reports each cycle, and follows the set point that it is answered with: an `EmulatedRobot` and a
-    `TellingRobot`.
+    `ReportingRobot`.
     """
 
     def __init__(self, profile: FollowedProfile, start: StartPose, now: float) -> None:
@@ -60,11 +60,11 @@ class Arm:
                 _, _, x, y, z, w, i, j, k = TARGET.unpack(datagram)
                 pose, taken = Pose((x, y, z), (w, i, j, k)), self.hindrance(now) is None
                 if all(map(math.isfinite, (*pose.position, *pose.quaternion))) and any(pose.quaternion):
-                    self.orders.tell(HeardOrder(now, Act.MOTION, "set point", taken, pose, reach=REACH))
+                    self.orders.tell(ReceivedOrder(now, Act.MOTION, "set point", taken, pose, reach=REACH))
                     if taken:
                         self._arm.follow(pose, now)
                 else:
-                    self.orders.tell(HeardOrder(now, Act.UNREADABLE, "set point that is no pose", False))
+                    self.orders.tell(ReceivedOrder(now, Act.UNREADABLE, "set point that is no pose", False))
 
     def next_event(self) -> None:
         return None

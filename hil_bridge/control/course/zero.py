@@ -127,7 +127,7 @@ def doubtful_axes(
     lies; empty where they carry no more than `UNVERIFIED_SHARE` of it together. `direction` is a unit vector, base
     frame.
     """
-    shares = wrist.seen_by_sensor(direction, quaternion).tolist()
+    shares = wrist.in_sensor_axes(direction, quaternion).tolist()
     parts = {k: shares[k] ** 2 for k in range(3) if k in unverified}
     if sum(parts.values()) <= UNVERIFIED_SHARE:
         return ()
@@ -136,7 +136,7 @@ def doubtful_axes(
 
 def main_axes(wrist: Wrist, approach: Sequence[float], quaternion: Quaternion) -> tuple[int, ...]:
     """Numbers of the sensor's force axes on which the approach direction mainly lies."""
-    shares = wrist.seen_by_sensor(approach, quaternion).tolist()
+    shares = wrist.in_sensor_axes(approach, quaternion).tolist()
     return tuple(k for k, share in enumerate(shares) if abs(share) >= MAIN_SHARE)
 
 
@@ -148,7 +148,7 @@ def lost_forces(wrist: Wrist | None, approach: Sequence[float], quaternion: Quat
     if wrist is None:
         return ()
     weight = weight_reading(replace(wrist, bias=NO_WRENCH), quaternion)
-    shares = wrist.seen_by_sensor(approach, quaternion).tolist()
+    shares = wrist.in_sensor_axes(approach, quaternion).tolist()
     lost = [weight[k] * shares[k] for k in range(3)]
     return sum(lost), *(lost[k] for k in main_axes(wrist, approach, quaternion))
 

@@ -46,7 +46,7 @@ class Wrist:
         matrix = rotation_matrix(self.orientation)
         return matrix * (-1.0, 1.0, 1.0) if self.flip else matrix
 
-    def seen_by_sensor(self, direction_base: Sequence[float], quaternion: Sequence[float]) -> Array:
+    def in_sensor_axes(self, direction_base: Sequence[float], quaternion: Sequence[float]) -> Array:
         """Return a direction of the base in the three force axes of the sensor, shape (3,)."""
         seen: Array = self.alignment().T @ rotation_matrix(quaternion).T @ np.asarray(direction_base)
         return seen

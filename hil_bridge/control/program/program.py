@@ -29,7 +29,7 @@ from hil_bridge.control.sample import Sample
 from hil_bridge.control.steps.seam import StepContext, StepResult
 from hil_bridge.control.types import Controller, ControllerFailed, Measurement
 from hil_bridge.errors.causes import Reason
-from hil_bridge.errors.failures import RAISED, raise_if_asked
+from hil_bridge.errors.failures import RAISED, raise_if_interrupt
 from protocol.geometry import Vector, normalise
 
 _TRACK, _RETRACT, _END, _APPROACH = Phase.TRACK, Phase.RETRACT, Phase.END, Phase.APPROACH
@@ -375,5 +375,5 @@ def _ask(leg: Leg, context: StepContext, state: StepState) -> StepResult | None:
     except ControllerFailed:
         raise
     except RAISED as error:
-        raise_if_asked(error)
+        raise_if_interrupt(error)
         raise StepFailed(leg) from error

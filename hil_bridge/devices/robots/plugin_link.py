@@ -14,7 +14,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.devices.robots.gate import Bounds, Gate
 from hil_bridge.devices.robots.seam import Motion, MotionLimits, RobotFacts, RobotLink, RobotReport, Sent
 from hil_bridge.errors import BridgeError, GateStop
-from hil_bridge.errors.cancelling import raise_if_asked
+from hil_bridge.errors.cancelling import raise_if_interrupt
 from hil_bridge.errors.failures import RAISED, WrongAnswer, blame, code_failed, link_cause, of_others
 from protocol.geometry import Pose
 
@@ -105,7 +105,7 @@ class _PluginProxy:
             self._raise(error, attribute)
 
     def _raise(self, error: BaseException, attribute: str) -> None:
-        raise_if_asked(error)
+        raise_if_interrupt(error)
         blame(error, self._thing, attribute)
         raise code_failed(f"robot link {self._name}", error, link_cause(error)) from error
 

@@ -87,7 +87,7 @@ def failed_criteria(steps: Sequence[StepOutcome]) -> str:
 def step_lines(steps: Sequence[StepOutcome]) -> list[str]:
     """Return a line for each step; of a repeat with many, for its first pass, its last and what failed."""
     width = max((len(step.label) for step in steps), default=0)
-    shown = _choose_shown(steps)
+    shown = _choose_rows(steps)
     lines = []
     for told, places in groupby(range(len(steps)), key=shown.__contains__):
         some = [steps[place] for place in places]
@@ -124,7 +124,7 @@ def verdict_of(step: StepOutcome) -> str:
     return "criterion FAILED" if step.criterion_failed else CUT
 
 
-def _choose_shown(steps: Sequence[StepOutcome]) -> set[int]:
+def _choose_rows(steps: Sequence[StepOutcome]) -> set[int]:
     """Places of the steps that get a line."""
     shown: set[int] = set()
     repeats: dict[int, list[tuple[int, int]]] = {}

@@ -83,6 +83,6 @@ def _along(recording: Recording) -> Floats | None:
     sensor = told.sensor
     turned = turn_about((0.0, 0.0, 1.0), math.radians(sensor.mounting_deg))
     wrist = Wrist(product(sensor.quaternion, turned), flip=sensor.flip_fx_mx)
-    seen = wrist.seen_by_sensor(told.frame.approach, recording.cycles[0].sample.quaternion)
+    seen = wrist.in_sensor_axes(told.frame.approach, recording.cycles[0].sample.quaternion)
     along: Floats = -seen * np.array(facts.scales[:3])
     return along

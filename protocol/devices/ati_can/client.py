@@ -30,7 +30,7 @@ from protocol.devices.ati_can.profile import AtiCanClientProfile
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Wrench
 from protocol.outbox import Outbox
-from protocol.sensor_telling import SensorTelling
+from protocol.sensor_events import SensorEventQueue
 from protocol.wrench import AXES, SensorFacts, SensorRestarted, SensorStatistics
 
 _UNITS_FROM = (3, 7)
@@ -102,7 +102,7 @@ class AtiCanClient(Outbox[CanFrame]):
     def __init__(self, profile: AtiCanClientProfile, now: float) -> None:
         self.statistics = SensorStatistics()
         self._profile = profile
-        self._telling = telling = SensorTelling(
+        self._sensor_events = telling = SensorEventQueue(
             zero_samples=max(1, round(profile.zero_s / (profile.period_ms * 1e-3)))
         )
         self.next_event, self.zero = telling.next_event, telling.zero
@@ -129,19 +129,19 @@ class AtiCanClient(Outbox[CanFrame]):
     def receive(self, data: Sequence[CanFrame], now: float) -> None:
         """Take frames; those of other boards and of interfaces are passed over."""
         for frame in data:
-            if self._telling.ended:
+            if self._sensor_events.ended:
                 return
             op = frame.identifier & 0xF
             try:
                 if frame.error:
-                    self._tell_bus(f"CAN bus: {decode_error(frame)}")
+                    self._report_bus(f"CAN bus: {decode_error(frame)}")
                     continue
                 if frame.extended or frame.remote or frame.identifier >> 4 != self._profile.base:
                     continue
                 self._take(op, frame, now)
             except RemoteProtocolError as error:
                 self.statistics.malformed += 1
-                if not (self._telling.ready or frame.error) and op != Op.SAMPLE:
+                if not (self._sensor_events.ready or frame.error) and op != Op.SAMPLE:
                     self._fail(str(error), "look at its calibration")
 
     def handle_deadline(self, now: float) -> None:
@@ -162,9 +162,9 @@ class AtiCanClient(Outbox[CanFrame]):
 
     def stop(self) -> None:
         """Ask for nothing more: the board says nothing by itself."""
-        if not self._telling.ended:
+        if not self._sensor_events.ended:
             self._due = None
-            self._telling.stop()
+            self._sensor_events.stop()
 
     # --- questions
 
@@ -194,7 +194,7 @@ class AtiCanClient(Outbox[CanFrame]):
         elif op == Op.RESET or (op == Op.SLOT and self._op is not Op.SLOT):
             self._fail("another host resets the board or chooses a calibration", "let one host alone use it")
         elif not self._under_way or (op != self._op and not (self._op is Op.ROW and op in _ROW_OPS)):
-            self._tell_others()
+            self._report_others()
         elif op == Op.FIRMWARE and data:
             major, minor, build = decode_firmware(data)
             self._firmware = (major, minor)
@@ -224,7 +224,7 @@ class AtiCanClient(Outbox[CanFrame]):
     def _take_sample(self, op: int, frame: CanFrame, now: float) -> None:
         if op == Op.SAMPLE:
             if not frame.data or self._op is not Op.SAMPLE or not self._under_way:
-                self._tell_others()
+                self._report_others()
                 return
             self.statistics.unpaired += self._start is not None
             self._start = decode_sample(frame.data)
@@ -238,11 +238,11 @@ class AtiCanClient(Outbox[CanFrame]):
         at = now if frame.received_at is None else frame.received_at
         self._tell(start.status, (zero, one, two, three, four, five), at)
         self._under_way, self._tries = False, 0
-        if not self._telling.ended:
+        if not self._sensor_events.ended:
             self._due = max(now, self._asked_at + self._profile.period_ms * 1e-3)
 
     def _tell(self, status: int, gages: tuple[int, ...], at: float) -> None:
-        telling = self._telling
+        telling = self._sensor_events
         if status != self._status:
             words = f"status {status:04X}: {status_words(status)}"
             if status:
@@ -267,17 +267,17 @@ class AtiCanClient(Outbox[CanFrame]):
 
     # --- end
 
-    def _tell_others(self) -> None:
+    def _report_others(self) -> None:
         if not self._others:
             self._others = True
-            self._telling.notice("another host asks on this bus, or an answer came late")
+            self._sensor_events.notice("another host asks on this bus, or an answer came late")
 
-    def _tell_bus(self, text: str) -> None:
+    def _report_bus(self, text: str) -> None:
         if text != self._bus:
             self._bus = text
-            self._telling.notice(text)
+            self._sensor_events.notice(text)
 
     def _fail(self, text: str, remedy: str = "") -> None:
-        if not self._telling.ended:
+        if not self._sensor_events.ended:
             self._due = None
-            self._telling.fail(text, remedy)
+            self._sensor_events.fail(text, remedy)

@@ -29,7 +29,7 @@ from protocol.devices.ft300.profile import Ft300ClientProfile
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Wrench
 from protocol.outbox import Due
-from protocol.sensor_telling import SensorTelling
+from protocol.sensor_events import SensorEventQueue
 from protocol.wrench import SensorFacts, SensorStatistics
 
 _ASKED_PERIOD_S = 0.017
@@ -93,7 +93,7 @@ class Ft300Client(Due):
         streams = profile.mode == "stream"
         self._period = PERIOD_S if streams else None
         period = PERIOD_S if streams else _ASKED_PERIOD_S
-        self._telling = telling = SensorTelling(zero_samples=max(1, round(profile.zero_s / period)))
+        self._sensor_events = telling = SensorEventQueue(zero_samples=max(1, round(profile.zero_s / period)))
         self.next_event, self.zero = telling.next_event, telling.zero
         self._out = bytearray(STOP)
         self._due: float | None = now + profile.rest_s
@@ -110,7 +110,7 @@ class Ft300Client(Due):
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes."""
-        if self._telling.ended:
+        if self._sensor_events.ended:
             return
         if self._stops:
             self._heard = True
@@ -121,7 +121,7 @@ class Ft300Client(Due):
             self._take_answer(question.step, now)
             if question.step == _START and (messages := StreamReader().feed(question.answer)):
                 self._begin_stream(now)  # its answer was lost, the stream runs
-                self._tell_all(messages, now)
+                self._report_all(messages, now)
 
     def data_to_send(self, now: float) -> bytes:
         """Bytes that are due."""
@@ -154,7 +154,7 @@ class Ft300Client(Due):
 
     def stop(self) -> None:
         """End the stream; repeated while messages still come."""
-        if self._telling.ended or self._stops:
+        if self._sensor_events.ended or self._stops:
             return
         if not self._streaming:
             self._finish()
@@ -216,9 +216,9 @@ class Ft300Client(Due):
         statistics.malformed += reader.noises - noises
         if self._newest:  # a stream that is joined begins anywhere
             statistics.lost += reader.missed - missed
-        self._tell_all(messages, now)
+        self._report_all(messages, now)
 
-    def _tell_all(self, messages: Sequence[Sequence[int]], now: float) -> None:
+    def _report_all(self, messages: Sequence[Sequence[int]], now: float) -> None:
         for counts in messages:
             self._due = now + self._profile.silence_s
             if counts == self._newest and now - self._newest_at < _COPY_PERIODS * PERIOD_S:
@@ -228,13 +228,13 @@ class Ft300Client(Due):
             self._tell(counts, now)
 
     def _tell(self, counts: Sequence[int], now: float) -> None:
-        if not self._telling.ready:
-            self._telling.begin(self._facts())
+        if not self._sensor_events.ready:
+            self._sensor_events.begin(self._facts())
         saturated = 0
         for axis, (count, end) in enumerate(zip(counts, self._ends, strict=True)):
             if not -end < count < end:
                 saturated |= 1 << axis
-        self._telling.sample(counts, now, saturated)
+        self._sensor_events.sample(counts, now, saturated)
 
     def _facts(self) -> SensorFacts:
         a, b, c, d, e, f = self._rated
@@ -254,8 +254,8 @@ class Ft300Client(Due):
 
     def _finish(self) -> None:
         self._due = None
-        self._telling.stop()
+        self._sensor_events.stop()
 
     def _fail(self, text: str, remedy: str = "") -> None:
         self._due = None
-        self._telling.fail(text, remedy)
+        self._sensor_events.fail(text, remedy)

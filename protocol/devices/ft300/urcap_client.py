@@ -12,7 +12,7 @@ from protocol.devices.ft300.profile import Ft300ClientProfile
 from protocol.devices.ft300.urcap import TextReader
 from protocol.geometry import Wrench
 from protocol.outbox import Due
-from protocol.sensor_telling import SensorTelling
+from protocol.sensor_events import SensorEventQueue
 from protocol.wrench import PERIOD_MAX_S, SensorFacts, SensorStatistics
 
 _COPY_PERIODS = 0.5
@@ -30,7 +30,9 @@ class UrcapClient(Due):
         self.stop_patience = 0.1
         self._profile = profile
         self._rated: Wrench = (*(profile.rated_n,) * 3, *(profile.rated_nm,) * 3)
-        self._telling = telling = SensorTelling(zero_samples=max(1, round(profile.zero_s / PERIOD_S)))
+        self._sensor_events = telling = SensorEventQueue(
+            zero_samples=max(1, round(profile.zero_s / PERIOD_S))
+        )
         self.next_event, self.zero = telling.next_event, telling.zero
         self._patience = profile.tries * profile.answer_timeout_s
         self._due: float | None = now + self._patience
@@ -44,7 +46,7 @@ class UrcapClient(Due):
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes."""
-        if self._telling.ended:
+        if self._sensor_events.ended:
             return
         reader, statistics = self._reader, self.statistics
         noises, missed = reader.noises, reader.missed
@@ -65,20 +67,20 @@ class UrcapClient(Due):
             return
         self._due = None
         if self._newest is None:
-            self._telling.fail(
+            self._sensor_events.fail(
                 f"the URCap has sent nothing for {self._patience:g} s",
                 "look whether the URCap shows the sensor, and end other clients: it serves one at a time",
             )
         else:
-            self._telling.fail(
+            self._sensor_events.fail(
                 f"no text came for {self._profile.silence_s:g} s", "look whether the URCap shows the sensor"
             )
 
     def stop(self) -> None:
         """End the session."""
-        if not self._telling.ended:
+        if not self._sensor_events.ended:
             self._due = None
-            self._telling.stop()
+            self._sensor_events.stop()
 
     def _take(self, values: Wrench, now: float) -> None:
         self._due = now + self._profile.silence_s
@@ -87,12 +89,12 @@ class UrcapClient(Due):
             return
         self._newest, self._newest_at = values, now
         self._count += 1
-        if not self._telling.ready and not self._measured(now):
+        if not self._sensor_events.ready and not self._measured(now):
             return
         saturated = 0
         for axis, (value, rated) in enumerate(zip(values, self._rated, strict=True)):
             saturated |= (abs(value) >= rated) << axis
-        self._telling.numbered_sample(values, self._count, self._count, now, saturated)
+        self._sensor_events.numbered_sample(values, self._count, self._count, now, saturated)
 
     def _measured(self, now: float) -> bool:
         """Whether the period is known now, which makes the sensor ready."""
@@ -104,5 +106,5 @@ class UrcapClient(Due):
         arrivals.clear()
         if not _LEAST_PERIOD_S <= period <= PERIOD_MAX_S:
             return False
-        self._telling.begin(SensorFacts("", _ONE, self._rated, None, period, 0.0, "host"))
+        self._sensor_events.begin(SensorFacts("", _ONE, self._rated, None, period, 0.0, "host"))
         return True

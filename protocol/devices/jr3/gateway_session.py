@@ -36,7 +36,7 @@ from protocol.devices.jr3.counts import facts_of, full_scales_si
 from protocol.devices.jr3.firmware import HANGS, UNFILTERED, GatewayState, SampleCounter, first_order_delay
 from protocol.devices.jr3.range import Range
 from protocol.endpoint import LocalProtocolError, Trouble
-from protocol.sensor_telling import SensorTelling
+from protocol.sensor_events import SensorEventQueue
 from protocol.wrench import (
     AXES,
     SensorReady,
@@ -215,9 +215,9 @@ class _Samples:
     """The samples of a session: their counter, their range, and the zero that comes with one."""
 
     def __init__(
-        self, counter: SampleCounter, telling: SensorTelling, still_timeout: float, now: float
+        self, counter: SampleCounter, telling: SensorEventQueue, still_timeout: float, now: float
     ) -> None:
-        self._counter, self._telling, self._still_timeout = counter, telling, still_timeout
+        self._counter, self._sensor_events, self._still_timeout = counter, telling, still_timeout
         self._range = Range()
         self.new_at = now
         """When the newest sample with another counter than the one before came, s; not before READY."""
@@ -241,12 +241,12 @@ class _Samples:
         if self.zeroing:
             self.zeroing = False
             self._range.zeroed(self._range.newest)
-            self._telling.tell(Zeroed(WrenchFrame(counts, counter, sequence, at)))
+            self._sensor_events.tell(Zeroed(WrenchFrame(counts, counter, sequence, at)))
             return ""
         saturated = self._range.saturated(counts)
         for warning in self._range.warnings:
-            self._telling.notice(warning)
-        self._telling.tell(WrenchFrame(counts, counter, sequence, at, saturated))
+            self._sensor_events.notice(warning)
+        self._sensor_events.tell(WrenchFrame(counts, counter, sequence, at, saturated))
         return ""
 
 
@@ -260,7 +260,7 @@ class GatewaySession(Generic[Op]):
         """Cut-off in an order; 0 is unfiltered."""
         self.statistics = SensorStatistics()
         self._asks_scales = frozenset(op for phase, op in dialect.steps if phase in _ASK_SCALES)
-        self._telling = telling = SensorTelling(f"{dialect.name}: ")
+        self._sensor_events = telling = SensorEventQueue(f"{dialect.name}: ")
         self.tell, self.notice, self.next_event = telling.tell, telling.notice, telling.next_event
         counter = SampleCounter(self.statistics, dialect.counter_step, dialect.counter_behind)
         still_timeout = max(profile.still_timeout_s, 5 * dialect.period)
@@ -396,7 +396,7 @@ class GatewaySession(Generic[Op]):
             self._on_timeout(overdue)
         if self.phase is _SETTLING and now >= self._settled_at:
             self.phase, self._samples.new_at = _READY, now
-            self._tell_facts()
+            self._report_facts()
             if not self.cutoff_hz:
                 self.notice(UNFILTERED)
             if self._zero_wanted:
@@ -415,7 +415,7 @@ class GatewaySession(Generic[Op]):
 
     def _fail(self, text: str, remedy: str = "") -> None:
         self._end(Phase.FAILED)
-        self._telling.fail(text, remedy)
+        self._sensor_events.fail(text, remedy)
 
     def _on_timeout(self, flight: _Flight[Op]) -> None:
         name = flight.op.name.lower().replace("_", " ")
@@ -444,10 +444,10 @@ class GatewaySession(Generic[Op]):
             self._samples.zeroing = True
         elif answered is self._dialect.stop:
             self.phase = Phase.STOPPED
-            self._telling.stop()
+            self._sensor_events.stop()
         elif answered is self._dialect.set_filter:
             if self.phase is _READY:
-                self._tell_facts()
+                self._report_facts()
         else:
             zero_axis = self._scales.take(words) if answered in self._asks_scales else ""
             if zero_axis:
@@ -455,7 +455,7 @@ class GatewaySession(Generic[Op]):
             else:
                 self._next_step(now)
 
-    def _tell_facts(self) -> None:
+    def _report_facts(self) -> None:
         delay = first_order_delay(self.cutoff_hz)
         self.tell(SensorReady(facts_of(self._scales.known, self._dialect.period, delay)))
 

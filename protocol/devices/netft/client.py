@@ -22,7 +22,7 @@ from protocol.devices.netft.records import (
 )
 from protocol.endpoint import RemoteProtocolError
 from protocol.outbox import Outbox
-from protocol.sensor_telling import SensorTelling
+from protocol.sensor_events import SensorEventQueue
 from protocol.wrench import SensorFacts, SensorRestarted, SensorStatistics
 
 _STOP_AGAIN_S = 0.02
@@ -44,7 +44,7 @@ class NetFtClient(Outbox[bytes]):
     def __init__(self, profile: NetFtClientProfile, now: float) -> None:
         self.statistics = SensorStatistics()
         self._profile, self._family = profile, FAMILIES[profile.family]
-        self._telling = telling = SensorTelling()
+        self._sensor_events = telling = SensorEventQueue()
         self.next_event, self.zero = telling.next_event, telling.zero
         super().__init__()
         self._configuration: Configuration | None = None
@@ -77,7 +77,7 @@ class NetFtClient(Outbox[bytes]):
                 self.statistics.malformed += 1
             elif self._stops:
                 self._heard = True
-            elif self._configuration is not None and not self._telling.ended:
+            elif self._configuration is not None and not self._sensor_events.ended:
                 self._take_record(datagram, now)
 
     def handle_deadline(self, now: float) -> None:
@@ -98,13 +98,13 @@ class NetFtClient(Outbox[bytes]):
                 "look at its supply and its cable, and whether another program reads it",
             )
         else:
-            if self._telling.ready and not self._asked:
-                self._telling.notice(f"no record for {self._profile.silence_s * 1e3:g} ms; asked again")
+            if self._sensor_events.ready and not self._asked:
+                self._sensor_events.notice(f"no record for {self._profile.silence_s * 1e3:g} ms; asked again")
             self._start(now)
 
     def stop(self) -> None:
         """Stop the stream; repeated while records still come."""
-        if self._telling.ended or self._stops:
+        if self._sensor_events.ended or self._stops:
             return
         if self._configuration is None:
             self._finish()
@@ -116,7 +116,7 @@ class NetFtClient(Outbox[bytes]):
     # --- page
 
     def _take_page(self, page: Page, now: float) -> None:
-        if self._configuration is not None or self._telling.ended:
+        if self._configuration is not None or self._sensor_events.ended:
             return
         if page.failure:
             self._page_failure = page.failure
@@ -138,7 +138,7 @@ class NetFtClient(Outbox[bytes]):
         self._configuration = configuration
         period = configuration.period or _USUAL_PERIOD_S
         self._step = max(1, round(period * self._profile.internal_rate_hz))
-        self._telling.set_zero_samples(max(1, round(self._profile.zero_s / period)))
+        self._sensor_events.set_zero_samples(max(1, round(self._profile.zero_s / period)))
         self._start(now)
 
     # --- stream
@@ -151,7 +151,7 @@ class NetFtClient(Outbox[bytes]):
     def _take_record(self, datagram: bytes, now: float) -> None:
         rdt, ft, status, fx, fy, fz, tx, ty, tz = unpack_record(datagram)
         self._due = now + self._profile.silence_s
-        saturated, telling, family = 0, self._telling, self._family
+        saturated, telling, family = 0, self._sensor_events, self._family
         if status and not telling.knows_status(status):
             words = f"status {status:08X}: {family.words(status)}"
             if not (telling.ready or status & family.saturated or family.is_warning(status)):
@@ -186,7 +186,7 @@ class NetFtClient(Outbox[bytes]):
             self._behind += 1
             if not self._asked and self._behind < _BEHIND_LIMIT:
                 return False
-            self._telling.tell(SensorRestarted())
+            self._sensor_events.tell(SensorRestarted())
             step = 1
             self._rates.begin(self._sequence + 1, self._clock.arrived_at)
         else:
@@ -218,7 +218,7 @@ class NetFtClient(Outbox[bytes]):
 
     def _finish(self) -> None:
         self._due = None
-        self._telling.stop()
+        self._sensor_events.stop()
 
     def _fail_for_rate(self, begin: str, rate_hz: float) -> None:
         of = "netbox" if abs(rate_hz / INTERNAL_RATE_HZ - 1.0) < APART else "axia"
@@ -232,4 +232,4 @@ class NetFtClient(Outbox[bytes]):
     def _fail(self, text: str, remedy: str = "") -> None:
         self._due = None
         self._out.append(encode_request(Command.STOP))
-        self._telling.fail(text, remedy)
+        self._sensor_events.fail(text, remedy)

@@ -22,7 +22,7 @@ from emulators.devices.rtde.urscript.parts import (
     answer,
     charge,
     combined,
-    found_by,
+    values_of_parts,
 )
 from emulators.devices.rtde.urscript.table import Functions
 from emulators.devices.rtde.urscript.values import PoseValue, Struct, Value
@@ -174,7 +174,7 @@ class Expressions:
 
             def refuse(frame: Frame, *given: Value) -> Any:
                 """Return a part for any method of a server of `rpc_factory`, so that no text is refused for one."""
-                frame[1].tell_tagged(f"rpc_factory().{name}")
+                frame[1].report_tagged(f"rpc_factory().{name}")
                 raise ScriptError(f"there is no method {name}")
 
             return combined([part, *parts], refuse)
@@ -274,7 +274,7 @@ class Expressions:
             return answer(parts, call)
 
         def wait(frame: Frame) -> Any:
-            given = yield from found_by(parts, frame)
+            given = yield from values_of_parts(parts, frame)
             return (yield from call(frame[1], *given))
 
         return Part(True, wait)
@@ -344,7 +344,7 @@ class Expressions:
             return combined(parts, run)
 
         def wait(frame: Frame) -> Any:
-            given = yield from found_by(parts, frame)
+            given = yield from values_of_parts(parts, frame)
             inside = enter(frame, given)
             task = frame[1]
             try:

@@ -79,10 +79,10 @@ class Host(Protocol):
     def popup_open(self) -> bool:
         """Whether a pop-up stands on the pendant."""
 
-    def tell_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
+    def report_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
         """Report a program that failed, or did not start."""
 
-    def tell_tagged(self, function: str, detail: str) -> None:
+    def report_tagged(self, function: str, detail: str) -> None:
         """Report a call of a function without an effect here; `detail` is its treatment."""
 
     # --- time and registers

@@ -55,9 +55,9 @@ class Task:
         if self.left < 0:
             raise ScriptError("a thread runs too long without waiting: an infinite loop?")
 
-    def tell_tagged(self, function: str, detail: str = NO_EFFECT) -> None:
+    def report_tagged(self, function: str, detail: str = NO_EFFECT) -> None:
         """Report a call of a function without an effect here; `detail` is its treatment."""
-        self.machine.tell_tagged(function, detail)
+        self.machine.report_tagged(function, detail)
 
 
 def _nothing() -> Turns:
@@ -118,11 +118,11 @@ class Machine:
                 self._tasks.remove(task)
                 return
 
-    def tell_tagged(self, function: str, detail: str) -> None:
+    def report_tagged(self, function: str, detail: str) -> None:
         """Told once a program."""
         if function not in self._tagged:
             self._tagged.add(function)
-            self.host.tell_tagged(function, detail)
+            self.host.report_tagged(function, detail)
 
     # --- time
 
@@ -134,12 +134,12 @@ class Machine:
         try:
             while self._pass():
                 pass
-            self._look_at_memory()
+            self._check_memory()
         except Halted:
             self._tasks.clear()
         except ScriptError as error:
             self._tasks.clear()
-            self.host.tell_failure(RuntimeFailure(error.line, error.text, error.column))
+            self.host.report_failure(RuntimeFailure(error.line, error.text, error.column))
         if not self._tasks:
             self.close()
         return bool(self._tasks)
@@ -164,7 +164,7 @@ class Machine:
                 raise ScriptError("all threads together run too long without waiting")
         return ran
 
-    def _look_at_memory(self) -> None:
+    def _check_memory(self) -> None:
         """Raise ScriptError for a program that uses too much memory. Checked once in this many steps."""
         self._not_looked += self._used
         if self._not_looked < MEMORY_LOOK_STEPS:

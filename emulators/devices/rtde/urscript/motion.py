@@ -65,7 +65,7 @@ def _walk(task: Any, walk: Iterator[object] | None, radius: Value) -> Wait:
     if walk is None:
         raise ScriptError("no joints hold the end of this move")
     if number(radius) > 0.0:
-        task.tell_tagged("blend radius")
+        task.report_tagged("blend radius")
     for _ in walk:
         yield
 

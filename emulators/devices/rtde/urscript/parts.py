@@ -28,7 +28,7 @@ def combined(parts: Sequence[Part], apply: Callable[..., Any]) -> Part:
     if any(part.waits for part in parts):
 
         def wait(frame: Frame) -> Any:
-            found = yield from found_by(parts, frame)
+            found = yield from values_of_parts(parts, frame)
             return apply(frame, *found)
 
         return Part(True, wait)
@@ -41,7 +41,7 @@ def combined(parts: Sequence[Part], apply: Callable[..., Any]) -> Part:
     return Part(False, lambda frame: apply(frame, *[run(frame) for run in runs]))
 
 
-def found_by(parts: Sequence[Part], frame: Frame) -> Any:
+def values_of_parts(parts: Sequence[Part], frame: Frame) -> Any:
     """Return the values of parts that may wait, in order."""
     found: list[Any] = [None] * len(parts)
     kept = frame[1].kept

@@ -80,7 +80,7 @@ def tagged(signature: str, answer: Value = None, detail: str = "") -> Function:
     detail = detail or (NO_EFFECT if answer is None else SAME_ANSWER)
 
     def call(task: Any, *values: Value) -> Value:
-        task.tell_tagged(name, detail)
+        task.report_tagged(name, detail)
         return answer
 
     return _made(signature, call, Support.TAGGED, False)

@@ -12,7 +12,7 @@ from hil_bridge.devices.robots.rtde.addresses import PORTS, Address, parse_addre
 from hil_bridge.devices.robots.rtde.program_wires import Hangup, ProgramWires, Served
 from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import TransportError
-from hil_bridge.errors.failures import RAISED, raise_if_asked
+from hil_bridge.errors.failures import RAISED, raise_if_interrupt
 from hil_bridge.transports import Transport
 from hil_bridge.transports.memory import listen_memory_clients
 from hil_bridge.transports.pump import Pump
@@ -101,7 +101,7 @@ class Ports:
             else:
                 self._compiling.close()
         except RAISED as error:
-            raise_if_asked(error)
+            raise_if_interrupt(error)
             self._serving.on_failure(error)
 
     def _keep_pace(self) -> None:
@@ -111,7 +111,7 @@ class Ports:
         try:
             self._robot.controller.advance(now)
         except RAISED as error:
-            raise_if_asked(error)
+            raise_if_interrupt(error)
             self._serving.on_failure(error)
             return
         self._beat = clock.call_at(now + BEAT_S, self._keep_pace)

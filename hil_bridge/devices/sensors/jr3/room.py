@@ -32,9 +32,9 @@ from protocol.devices.jr3 import (
     GatewayClient,
     UartGatewayClient,
     can_messages,
+    client_filters,
     describe,
-    heard_by_client,
-    heard_by_gateway,
+    gateway_filters,
     parse_frame,
     uart_gateway,
 )
@@ -70,7 +70,7 @@ async def _connect_can(
 ) -> tuple[Transport[Any], Any]:
     _check_can(url)
     profile = settings.client.gateway
-    wire = await wiring.can(url, heard_by_client(profile.node))
+    wire = await wiring.can(url, client_filters(profile.node))
     return wire, GatewayClient(profile, wiring.clock.now())
 
 
@@ -78,9 +78,7 @@ async def _serve_can(
     url: str, gateway: Any, settings: KindSettings[Jr3Settings, Jr3Profiles], serving: Serving
 ) -> str:
     if not url.startswith(SLCAN):
-        return await serving.serve_can(
-            url, gateway.endpoint, heard_by_gateway(settings.emulated.gateway.node)
-        )
+        return await serving.serve_can(url, gateway.endpoint, gateway_filters(settings.emulated.gateway.node))
     if not url.startswith(f"{SLCAN}pty:"):
         raise ConfigError(f"{url!r}: an slcan adapter is a serial port; for example {SLCAN}pty:")
     listening = await serving.listen_bytes(url.removeprefix(SLCAN))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from emulators.faults.packets import WIRE
-from emulators.orders import TellingRobot
+from emulators.orders import ReportingRobot
 from hil_bridge.devices.kinds import ROBOTS
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.client import Client, Where
@@ -96,7 +96,7 @@ class _RobotScene(Scene[RobotEvidence]):
 
     def __init__(self, name: str, trial: RobotTrial, in_cell: InCell, client: Client) -> None:
         robot = in_cell.cell.robot
-        if not isinstance(robot, TellingRobot):
+        if not isinstance(robot, ReportingRobot):
             raise ConfigError(f"the emulated {trial.kind} does not report the orders that it receives")
         self._name, self._rules, self._robot = name, trial.rules, robot
         self._mishap = trial.mishaps[name]

@@ -5,7 +5,7 @@ from collections import deque
 from statistics import median
 from typing import NamedTuple
 
-from emulators.orders import HeardOrder, Reach
+from emulators.orders import Reach, ReceivedOrder
 from hil_bridge.lab.conform.robots.scenarios import SAME_PLACE_M, SAME_TURN_RAD
 from protocol.geometry import Pose, angle_between
 
@@ -54,7 +54,7 @@ class Strides:
         self._first: Stride | None = None
         """First stride for a path-planning robot, until the client counts as streaming."""
 
-    def take(self, order: HeardOrder, tool: Pose | None) -> Stride:
+    def take(self, order: ReceivedOrder, tool: Pose | None) -> Stride:
         """Return the stride of a motion order; `tool` is the present pose of the robot's tool."""
         if order.pose is None:
             speed, turning = order.speed

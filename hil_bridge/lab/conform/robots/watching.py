@@ -5,7 +5,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from emulators.orders import Act, HeardOrder, Hindrance
+from emulators.orders import Act, Hindrance, ReceivedOrder
 from hil_bridge.lab.conform.ending import Ending
 from hil_bridge.lab.conform.robots.scenarios import MOVED_M, MOVED_RAD, Rules
 from hil_bridge.lab.conform.robots.strides import Stride, Strides
@@ -127,7 +127,7 @@ class Watch:
 
     # --- orders
 
-    def receive(self, order: HeardOrder) -> None:
+    def receive(self, order: ReceivedOrder) -> None:
         """Evaluate an order received by the robot."""
         at, seen = order.at - self._begun_at, self.seen
         if seen.contact_at is None:
@@ -149,7 +149,7 @@ class Watch:
             case _:
                 pass
 
-    def _ordered(self, at: float, order: HeardOrder, stride: Stride) -> None:
+    def _ordered(self, at: float, order: ReceivedOrder, stride: Stride) -> None:
         seen, moving = self.seen, stride.elsewhere
         seen.orders += 1
         seen.taken += order.taken

@@ -160,7 +160,7 @@ def identifier(op: Op, node: int) -> int:
     return op + node
 
 
-def heard_by_client(node: int) -> tuple[CanFilter, ...]:
+def client_filters(node: int) -> tuple[CanFilter, ...]:
     """Return filters for a client of this node: its samples, and acknowledges and boot-ups of every gateway.
 
     The latter distinguish a wrong node number from a dead bus.
@@ -171,7 +171,7 @@ def heard_by_client(node: int) -> tuple[CanFilter, ...]:
     )
 
 
-def heard_by_gateway(node: int) -> tuple[CanFilter, ...]:
+def gateway_filters(node: int) -> tuple[CanFilter, ...]:
     """Return filters for a gateway: SYNC, and all frames that are addressed to its node."""
     return CanFilter(int(Op.SYNC)), CanFilter(node, _NODE_MASK)
 

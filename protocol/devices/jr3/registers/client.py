@@ -37,7 +37,7 @@ from protocol.devices.jr3.registers.telegrams import (
     response_reader,
 )
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.sensor_telling import SensorTelling
+from protocol.sensor_events import SensorEventQueue
 from protocol.wrench import SensorFacts, SensorReady, SensorRestarted, SensorStatistics, Zeroed
 
 
@@ -64,7 +64,7 @@ class BoardClient:
         self._layout = SampleLayout(profile.filter)
         self.statistics = SensorStatistics()
         self._reader = response_reader()
-        self._telling = telling = SensorTelling("board: ")
+        self._sensor_events = telling = SensorEventQueue("board: ")
         self.next_event = telling.next_event
         self._writer = RequestWriter(profile.bursts)
         self._procedure = Procedure(self._writer, profile.answer_timeout_s)
@@ -108,7 +108,7 @@ class BoardClient:
             self._procedure.tag = self._writer.write(Op.STREAM)
         else:
             self._phase = BoardPhase.STOPPED
-            self._telling.stop()
+            self._sensor_events.stop()
 
     # --- endpoint
 
@@ -204,11 +204,11 @@ class BoardClient:
         self._procedure.tag = self._procedure.answer_by = None
         if self._phase is BoardPhase.STOPPING:
             self._phase = BoardPhase.STOPPED
-            self._telling.stop()
+            self._sensor_events.stop()
             return
         step = self._procedure.step
         if response.status is Status.REFUSED and isinstance(step, Reset):
-            self._telling.notice("board: its server does not reset it; started up without a reset")
+            self._sensor_events.notice("board: its server does not reset it; started up without a reset")
         elif response.status is not Status.OK:
             self._fail(f"the server refuses {step_name(step)}: {response.status.meaning}")
             return
@@ -228,24 +228,24 @@ class BoardClient:
             self._phase = BoardPhase.SETTLING
             model = f"sensor model {result.model_no}, serial number {result.serial_no}"
             self._facts = facts_of(result.full_scales, self._profile.period, self._profile.delay, model)
-            self._telling.notice(f"board: {model}")
+            self._sensor_events.notice(f"board: {model}")
         self._settled_at = now + self._profile.settling
 
     def _on_settled(self, now: float) -> None:
         if self._phase is BoardPhase.READY:
             self._samples.range.zeroed(self._zero_from)
-            self._telling.tell(Zeroed())
+            self._sensor_events.tell(Zeroed())
             return
         self._phase = BoardPhase.READY
         self._samples.begin(now)
-        self._telling.tell(SensorReady(self._facts))
+        self._sensor_events.tell(SensorReady(self._facts))
         self._sampling.begin(now)
 
     def _fail(self, text: str, remedy: str = "") -> None:
         self._phase = BoardPhase.FAILED
         self._end_work()
         self._writer.take()
-        self._telling.fail(text, remedy)
+        self._sensor_events.fail(text, remedy)
 
     # --- samples
 
@@ -293,5 +293,5 @@ class BoardClient:
         if errors & DEAF:
             self._fail(f"it hears no sensor ({errors_text(errors)})", "check the sensor's plug and cable")
         elif errors:
-            self._telling.tell(SensorRestarted())
+            self._sensor_events.tell(SensorRestarted())
             self._begin(configure(self._profile), now)

@@ -7,7 +7,7 @@ from protocol.devices.jr3.range import Range
 from protocol.devices.jr3.registers.profile import BoardClientProfile, filter_tick
 from protocol.devices.jr3.registers.startup import DEAF, NEW
 from protocol.devices.jr3.registers.telegrams import BURST
-from protocol.sensor_telling import SensorTelling
+from protocol.sensor_events import SensorEventQueue
 from protocol.wrench import AXES, SensorStatistics, WrenchFrame
 
 _COUNTER_MODULUS = 65536
@@ -73,11 +73,11 @@ class SampleReader:
         self,
         profile: BoardClientProfile,
         burst: struct.Struct,
-        telling: SensorTelling,
+        telling: SensorEventQueue,
         statistics: SensorStatistics,
         now: float,
     ) -> None:
-        self._burst, self._telling, self._statistics = burst, telling, statistics
+        self._burst, self._sensor_events, self._statistics = burst, telling, statistics
         self._period = profile.period
         self._longest_ns = 1.25e9 * profile.period
         """Between two time stamps when none is missing, with room for a late one, ns."""
@@ -119,7 +119,7 @@ class SampleReader:
                     return int(errors)
                 text = self._saturations.note(errors & SATURATIONS, warnings & SATURATIONS, now)
                 if text:
-                    self._telling.notice(text)
+                    self._sensor_events.notice(text)
                 if errors & _BUSY:
                     continue  # the data are not of their moment
             sequence = self._sequence
@@ -140,8 +140,8 @@ class SampleReader:
             counts = fx, fy, fz, mx, my, mz
             saturated = self.range.saturated(counts)
             for warning in self.range.warnings:
-                self._telling.notice(warning)
-            self._telling.tell(WrenchFrame(counts, counter, sequence, self._dated, saturated))
+                self._sensor_events.notice(warning)
+            self._sensor_events.tell(WrenchFrame(counts, counter, sequence, self._dated, saturated))
         return 0
 
     def _stood(self, elapsed: float, step: int) -> bool:

@@ -65,7 +65,7 @@ class _Wrong:
     """The pose at its begin; None until one is told."""
 
 
-class ToldPose:
+class ReportedPose:
     """A filter between the pose that is measured and the one that is told."""
 
     def __init__(

@@ -3,18 +3,18 @@
 import pytest
 
 from protocol.endpoint import LocalProtocolError
-from protocol.sensor_telling import SensorTelling
+from protocol.sensor_events import SensorEventQueue
 from protocol.wrench import SensorFailed, SensorNotice, SensorRestarted, SensorStopped, WrenchFrame, Zeroed
 
 RAW = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 
 
-def events(telling: SensorTelling) -> list[object]:
+def events(telling: SensorEventQueue) -> list[object]:
     return list(iter(telling.next_event, None))
 
 
 def test_events_come_in_the_order_in_which_they_were_told() -> None:
-    telling = SensorTelling()
+    telling = SensorEventQueue()
     telling.notice("first")
     telling.tell(SensorRestarted())
     telling.notice("last")
@@ -23,7 +23,7 @@ def test_events_come_in_the_order_in_which_they_were_told() -> None:
 
 
 def test_a_status_is_told_once() -> None:
-    telling = SensorTelling()
+    telling = SensorEventQueue()
     for status in (1, 2, 1, 2):
         telling.notice_status(status, f"status {status}")
     assert events(telling) == [SensorNotice("status 1"), SensorNotice("status 2")]
@@ -32,14 +32,14 @@ def test_a_status_is_told_once() -> None:
 
 
 def test_a_status_that_changes_with_every_sample_fills_no_recording() -> None:
-    telling = SensorTelling()
+    telling = SensorEventQueue()
     for status in range(1000):
         telling.notice_status(status, "")
     assert len(events(telling)) == 16
 
 
 def test_samples_are_counted_and_a_zero_follows_the_sample_that_completes_it() -> None:
-    telling = SensorTelling(zero_samples=2)
+    telling = SensorEventQueue(zero_samples=2)
     telling.zero()
     for at in range(3):
         telling.sample(RAW, at, 0b1)
@@ -52,7 +52,7 @@ def test_samples_are_counted_and_a_zero_follows_the_sample_that_completes_it() -
 
 
 def test_a_failure_names_its_part_and_ends_the_session() -> None:
-    telling = SensorTelling("board: ")
+    telling = SensorEventQueue("board: ")
     telling.fail("no data")
     assert telling.ended
     assert events(telling) == [SensorFailed("board: no data")]
@@ -61,7 +61,7 @@ def test_a_failure_names_its_part_and_ends_the_session() -> None:
 
 
 def test_a_stop_ends_the_session() -> None:
-    telling = SensorTelling()
+    telling = SensorEventQueue()
     telling.zero()
     telling.stop()
     assert events(telling) == [SensorStopped()]

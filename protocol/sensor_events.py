@@ -1,6 +1,6 @@
 """The messages of a sensor's client to its owner, once for all of them: events in order, statuses, samples, the end.
 
-A client composes one `SensorTelling`. Of a device that has a zero and numbers its samples, the client tells frames
+A client composes one `SensorEventQueue`. Of a device that has a zero and numbers its samples, the client tells frames
 itself; of another one it gives raw samples to `sample` or `numbered_sample`, which take the host's zero off.
 """
 
@@ -24,7 +24,7 @@ _STATUSES_MAX = 16
 """Chosen: most statuses that are told, so that a status which changes with every sample fills no recording."""
 
 
-class SensorTelling:
+class SensorEventQueue:
     """The events of a session, oldest first, its samples, and its end."""
 
     __slots__ = ("_events", "_prefix", "_statuses", "_tare", "count", "ended", "ready", "tell")
