@@ -28,12 +28,12 @@ from hil_bridge.errors import BridgeError, Cause
 from hil_bridge.errors.cause_row import Reaction
 from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.lab.campaign.drawing import faults_of_cell
+from hil_bridge.lab.campaign.fault_effects import fault_key, owner_of
 from hil_bridge.lab.campaign.judging import run
 from hil_bridge.lab.campaign.overlay import config_with
 from hil_bridge.lab.campaign.plan import code_version
 from hil_bridge.lab.campaign.plan_file import read_plan
 from hil_bridge.lab.campaign.store import Store
-from hil_bridge.lab.campaign.striking import fault_key, owner_of
 from hil_bridge.lab.invariants import Promise
 from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.runs.faults.lying import CONTROLLER, CONTROLLER_FAULTS

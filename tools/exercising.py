@@ -22,8 +22,8 @@ from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import ProgramState
 from hil_bridge.errors import BridgeError, Reason
 from hil_bridge.lab.campaign.criteria import Criterion
+from hil_bridge.lab.campaign.fault_effects import causes_of, struck_faults
 from hil_bridge.lab.campaign.plan import code_version
-from hil_bridge.lab.campaign.striking import causes_of, struck_faults
 from hil_bridge.lab.invariants import CHECKERS, Evidence, Promise, Violation
 from hil_bridge.lab.invariants.model import GuardModel
 from hil_bridge.lab.invariants.tracing import first_unaccepted

@@ -1,4 +1,4 @@
-"""Suites of tests for what others write, and a plug-in of pytest. A test module imports a suite and gives it a fixture.
+"""Test suites for plug-ins, and a pytest plug-in. A test module imports a suite and provides its fixture.
 
     import pytest
     from hil_bridge.testing import RobotCase
@@ -10,8 +10,8 @@
         return RobotCase(ROBOT)
 
 Suites are `controllers`, `steps`, `robot_clients`, `robot_emulators`, `sensor_clients`, `sensor_emulators`, `surfaces`,
-`streams` and `datagrams`; `transports` has the last two. Names of `__all__` here and of a suite's are stable. They need
-pytest and hypothesis, which the extra `testing` brings.
+`streams` and `datagrams`; `transports` combines the last two. The names in `__all__` here and in the suites are stable.
+They require pytest and hypothesis, from the extra `testing`.
 """
 
 from importlib import import_module
@@ -22,7 +22,7 @@ try:
 except ImportError as error:
     from hil_bridge.errors.extras import install_command
 
-    raise ImportError(f"hil_bridge.testing needs pytest; {install_command('testing')}") from error
+    raise ImportError(f"hil_bridge.testing requires pytest; {install_command('testing')}") from error
 
 from hil_bridge.testing.plugin import SUITE_VERSION, SUITES
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SUITE_VERSION", "DatagramCase", "RobotCase", "SensorCase", "StreamCase", "SurfaceCase"]
 
-# an assertion that fails then shows its values, as in a test module
+# so that failing assertions show their values, as in a test module
 pytest.register_assert_rewrite(*SUITES, f"{__name__}.ends")
 
 _WHERE = {
@@ -45,7 +45,7 @@ _WHERE = {
 
 
 def __getattr__(name: str) -> Any:
-    """A case, imported when it is used. Raises AttributeError for another name."""
+    """Import a case on first use. Raises AttributeError for an unknown name."""
     if name in _WHERE:
         return getattr(import_module(f"{__name__}.{_WHERE[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

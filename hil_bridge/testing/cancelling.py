@@ -1,4 +1,4 @@
-"""Cancellation at every await: a coroutine is run again and again, and cancelled at its n-th suspension."""
+"""Cancellation at every await: run a coroutine repeatedly, and cancel it at its n-th suspension."""
 
 import asyncio
 import types
@@ -6,14 +6,14 @@ from collections.abc import Callable, Coroutine, Generator
 from typing import Any
 
 MOST = 200
-"""Chosen: suspensions of one coroutine at which it is cancelled, at most."""
+"""Chosen: most suspensions of a coroutine at which it is cancelled."""
 
 
 @types.coroutine
 def _counted(
     coroutine: Coroutine[Any, Any, Any], on_suspension: Callable[[], object]
 ) -> Generator[Any, Any, Any]:
-    """Drive a coroutine, and tell each time that it waits."""
+    """Drive a coroutine, and call `on_suspension` each time it waits."""
     given: Any = None
     raised: BaseException | None = None
     while True:
@@ -30,9 +30,9 @@ def _counted(
 
 
 async def cancelled_at(number: int, make: Callable[[], Coroutine[Any, Any, Any]]) -> bool:
-    """Run a coroutine and cancel it when it waits for the time `number`, counted from 0.
+    """Run a coroutine and cancel it at its suspension `number`, counted from 0.
 
-    Gives False where it ended before it had waited so often. Errors of it are raised.
+    Returns False if it ended before. Its errors are raised.
     """
     waits = -1
     task: asyncio.Task[Any]

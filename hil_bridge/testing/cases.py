@@ -1,6 +1,6 @@
-"""Facts that the author of a device tells a suite: the kind, and which of the things that devices may do this one does.
+"""Cases that describe a device to a suite: its kind, and its optional capabilities.
 
-What is not declared is not tested: the test is skipped, with its reason, and pytest's summary counts it.
+Capabilities that are not declared are not tested: the test is skipped with a reason, and counted in pytest's summary.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from protocol.geometry import Wrench
 __all__ = ["RobotCase", "SensorCase", "SurfaceCase"]
 
 _TILTED = (0.1, 0.975, 0.15, 0.129)
-"""Tool down, and turned a little about each axis, so that no mistake about an orientation looks right. w x y z."""
+"""Tool down, slightly rotated about each axis, so that every orientation mistake shows. w x y z."""
 
 
 _START = StartPose((0.9, -0.1, 0.6), _TILTED, 0.2)
@@ -30,77 +30,75 @@ _START = StartPose((0.9, -0.1, 0.6), _TILTED, 0.2)
 
 @dataclass(frozen=True)
 class RobotCase:
-    """A robot: its client and its emulator. All capabilities are those of the emulated one."""
+    """Robot under test: client and emulator. The capabilities are those of the emulator."""
 
     kind: RobotKind[Any, Any]
     stop: tuple[str, str] | None = None
-    """Target and name of the fault with which the emulator stops the robot and that is taken back at its end, such as
+    """Target and name of the fault by which the emulator stops the robot until the fault ends, such as
     ("robot", "emergency-stop"). None: the emulator has none.
     """
     numbered: bool = False
-    """Its packets carry a number or a time, so that its client can tell an old one from a new one."""
+    """Whether its packets carry a number or a time, by which its client recognises stale ones."""
     checked: bool = False
-    """Its packets carry a check, so that its client can tell a damaged one."""
+    """Whether its packets carry a checksum, by which its client recognises damaged ones."""
     turns: bool = True
-    """It takes orders for the orientation."""
+    """Whether it accepts orders for the orientation."""
     tolerance_m: float = 0.5e-3
-    """How far a report may be from the truth of its moment while the robot stands, m: resolution and noise."""
+    """Tolerance of the reported position of a stationary robot, m: resolution and noise."""
     tolerance_rad: float = 2e-3
-    """The same for the angle between reported and true orientation, rad."""
+    """Tolerance of the reported orientation, rad."""
     lag_s: float = 0.05
-    """How wrong the time of a report may be, s; times the speed, it adds to the tolerance while the robot moves."""
+    """Tolerance of the time of a report, s; times the speed, it adds to the tolerance while the robot moves."""
     start: StartPose = _START
-    """Where it is powered up: a place around which it can move 30 mm to each side and turn 5 degrees."""
+    """Start pose, around which it can move 30 mm in every direction and rotate 5 degrees."""
     settings: KindSettings[Any, Any] | None = None
     """Settings of client and emulator; None: their defaults."""
 
     @property
     def given(self) -> KindSettings[Any, Any]:
-        """The settings."""
+        """Settings of client and emulator."""
         return self.settings or _defaults(self.kind)
 
 
 @dataclass(frozen=True)
 class SensorCase:
-    """A force sensor: its client and its emulator."""
+    """Force sensor under test: client and emulator."""
 
     kind: SensorKind[Any, Any]
     numbered: bool = False
-    """Its frames carry a counter, so that its client can tell one that comes again."""
+    """Whether its frames carry a counter, by which its client recognises repeated ones."""
     checked: bool = False
-    """Its frames carry a check, so that its client can tell a damaged one."""
+    """Whether its frames carry a checksum, by which its client recognises damaged ones."""
     overload: float = 1.5
-    """How many times its range an axis is pushed until device or client must tell that it is at its end; 0 for one that
-    cannot tell.
-    """
+    """Load, in multiples of the range, at which device or client must report an overload; 0 if they cannot."""
     full: Wrench | None = None
-    """The range of each axis, N and N·m; None: the one that the device tells."""
+    """Range of each axis, N and N·m; None: as reported by the device."""
     noise: float = 0.005
-    """Largest error of the mean of 20 frames, as a part of an axis' full scale: noise, rounding."""
+    """Largest error of the mean of 20 frames, as a share of the full scale: noise, rounding."""
     settle_s: float = 1.0
-    """After which the frames show a wrench that has stepped, s: the filter's delay, and some frames more."""
+    """Settling time of the frames after a step of the wrench, s: the filter's delay and some frames."""
     settings: KindSettings[Any, Any] | None = None
     """Settings of client and emulator; None: their defaults."""
 
     @property
     def given(self) -> KindSettings[Any, Any]:
-        """The settings."""
+        """Settings of client and emulator."""
         return self.settings or _defaults(self.kind)
 
 
 @dataclass(frozen=True)
 class SurfaceCase:
-    """A contact model."""
+    """Contact model under test."""
 
     kind: SurfaceKind
     above_m: tuple[float, float, float] = (0.9, -0.1, 0.7)
-    """A place at which the tool does not touch it, base frame, m."""
+    """Position without contact, base frame, m."""
     inside_m: tuple[float, float, float] = (0.9, -0.1, 0.588)
-    """A place straight below, at which it is pressed upon, base frame, m."""
+    """Position straight below, with contact, base frame, m."""
     friction: float = 0.0
-    """Largest part of the normal force that acts along the surface while the tool slides."""
+    """Largest tangential force of a sliding tool, as a share of the normal force."""
     settings: Any = None
-    """Its settings; None: the defaults."""
+    """Settings of the surface; None: the defaults."""
 
 
 def _defaults(kind: DeviceKind) -> KindSettings[Any, Any]:
@@ -110,6 +108,6 @@ def _defaults(kind: DeviceKind) -> KindSettings[Any, Any]:
 
 
 def declared(capability: object, words: str) -> None:
-    """Skip the test for a capability that is not declared; `words` name the field."""
+    """Skip the test if a capability is not declared; `words` name the field."""
     if not capability:
         pytest.skip(f"not declared: {words}")

@@ -1,4 +1,4 @@
-"""Parts that both suites of wires need: cases that open two ends, an ear at an end, and a loop to run a check in."""
+"""Common parts of the transport suites: cases that open two ends, a listener at an end, and a loop for a check."""
 
 import asyncio
 import threading
@@ -16,80 +16,80 @@ Ends: TypeAlias = tuple[Transport[Any], Transport[Any]]
 
 
 class Case(Protocol):
-    """Fields that both kinds of case have."""
+    """Common fields of both kinds of case."""
 
     @property
     def open(self) -> Callable[[Clock], AbstractAsyncContextManager[tuple[Any, Any]]]:
-        """Opens the left and the right end."""
+        """Open the left and the right end."""
 
     @property
     def virtual(self) -> bool:
-        """Whether the wire works in virtual time; else the tests take real time."""
+        """Whether the transport works in virtual time; otherwise the tests run in real time."""
 
     def unpack(self, data: Any) -> bytes:
-        """The bytes of what arrived on a stream."""
+        """Return the bytes that arrived on a stream."""
 
 
 @dataclass(frozen=True)
 class StreamCase:
-    """One kind of reliable, ordered wire. The checks speak of bytes; a case says how its wire carries them."""
+    """Reliable, ordered transport under test. The checks use bytes; the case defines how the transport carries them."""
 
     name: str
     open: Callable[[Clock], AbstractAsyncContextManager[Ends]]
     frames: bool = False
     """Whether it carries CAN frames."""
     peer_end: type[TransportError] | None = TransportEnded
-    """Error with which the left end ends when the right one closes; None where a wire does not tell."""
+    """Error with which the left end ends when the right one closes; None if the transport does not report it."""
     peer_end_right: type[TransportError] | None = TransportEnded
     volume: int = 100_000
-    """Bytes for the big transfer; less than a queue where the peer of a slow line can send without limit."""
+    """Size of the large transfer, bytes; less than a queue if the peer of a slow line can send without limit."""
     virtual: bool = False
 
     def pack(self, data: bytes) -> Any:
-        """Bytes as the wire takes them."""
+        """Convert bytes to what the transport sends."""
         if not self.frames:
             return data
         return [CanFrame(0x100, data[k : k + 8]) for k in range(0, len(data), 8)]
 
     def unpack(self, data: Any) -> bytes:
-        """The bytes of what arrived."""
+        """Return the bytes that arrived."""
         return b"".join(frame.data for frame in data) if self.frames else data
 
 
 @dataclass(frozen=True)
 class DatagramCase:
-    """One kind of unreliable wire for datagrams. A faulty one loses less than half of them."""
+    """Unreliable datagram transport under test. A faulty one loses less than half of the datagrams."""
 
     name: str
     open: Callable[[Clock], AbstractAsyncContextManager[tuple[DatagramWire, DatagramWire]]]
     cut: Callable[[Any], None] | None = None
-    """Breaks the left end; it may become known when the other side speaks next. None: cannot be done in a test."""
+    """Breaks the left end, which may become known when the other side sends next. None: not possible in a test."""
     peer_end: type[TransportError] | None = None
-    """Error with which an end ends when the other one closes; None where a wire does not tell."""
+    """Error with which an end ends when the other one closes; None if the transport does not report it."""
     virtual: bool = False
 
     def unpack(self, data: Any) -> bytes:
-        """Nothing: datagrams are not joined."""
+        """Return nothing: datagrams are not joined."""
         return b""
 
 
 class Ear:
-    """Listens to one end, and checks what holds for every arrival."""
+    """Listener at one end, which checks every arrival."""
 
     def __init__(self, case: Case, transport: Any) -> None:
         self._case = case
         self._news = asyncio.Event()
         self._thread = threading.get_ident()
         self.data = b""
-        """Everything that arrived on a stream, joined."""
+        """All data that arrived on a stream, joined."""
         self.batches: list[Any] = []
-        """Arrivals, as they were delivered."""
+        """Arrivals as delivered."""
         self.ends: list[TransportError] = []
         transport.start(self._on_data, self._on_end)
 
     @property
     def datagrams(self) -> list[bytes]:
-        """Datagrams in the order of their arrival."""
+        """Datagrams in order of arrival."""
         return [datagram for batch in self.batches for datagram in batch]
 
     def _on_data(self, data: Any) -> None:
@@ -106,7 +106,7 @@ class Ear:
         self._news.set()
 
     async def until(self, holds: Callable[[], bool], limit: float = 30.0) -> None:
-        """Wait until it holds, for `limit` s at most."""
+        """Wait until the condition holds, at most `limit` s."""
         async with asyncio.timeout(limit):
             while not holds():
                 self._news.clear()
@@ -114,7 +114,7 @@ class Ear:
 
 
 def run_check(case: Case, check: Callable[[Any, Any, Any], Awaitable[None]]) -> None:
-    """Open the ends, check, close; in virtual time where the wire can. What a callback raised is raised here."""
+    """Open the ends, check, close; in virtual time if supported. Errors of callbacks are raised here."""
     raised: list[dict[str, Any]] = []
 
     async def main() -> None:

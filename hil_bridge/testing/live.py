@@ -1,4 +1,4 @@
-"""The harmless part of the suites on a real device, or on one that another process emulates: nothing is ordered."""
+"""Harmless part of the suites for a real device, or one emulated by another process: nothing is ordered."""
 
 import asyncio
 import itertools
@@ -19,17 +19,17 @@ from protocol.geometry import angle_between
 from protocol.wrench import AXES, WrenchFrame
 
 WATCHED_S = 2.0
-"""Chosen: for so long reports and frames are read."""
+"""Chosen: duration of reading reports and frames."""
 PATIENCE_S = 30.0
-"""Chosen: longest wait for the first one."""
+"""Chosen: timeout for the first one."""
 STANDING_M = 1e-3
-"""Chosen: a robot that reports a smaller way has stood."""
+"""Chosen: reported motion below which a robot is stationary."""
 RATE_PART = 0.2
-"""Chosen: part by which the rate may differ from the one that the device tells."""
+"""Chosen: relative tolerance of the rate that the device reports."""
 
 
 def _wire(kind: DeviceKind, urls: Sequence[str]) -> str:
-    """The wire's URL of the one that is meant for this kind. Skips the test where there is none."""
+    """Return the link URL for this kind. Skips the test if there is none."""
     for url in urls:
         if url.startswith(f"{kind.name}+"):
             return url.removeprefix(f"{kind.name}+")
@@ -37,7 +37,7 @@ def _wire(kind: DeviceKind, urls: Sequence[str]) -> str:
 
 
 def check_live_robot(case: RobotCase, urls: Sequence[str]) -> None:
-    """Reports come at the robot's pace, are numbers, rise in number, and tell that it stands."""
+    """Check that reports arrive at the robot's rate, are finite and numbered, and show a stationary robot."""
     url = _wire(case.kind, urls)
 
     async def main() -> None:
@@ -66,14 +66,14 @@ def check_live_robot(case: RobotCase, urls: Sequence[str]) -> None:
             raise Finding(f"the robot was ordered nothing and moved {moved * 1e3:.1f} mm")
         cycle = link.facts.cycle_s
         if cycle:
-            told = (last.received_at - first.received_at) / (last.sequence - first.sequence)
-            _check_rate("the robot's packets", told, cycle)
+            period = (last.received_at - first.received_at) / (last.sequence - first.sequence)
+            _check_rate("the robot's packets", period, cycle)
 
     run_real(main)
 
 
 def check_live_sensor(case: SensorCase, urls: Sequence[str]) -> None:
-    """Frames come at the rate that the sensor tells, are numbers, and are about 0 after a zero."""
+    """Check that frames arrive at the reported rate, are finite, and are about 0 after a zero."""
     url = _wire(case.kind, urls)
 
     async def main() -> None:
@@ -90,7 +90,7 @@ def check_live_sensor(case: SensorCase, urls: Sequence[str]) -> None:
             frames.clear()
             await asyncio.sleep(WATCHED_S)
             sensor.check()
-            seen = list(frames)
+            received = list(frames)
             async with asyncio.timeout(PATIENCE_S):
                 await sensor.tare()
             frames.clear()
@@ -99,12 +99,12 @@ def check_live_sensor(case: SensorCase, urls: Sequence[str]) -> None:
         finally:
             await sensor.aclose()
             clock.close()
-        if len(seen) < 2 or not zeroed:
-            raise Finding(f"{len(seen)} frames came within {WATCHED_S:g} s, {len(zeroed)} after the zero")
-        if any(b.sequence <= a.sequence for a, b in itertools.pairwise(seen)):
+        if len(received) < 2 or not zeroed:
+            raise Finding(f"{len(received)} frames came within {WATCHED_S:g} s, {len(zeroed)} after the zero")
+        if any(b.sequence <= a.sequence for a, b in itertools.pairwise(received)):
             raise Finding("the number of a frame does not rise")
         if facts.period is not None:
-            _check_rate("frames", (seen[-1].at - seen[0].at) / (len(seen) - 1), facts.period)
+            _check_rate("frames", (received[-1].at - received[0].at) / (len(received) - 1), facts.period)
         mean = [
             math.fsum(frame.values[k] for frame in zeroed) / len(zeroed) * facts.scales[k] for k in range(6)
         ]
@@ -116,6 +116,8 @@ def check_live_sensor(case: SensorCase, urls: Sequence[str]) -> None:
     run_real(main)
 
 
-def _check_rate(what: str, told: float, expected: float) -> None:
-    if abs(told - expected) > RATE_PART * expected:
-        raise Finding(f"{what} come every {told * 1e3:.2f} ms, the client tells {expected * 1e3:.2f} ms")
+def _check_rate(what: str, period: float, expected: float) -> None:
+    if abs(period - expected) > RATE_PART * expected:
+        raise Finding(
+            f"{what} arrive every {period * 1e3:.2f} ms, but the client reports {expected * 1e3:.2f} ms"
+        )

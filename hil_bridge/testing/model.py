@@ -1,4 +1,4 @@
-"""The base of the models against which sequences of acts are tried: a loop in virtual time of its own."""
+"""Base of the stateful models that check sequences of actions, with their own virtual-time loop."""
 
 import asyncio
 from collections.abc import Awaitable
@@ -13,7 +13,7 @@ from hil_bridge.testing.naming import Finding
 
 
 class Model(RuleBasedStateMachine):
-    """A model with a device, its client and a loop."""
+    """Stateful model of a device and its client, with its own loop."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -23,18 +23,18 @@ class Model(RuleBasedStateMachine):
         self._stack = AsyncExitStack()
 
     def run(self, act: Awaitable[Any]) -> Any:
-        """The result of an act, in virtual time."""
+        """Run an action in virtual time and return its result."""
 
         async def main() -> Any:
             return await act
 
         result = self._runner.run(main())
         for context in self._unhandled:
-            raise Finding(f"a callback of the client has failed: {context.get('exception')!r}")
+            raise Finding(f"a callback of the client failed: {context.get('exception')!r}")
         return result
 
     def end(self, act: Awaitable[Any]) -> None:
-        """Do the last act, and close the loop."""
+        """Run the last action, and close the loop."""
 
         async def main() -> None:
             await act
@@ -46,7 +46,7 @@ class Model(RuleBasedStateMachine):
 
 
 def try_sequences(model: type[Model], case: object, examples: int, steps: int) -> None:
-    """Try so many sequences of at most so many steps. The one that fails is told, as short as it can be made."""
+    """Try `examples` sequences of at most `steps` steps. A failing one is reported in its shortest form."""
     machine = type(model.__name__, (model,), {"case": case})
     run_state_machine_as_test(
         machine,

@@ -1,7 +1,7 @@
-"""The plug-in of pytest: fixtures for tests of a user's own, `--hil-live`, and a summary of what the suites ran.
+"""pytest plug-in: fixtures for user tests, `--hil-live`, and a summary of the suites that ran.
 
-pytest loads it at each start where hil-bridge is installed. So it imports nothing of hil-bridge before a fixture is
-used, and does nothing for tests that are not those of a suite.
+pytest loads it at every start if hil-bridge is installed. It therefore imports nothing of hil-bridge before a fixture
+is used, and does nothing for tests outside the suites.
 """
 
 import re
@@ -13,26 +13,26 @@ from typing import Any, NamedTuple
 import pytest
 
 SUITE_VERSION = "1"
-"""Version of the suites; `hil_suite = "1"` in pytest's settings pins it. The next number comes with a test, or a limit,
-that an implementation may fail that has passed before. New words of a message keep the number.
+"""Version of the suites; `hil_suite = "1"` in pytest's settings pins it. It increases with a test or a limit that an
+implementation may fail that passed before. Changed messages do not increase it.
 """
 
 _PROPERTY = "hil_suite"
-"""Property of a test's report: the suite and its version. JUnit files have it too."""
+"""Property of a test's report, also in JUnit files: the suite and its version."""
 REQUIREMENT, RECORDING = "hil_requirement", "hil_recording"
-"""Mark of a test, and property of its report: a requirement that it shows. Property: where a run of it was saved."""
+"""Mark of a test and property of its report for a requirement that it verifies; property for a saved run of it."""
 _MISSING = object()
-"""Given to a test whose fixture is missing."""
+"""Value of a missing fixture."""
 
 
 class Suite(NamedTuple):
-    """One suite, as people read of it."""
+    """Description of a suite."""
 
     title: str
     needs: str
-    """Name of the fixture that its tests need."""
+    """Name of the fixture that its tests require."""
     example: tuple[str, str, str]
-    """Three lines with which a test module gives it."""
+    """Three lines of code that define the fixture."""
 
 
 def _example(name: str, given: str) -> tuple[str, str, str]:
@@ -53,7 +53,7 @@ SUITES = {
         ("datagrams", "transport of datagrams", "datagram_case", 'DatagramCase("mine", open_two_ends)'),
     )
 }
-"""The suites, by module."""
+"""Suites by module."""
 
 
 def _suite_of(function: Any) -> Suite | None:
@@ -70,27 +70,27 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="append",
         default=[],
         metavar="URL",
-        help="a real robot or sensor, KIND+WIRE, for the harmless part of its client's suite: reports and frames are "
-        "read, a sensor is zeroed, nothing moves; may be given again",
+        help="real robot or sensor, KIND+WIRE, for the harmless part of its client's suite: reports and frames are "
+        "read, a sensor is zeroed, nothing moves; repeatable",
     )
     group.addoption(
         "--hil-recordings",
         metavar="DIR",
-        help="save the runs of hil_simulate there, also those of tests that pass",
+        help="folder for the runs of hil_simulate, including those of tests that pass",
     )
     parser.addini(
-        "hil_suite", "version of the suites of hil_bridge.testing that this project was tested by", default=""
+        "hil_suite", "version of the hil_bridge.testing suites with which this project was tested", default=""
     )
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
-        "markers", f"{REQUIREMENT}(*names): requirements that the test shows, such as 'R-12'"
+        "markers", f"{REQUIREMENT}(*names): requirements that the test verifies, such as 'R-12'"
     )
-    wanted = config.getini("hil_suite")
-    if wanted and wanted != SUITE_VERSION:
+    pinned = config.getini("hil_suite")
+    if pinned and pinned != SUITE_VERSION:
         raise pytest.UsageError(
-            f"hil_suite is {wanted}, and the installed hil-bridge has version {SUITE_VERSION} of its suites: install "
+            f"hil_suite is {pinned}, and the installed hil-bridge has version {SUITE_VERSION} of its suites: install "
             "the release that has yours, or set hil_suite again once the tests pass"
         )
 
@@ -107,7 +107,7 @@ def pytest_itemcollected(item: pytest.Item) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Give a test whose fixture is missing something, so that it is run and fails."""
+    """Parametrise a test without its fixture, so that it runs and fails with an explanation."""
     suite = _suite_of(metafunc.function)
     if not suite or suite.needs not in metafunc.fixturenames:
         return
@@ -122,13 +122,13 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> None:
     if suite and pyfuncitem.funcargs.get(suite.needs) is _MISSING:
         lines = "\n".join(f"    {line}" for line in suite.example)
         pytest.fail(
-            f"the suite for a {suite.title} needs the fixture {suite.needs!r}; give it in {pyfuncitem.path}:\n{lines}",
+            f"the suite for a {suite.title} needs fixture {suite.needs!r}; define it in {pyfuncitem.path}:\n{lines}",
             pytrace=False,
         )
 
 
-def _told_suite(report: Any) -> str:
-    """The suite of a report, or an empty text. Tests of other people have properties of any shape."""
+def _suite_in(report: Any) -> str:
+    """Return the suite of a report, or an empty text. Other tests may have properties of any shape."""
     for pair in getattr(report, "user_properties", ()):
         if len(pair) == 2 and pair[0] == _PROPERTY:
             return str(pair[1])
@@ -136,19 +136,19 @@ def _told_suite(report: Any) -> str:
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """One line for each suite, and one for each reason for which something was not run."""
+    """Print one line for each suite, and one for each reason of skipped tests."""
     ran: dict[str, Counter[str]] = {}
     skipped: dict[str, Counter[str]] = {}
     for outcome in ("passed", "failed", "error", "skipped", "xfailed", "xpassed"):
         for report in terminalreporter.stats.get(outcome, ()):
-            suite = _told_suite(report)
+            suite = _suite_in(report)
             if not suite:
                 continue
             reasons = skipped.setdefault(suite, Counter())
             outcomes = ran.setdefault(suite, Counter())
             if outcome == "skipped":
-                told = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
-                reasons[told.removeprefix("Skipped: ")] += 1
+                reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+                reasons[reason.removeprefix("Skipped: ")] += 1
             else:
                 outcomes[outcome] += 1
     if not ran:
@@ -163,13 +163,13 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
             terminalreporter.write_line(f"  {count} skipped: {reason}")
 
 
-# --- fixtures for tests of a user's own
+# --- fixtures for user tests
 
 _RUNS: pytest.StashKey[list[Any]] = pytest.StashKey()
 
 
-def _saved(result: Any, path: Path) -> str:
-    """The reason for which a run could not be saved there, which ends no tests; empty where it was."""
+def _save(result: Any, path: Path) -> str:
+    """Save a run; return the reason if that fails, which does not fail the test, else an empty text."""
     from hil_bridge.errors import BridgeError
 
     try:
@@ -181,7 +181,7 @@ def _saved(result: Any, path: Path) -> str:
 
 
 def _place(item: pytest.Item, number: int) -> tuple[Path, bool]:
-    """A place for a run of a test, and whether the user has named the folder."""
+    """Return a path for a run of a test, and whether the user chose the folder."""
     if folder := item.config.getoption("--hil-recordings"):
         name = re.sub(r"[^\w.-]+", "-", item.nodeid.replace("::", "."))
         return Path(folder) / f"{name}-{number}.mcap", True
@@ -194,11 +194,11 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
     if report.when == "call" and (runs := item.stash.get(_RUNS, [])):
         lines = []
         for number, result in enumerate(runs):
-            item.user_properties += told_run(number, result)
+            item.user_properties += run_properties(number, result)
             path, named = _place(item, number)
             if not (report.failed or named):
                 continue
-            trouble = _saved(result, path)
+            trouble = _save(result, path)
             if not trouble:
                 item.user_properties.append((RECORDING, str(path)))
             why = f": {result.text}" if result.text else ""
@@ -211,16 +211,16 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
     return report
 
 
-def told_run(number: int, result: Any) -> list[tuple[str, str]]:
-    """Properties of a run for a test's report: its end, each fault, each step of a program with its verdict."""
+def run_properties(number: int, result: Any) -> list[tuple[str, str]]:
+    """Return the properties of a run for a test's report: its end, each fault, each program step with its verdict."""
     from hil_bridge.errors.event_kinds import EventKind
 
     name = f"hil_run.{number}"
-    told = [(f"{name}.outcome", str(result.outcome)), (f"{name}.left", result.left)]
+    properties = [(f"{name}.outcome", str(result.outcome)), (f"{name}.left", result.left)]
     if result.text:
-        told.append((f"{name}.cause", result.text))
-    told += [(f"{name}.fault", event.text) for event in result.events if event.kind == EventKind.FAULT]
-    return told + [
+        properties.append((f"{name}.cause", result.text))
+    properties += [(f"{name}.fault", event.text) for event in result.events if event.kind == EventKind.FAULT]
+    return properties + [
         (f"{name}.step.{step.step}", f"{step.label}: {'passed' if step.passed else f'failed: {step.text}'}")
         for step in result.steps
     ]
@@ -228,8 +228,8 @@ def told_run(number: int, result: Any) -> list[tuple[str, str]]:
 
 @pytest.fixture
 def hil_simulate(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., Any]:
-    """`hil_bridge.simulate`; the test's report says how each run ended, and where it was saved: `--hil-recordings`
-    names a folder for all runs, without it those of a test that fails are kept.
+    """Return `hil_bridge.simulate`. The test's report contains how each run ended, and where it was saved:
+    `--hil-recordings` names a folder for all runs; without it only runs of failed tests are kept.
     """
     import hil_bridge
 
@@ -245,7 +245,7 @@ def hil_simulate(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[...
 
 @pytest.fixture
 def hil_cell() -> Callable[..., Any]:
-    """Runs `async def script(cell)` with the devices of a configuration in virtual time, and gives its result."""
+    """Return a function that runs `async def script(cell)` with the devices of a configuration in virtual time."""
     import hil_bridge
 
     def run(script: Callable[[Any], Any], config: Any = None) -> Any:
@@ -260,19 +260,19 @@ def hil_cell() -> Callable[..., Any]:
 
 @pytest.fixture
 def hil_live(request: pytest.FixtureRequest) -> list[str]:
-    """URLs given by `--hil-live`."""
+    """Return the URLs of `--hil-live`."""
     urls: list[str] = request.config.getoption("--hil-live")
     return urls
 
 
 @pytest.fixture
 def hil_conform(request: pytest.FixtureRequest) -> Callable[..., Any]:
-    """Puts a client through one scenario of `hil-bridge conform`, as the test that asks for it.
+    """Return a function that runs one scenario of `hil-bridge conform` in the test.
 
     `hil_conform(kind, command, scenario="nominal", config=None, **rules)` starts `command`, words with placeholders,
     in real time; `config` is a file or settings by dotted key. The verdict fails or skips the test. The evidence
-    becomes properties of the test, and the client's output a section of its report: JUnit files have both. Gives what
-    was played.
+    becomes properties of the test, and the client's output a section of its report; JUnit files contain both. Returns
+    the result of the scenario.
     """
 
     def judge(
@@ -283,18 +283,18 @@ def hil_conform(request: pytest.FixtureRequest) -> Callable[..., Any]:
         from hil_bridge.lab.conform.reports import evidence
 
         try:
-            played = play_once((kind, scenario), command, config, rules)
-        except BridgeError as error:  # a wrong name, or a client that does not start: its line says all
+            result = play_once((kind, scenario), command, config, rules)
+        except BridgeError as error:  # a wrong name, or a client that does not start
             pytest.fail(f"{scenario}: {error}", pytrace=False)
-        outcome, reason = played.verdict.outcome, played.verdict.reason
-        properties = {"outcome": str(outcome), "reason": reason, **evidence(played)}
+        outcome, reason = result.verdict.outcome, result.verdict.reason
+        properties = {"outcome": str(outcome), "reason": reason, **evidence(result)}
         request.node.user_properties += [(f"{scenario}.{key}", value) for key, value in properties.items()]
-        if played.output:
-            request.node.add_report_section("call", f"the client in {scenario}", played.output)
+        if result.output:
+            request.node.add_report_section("call", f"the client in {scenario}", result.output)
         if outcome == "failed":
             pytest.fail(f"{scenario}: {reason}", pytrace=False)
         if outcome == "skipped":
             pytest.skip(f"{scenario}: {reason}")
-        return played
+        return result
 
     return judge

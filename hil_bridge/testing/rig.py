@@ -1,4 +1,4 @@
-"""The parts that the rigs of emulated robots and sensors share: wires with hands on them, patience, time and faults."""
+"""Common parts of the rigs of emulated robots and sensors: tampered transports, timeouts, time and faults."""
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping, Sequence
@@ -12,8 +12,8 @@ from hil_bridge.clock import Clock
 from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import BridgeError
 from hil_bridge.testing.cancelling import MOST, cancelled_at
-from hil_bridge.testing.meddling import Meddled, flipped, garbage, lengthened, shortened
 from hil_bridge.testing.naming import Finding
+from hil_bridge.testing.tampering import TamperedTransport, flipped, garbage, lengthened, shortened
 from hil_bridge.transports import Transport
 
 DAMAGES: Mapping[str, Callable[[Any, int], Sequence[Any]]] = {
@@ -22,39 +22,39 @@ DAMAGES: Mapping[str, Callable[[Any, int], Sequence[Any]]] = {
     "lengthened": lambda data, count: (lengthened(data),),
     "garbage": lambda data, count: (garbage(data), data),
 }
-"""Damages of what a client sends, by name; each is told the number of the piece."""
+"""Kinds of damage to data of a client by name; each receives the data and its number."""
 
 
 class Rig:
-    """An emulated device and the wires of its clients."""
+    """Emulated device and the transports of its clients."""
 
     patience_s: float
-    """Chosen: longer than any client may wait for the device."""
+    """Chosen: timeout, longer than any client may wait for the device."""
 
     def __init__(self, clock: Clock, faults: Mapping[str, Mapping[str, Fault]]) -> None:
         self.clock = clock
         self.ledger = Ledger(faults)
-        self.wires: list[Meddled] = []
-        """Wires of the clients, in the order in which they were opened."""
+        self.wires: list[TamperedTransport] = []
+        """Transports of the clients, in the order in which they were opened."""
 
     def wrap(self, device: str, wire: Transport[Any]) -> Transport[Any]:
-        """Put a hand on a wire that a client opens."""
-        meddled = Meddled(wire)
+        """Wrap a transport that a client opens."""
+        meddled = TamperedTransport(wire)
         self.wires.append(meddled)
         return meddled
 
     async def within(self, answer: Awaitable[Any], name: str) -> Any:
-        """The answer, which must come, or fail, some time."""
+        """Return the answer, which must arrive or fail within the timeout."""
         try:
             async with asyncio.timeout(self.patience_s):
                 return await answer
         except TimeoutError:
             raise Finding(
-                f"`{name}` waits for ever: no answer and no error within {self.patience_s:g} s"
+                f"`{name}` waits forever: no answer and no error within {self.patience_s:g} s"
             ) from None
 
     async def wait(self, seconds: float) -> None:
-        """Let time pass; faults end at their times."""
+        """Let time pass, and end faults when they are due."""
         ends = self.clock.now() + seconds
         while (due := self.ledger.next_deadline()) is not None and due < ends:
             await self.clock.sleep_until(due)
@@ -64,7 +64,7 @@ class Rig:
     # --- faults
 
     def inject(self, target: str, fault: str) -> bool:
-        """Let a fault happen, with its defaults; False for one that this device cannot have now."""
+        """Inject a fault with its defaults; return False if the device does not support it now."""
         found = self.ledger.table[target][fault]
         # One of them must not be 0.
         amounts: dict[str, object] = {
@@ -77,11 +77,11 @@ class Rig:
         return True
 
     def mend(self) -> None:
-        """End the faults that last."""
+        """End lasting faults."""
         self.ledger.mend(self.clock.now())
 
     async def begin_each(self, handlers: Mapping[str, Mapping[str, Any]], word: str) -> None:
-        """Let each fault of the table begin, for a moment. `word` is that for the device."""
+        """Inject each fault of the table for a moment. `word` names the device."""
         told = {(on, name) for on, table in self.ledger.table.items() for name in table}
         handled = {(on, name) for on, table in handlers.items() for name in table}
         if extra := handled - told:
@@ -100,7 +100,7 @@ class Rig:
     # --- hostile or cancelled clients
 
     def damage_sent(self, damage: str, first: int, every: int) -> None:
-        """The first piece of this number that the clients send, and each so-manieth after it, arrives damaged."""
+        """Damage a piece of data from the clients with this number, and periodically after it."""
         alter, count = DAMAGES[damage], 0
 
         def meddle(data: Any) -> Sequence[Any]:
@@ -116,7 +116,7 @@ class Rig:
         session: Callable[[], Coroutine[Any, Any, None]],
         check: Callable[[int, str], Awaitable[None]] | None = None,
     ) -> None:
-        """Cancel a session where it waits for the first time, the second time, and so on to its end. Then its wires are
+        """Cancel a session at its first await, its second, and so on to its end. Then its transports are
         closed and no task is left. `check` is called with the number of the await, and with words for it.
         """
         before = asyncio.all_tasks()
@@ -137,7 +137,7 @@ class Rig:
 
 @asynccontextmanager
 async def serving_in_memory(clock: Clock) -> AsyncIterator[Serving]:
-    """The server of an emulated device. Raises the error that its code raised meanwhile, but for errors of wires."""
+    """Serve an emulated device. Raises errors of its code, but not those of transports."""
     failed: list[BaseException] = []
     async with AsyncExitStack() as stack:
         yield Serving(clock, stack, failed.append, lambda text: None)
@@ -146,7 +146,7 @@ async def serving_in_memory(clock: Clock) -> AsyncIterator[Serving]:
 
 
 def try_each_fault(kind: Any, phase: str, attempt: Callable[[str, str], None]) -> None:
-    """Try each fault of a kind's emulator; the one that fails is named."""
+    """Try each fault of a kind's emulator, and name a failing one."""
     faults = [(on, name) for on, table in kind.emulation.faults.items() for name in table]
     if not faults:
         pytest.skip(f"the emulator of {kind.name} has no faults")

@@ -23,11 +23,11 @@ import pytest
 from hil_bridge.errors import BridgeError
 from hil_bridge.testing.cases import RobotCase, declared
 from hil_bridge.testing.live import check_live_robot
-from hil_bridge.testing.meddling import flipped, garbage, lengthened, shortened
 from hil_bridge.testing.naming import Finding
 from hil_bridge.testing.rig import try_each_fault
 from hil_bridge.testing.robot_model import check_any_order
 from hil_bridge.testing.robot_rig import LIMITS, SPEED_M_S, RobotRig, run_robot
+from hil_bridge.testing.tampering import flipped, garbage, lengthened, shortened
 from protocol.endpoint import ProtocolError
 from protocol.geometry import Pose
 from protocol.robot import RobotReport

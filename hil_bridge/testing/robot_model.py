@@ -1,4 +1,4 @@
-"""A model of a robot, and any sequence of orders against it: the client must tell the same."""
+"""Stateful model of a robot: after any sequence of orders, the client must report the same state."""
 
 from collections.abc import Awaitable, Callable
 from contextlib import AsyncExitStack, suppress
@@ -16,9 +16,9 @@ from hil_bridge.testing.naming import Finding
 from hil_bridge.testing.robot_rig import LIMITS, SPEED_M_S, RobotRig, robot_rig
 
 EXAMPLES = 4
-"""Chosen: sequences that are tried; the same in each run."""
+"""Chosen: number of sequences tried, the same ones in each run."""
 STEPS = 10
-"""Chosen: most orders of one."""
+"""Chosen: most orders of a sequence."""
 _BOX_MM = 15
 _offsets = st.tuples(*[st.integers(-_BOX_MM, _BOX_MM)] * 3)
 
@@ -33,7 +33,7 @@ class RobotModel(Model):
         self._moving = AsyncExitStack()
         self.motion: Motion | None = None
         self.ended = False
-        """The movement has been halted or abandoned."""
+        """Whether the motion was halted or abandoned."""
         self.stopped = self.troubled = False
         """A stop holds; there was one, or the wire was cut, in this session."""
         self.low: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -51,7 +51,7 @@ class RobotModel(Model):
         self.troubled = False
 
     async def _tried(self, name: str, act: Callable[[], Awaitable[Any]], expected: bool) -> Any:
-        """The result of an act. A BridgeError is expected where something is wrong, and only there."""
+        """Return the result of an action. A BridgeError is expected if and only if something is wrong."""
         try:
             return await self.rig.within(act(), name)
         except BridgeError as error:
@@ -139,7 +139,7 @@ class RobotModel(Model):
 
     @rule()
     def cut(self) -> None:
-        """The cable is pulled for a while; then the session restarts, as a run has to."""
+        """Disconnect the cable for a while, then restart the session, as a run must."""
         for wire in self.rig.wires:
             wire.cut = True
         self.troubled = True
@@ -169,7 +169,7 @@ class RobotModel(Model):
     # --- what must hold
 
     def _check(self) -> None:
-        """The report tells the truth, and the tool is where orders have sent it."""
+        """Check that the report is true, and the tool is where orders sent it."""
         report = self.run(self._tried("report", self.link.report, self.stopped))
         if report is not None:
             self.rig.check_report(report, SPEED_M_S)
@@ -197,5 +197,5 @@ class RobotModel(Model):
 
 
 def check_any_order(case: RobotCase) -> None:
-    """Try sequences of orders. The one that fails is told, as short as it can be made."""
+    """Try sequences of orders. A failing one is reported in its shortest form."""
     try_sequences(RobotModel, case, EXAMPLES, STEPS)

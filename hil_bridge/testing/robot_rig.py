@@ -1,4 +1,4 @@
-"""An emulated robot behind its wire in virtual time, with its client, its truth, and hands on both."""
+"""Rig of an emulated robot in virtual time: its client, its true pose, and tampered transports."""
 
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -19,17 +19,17 @@ from protocol.geometry import Pose, normalise, product
 from protocol.robot import RobotReport
 
 SPEED_M_S = 0.05
-"""Chosen: of all orders of the suites."""
+"""Chosen: limits of all orders of the suites."""
 PATIENCE_S = 30.0
-"""Chosen: longer than any client may wait for its robot."""
+"""Chosen: timeout, longer than any client may wait for its robot."""
 STILL_M = 0.2e-3
-"""Chosen: a robot that moves less has stood."""
+"""Chosen: motion below which a robot is stationary."""
 CHECKED_S = 0.3
-"""Chosen: for so long it is watched whether a robot stands."""
+"""Chosen: observation time of a standstill."""
 
 
 class RobotRig(Rig):
-    """One emulated robot. Its client is made by `connect`, as often as wanted."""
+    """Rig of an emulated robot. `connect` creates any number of clients."""
 
     patience_s = PATIENCE_S
 
@@ -41,17 +41,17 @@ class RobotRig(Rig):
         for target, handlers in robot.handlers.items():
             self.ledger.attach(target, handlers)
         self.over = False
-        """The check has ended."""
+        """End the check."""
 
     async def connect(self) -> RobotLink:
-        """A client for the robot, not started yet."""
+        """Return a client for the robot, not started yet."""
         wiring = Wiring("robot", self.clock, NullLog(), self.wrap)
         link: RobotLink = await self.case.kind.connect(self._url, self.case.given, wiring)
         return link
 
     @asynccontextmanager
     async def started(self) -> AsyncIterator[RobotLink]:
-        """A client that is ready, closed when the context is left."""
+        """Provide a client that is ready, and close it."""
         link = await self.connect()
         try:
             link.start()
@@ -67,7 +67,7 @@ class RobotRig(Rig):
         words: str,
         errors: type[Exception] | tuple[type[Exception], ...] = BridgeError,
     ) -> None:
-        """Fail with these words unless the answer is an error."""
+        """Fail with this text unless the answer is an error."""
         try:
             await self.within(answer, name)
         except errors:
@@ -77,14 +77,14 @@ class RobotRig(Rig):
     # --- truth
 
     def true_pose(self, at: float | None = None) -> Pose:
-        """Where the tool is, or was."""
+        """Return the true pose of the tool, now or at a time."""
         times = np.array([self.clock.now() if at is None else at])
         x, y, z = self.robot.path.trajectory(times)[0][0].tolist()
         ((_, quaternion),) = self.robot.path.orientations(times)
         return Pose((x, y, z), quaternion)
 
     async def check_stands(self, words: str) -> None:
-        """Fail, with these words, where the robot moves."""
+        """Fail with this text if the robot moves."""
         before = self.true_pose().position
         await self.wait(CHECKED_S)
         moved = math.dist(before, self.true_pose().position)
@@ -92,7 +92,7 @@ class RobotRig(Rig):
             raise Finding(f"{words}: the robot moved {moved * 1e3:.1f} mm within {CHECKED_S:g} s")
 
     def check_report(self, report: RobotReport, speed: float = 0.0) -> None:
-        """Fail, with the mistake's name, where a report differs from the truth of its moment."""
+        """Fail, naming the mistake, if a report differs from the true pose at its time."""
         case, true = self.case, self.true_pose(min(report.pose_at, self.clock.now()))
         allowed = case.tolerance_m + speed * case.lag_s
         if words := position_mistake(report.pose.position, true.position, allowed):
@@ -104,7 +104,7 @@ class RobotRig(Rig):
     def place(
         self, dx_mm: float, dy_mm: float, dz_mm: float, turn: tuple[float, float, float] = (0.0,) * 3
     ) -> Pose:
-        """A pose around the start: so many mm off, and turned by so many degrees about base x, y, z."""
+        """Return a pose near the start, offset by mm and rotated by degrees about base x, y, z."""
         x, y, z = self.case.start.position
         quaternion = normalise(self.case.start.quaternion)
         for axis, degrees in enumerate(turn if self.case.turns else ()):
@@ -120,7 +120,7 @@ LIMITS = MotionLimits(SPEED_M_S)
 
 @asynccontextmanager
 async def robot_rig(case: RobotCase, clock: Clock) -> AsyncIterator[RobotRig]:
-    """The emulated robot of a case, listening in memory."""
+    """Serve the emulated robot of a case in memory."""
     given = case.given
     emulation = case.kind.emulation
     assert emulation is not None
@@ -133,7 +133,7 @@ async def robot_rig(case: RobotCase, clock: Clock) -> AsyncIterator[RobotRig]:
 
 
 def run_robot(case: RobotCase, check: Callable[[RobotRig], Awaitable[None]]) -> None:
-    """Run a check in virtual time; nothing may be left behind."""
+    """Run a check in virtual time, and fail if it leaves anything behind."""
 
     async def main() -> None:
         async with robot_rig(case, Clock.running()) as rig:

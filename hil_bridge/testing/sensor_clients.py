@@ -25,11 +25,11 @@ from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import BridgeError
 from hil_bridge.testing.cases import SensorCase, declared
 from hil_bridge.testing.live import check_live_sensor
-from hil_bridge.testing.meddling import flipped, garbage, lengthened, shortened
 from hil_bridge.testing.naming import Finding, wrench_mistake
 from hil_bridge.testing.rig import try_each_fault
 from hil_bridge.testing.sensor_model import check_any_push
 from hil_bridge.testing.sensor_rig import NOTHING, SensorRig, full_scales, run_sensor
+from hil_bridge.testing.tampering import flipped, garbage, lengthened, shortened
 from protocol.wrench import AXES, WrenchFrame
 
 __all__ = [

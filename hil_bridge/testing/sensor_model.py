@@ -1,4 +1,4 @@
-"""A model of a force sensor, and any sequence of pushes and zeros against it: the client must tell the same."""
+"""Stateful model of a force sensor: after any sequence of loads and zeros, the client must report the same wrench."""
 
 from hypothesis import strategies as st
 from hypothesis.stateful import rule
@@ -10,15 +10,15 @@ from hil_bridge.testing.naming import Finding, wrench_mistake
 from hil_bridge.testing.sensor_rig import NOTHING, SensorRig, full_scales, sensor_rig
 
 EXAMPLES = 3
-"""Chosen: sequences that are tried; the same in each run."""
+"""Chosen: number of sequences tried, the same ones in each run."""
 STEPS = 8
-"""Chosen: most steps of one."""
+"""Chosen: most steps of a sequence."""
 _shares = st.tuples(*[st.integers(-30, 30)] * 6)
-"""Percent of each axis' range."""
+"""Loads, percent of each axis' range."""
 
 
 class SensorModel(Model):
-    """The model: frames tell what is pushed now, less what was pushed when the zero was taken."""
+    """Model: frames report the present load minus the load at the time of the zero."""
 
     case: SensorCase
 
@@ -33,8 +33,8 @@ class SensorModel(Model):
         facts = self.sensor.facts
         self.full = full_scales(self.case, facts)
         self.allowed = [2.0 * self.case.noise * one for one in self.full]
-        told = await self.rig.settled(self.sensor)
-        self.zero = tuple(-one for one in told)
+        reported = await self.rig.settled(self.sensor)
+        self.zero = tuple(-one for one in reported)
 
     @rule(shares=_shares)
     def push(self, shares: tuple[int, ...]) -> None:
@@ -59,9 +59,9 @@ class SensorModel(Model):
         self._check()
 
     def _check(self) -> None:
-        told = self.run(self.rig.settled(self.sensor))
+        reported = self.run(self.rig.settled(self.sensor))
         expected = [a - b for a, b in zip(self.pushed, self.zero, strict=True)]
-        if words := wrench_mistake(told, expected, self.allowed):
+        if words := wrench_mistake(reported, expected, self.allowed):
             raise Finding(words)
 
     def teardown(self) -> None:
@@ -69,5 +69,5 @@ class SensorModel(Model):
 
 
 def check_any_push(case: SensorCase) -> None:
-    """Try sequences of pushes. The one that fails is told, as short as it can be made."""
+    """Try sequences of loads. A failing one is reported in its shortest form."""
     try_sequences(SensorModel, case, EXAMPLES, STEPS)

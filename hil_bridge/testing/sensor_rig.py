@@ -1,4 +1,4 @@
-"""An emulated force sensor behind its wire in virtual time, on which a suite pushes, with its client."""
+"""Rig of an emulated force sensor in virtual time: its load and its client."""
 
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
@@ -20,14 +20,14 @@ from protocol.geometry import Wrench
 from protocol.wrench import SensorFacts, WrenchFrame, wrench_of
 
 PATIENCE_S = 90.0
-"""Chosen: longer than any sensor takes to come up, or its client to give up."""
+"""Chosen: timeout, longer than any sensor takes to start, or its client to give up."""
 MEAN_OF = 20
-"""Chosen: frames of which the mean is compared."""
+"""Chosen: number of frames whose mean is compared."""
 NOTHING: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class SensorRig(Rig):
-    """One emulated sensor. Its client is made by `connect`, as often as wanted."""
+    """Rig of an emulated sensor. `connect` creates any number of clients."""
 
     patience_s = PATIENCE_S
 
@@ -39,7 +39,7 @@ class SensorRig(Rig):
         self._rows = np.array(self._wrenches)
         self.source = KnownWrench(self._felt)
         self.frames: list[WrenchFrame] = []
-        """Frames that the clients have told, oldest first."""
+        """Frames reported by the clients, oldest first."""
         self.sensor: Any = None
         self.url = ""
 
@@ -48,7 +48,7 @@ class SensorRig(Rig):
         return felt
 
     def push(self, wrench: Sequence[float]) -> None:
-        """From now on the sensor feels this wrench, N and N·m, in its own frame."""
+        """Apply a wrench to the sensor, N and N·m, in its own frame."""
         a, b, c, d, e, f = wrench
         now = self.clock.now()
         self._times.append(now)
@@ -57,7 +57,7 @@ class SensorRig(Rig):
         self.source.on_change(now)
 
     async def connect(self) -> ForceSensor:
-        """A client for the sensor as a run has it, not started yet."""
+        """Return a client for the sensor as used in a run, not started yet."""
         log = CallbackLog(frame=self.frames.append)
         wiring = Wiring("sensor", self.clock, log, self.wrap)
         wire, client = await self.case.kind.connect(self.url, self.case.given, wiring)
@@ -65,7 +65,7 @@ class SensorRig(Rig):
 
     @asynccontextmanager
     async def started(self) -> AsyncIterator[ForceSensor]:
-        """A client that is ready, closed when the context is left."""
+        """Provide a client that is ready, and close it."""
         sensor = await self.connect()
         try:
             sensor.start()
@@ -77,7 +77,7 @@ class SensorRig(Rig):
     # --- frames
 
     async def settled(self, sensor: ForceSensor) -> list[float]:
-        """The mean wrench of the newest frames, N and N·m, once they show what is felt now."""
+        """Return the mean wrench of the newest frames, N and N·m, once they have settled."""
         await self.wait(self.case.settle_s)
         period = sensor.facts.period or 0.02
         self.frames.clear()
@@ -94,13 +94,13 @@ class SensorRig(Rig):
 
 
 def full_scales(case: SensorCase, facts: SensorFacts) -> Wrench:
-    """The range of each axis, N and N·m, of the case, or the one that the device tells; else a usual one."""
+    """Return the range of each axis, N and N·m, from the case or the device; else a typical one."""
     return case.full or facts.full_scales or facts.range or (200.0, 200.0, 200.0, 20.0, 20.0, 20.0)
 
 
 @asynccontextmanager
 async def sensor_rig(case: SensorCase, clock: Clock) -> AsyncIterator[SensorRig]:
-    """The emulated sensor of a case, listening in memory."""
+    """Serve the emulated sensor of a case in memory."""
     given = case.given
     emulation = case.kind.emulation
     assert emulation is not None
@@ -115,7 +115,7 @@ async def sensor_rig(case: SensorCase, clock: Clock) -> AsyncIterator[SensorRig]
 
 
 def run_sensor(case: SensorCase, check: Callable[[SensorRig], Awaitable[None]]) -> None:
-    """Run a check in virtual time; nothing may be left behind."""
+    """Run a check in virtual time, and fail if it leaves anything behind."""
 
     async def main() -> None:
         async with sensor_rig(case, Clock.running()) as rig:

@@ -1,4 +1,4 @@
-"""Wires with faults, put between a wire and its client by a test: latency, losses, flipped bits, a cut cable."""
+"""Faulty transports between a transport and its client in a test: latency, losses, flipped bits, a cut cable."""
 
 import random
 from collections.abc import Callable, Sized
@@ -47,11 +47,11 @@ class Delayed(Around[Data]):
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """Probabilities for each byte, in both directions; 0 … 1."""
+    """Fault probabilities of each byte, in both directions, 0 to 1."""
 
     loss: float = 0.0
     corruption: float = 0.0
-    """One bit of the byte is turned over."""
+    """Probability of a flipped bit."""
     duplication: float = 0.0
 
 
@@ -65,14 +65,14 @@ class Faulty:
     def __init__(self, transport: Transport[bytes], faults: Faults, seed: int = 0) -> None:
         self._inner = transport
         self.faults = faults
-        """May be replaced while running; a loss of 1 is a wire on which all is silent."""
+        """Fault probabilities; may be replaced while running. A loss of 1 is a silent transport."""
         self._in = random.Random(f"{seed} in")
         self._out = random.Random(f"{seed} out")
         self._delivery: Delivery[bytes] = Delivery(transport.name, QUEUE_BYTES)
 
     @property
     def name(self) -> str:
-        """That of the wire."""
+        """Name of the wrapped transport."""
         return self._inner.name
 
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
@@ -85,7 +85,7 @@ class Faulty:
             self._inner.send(damaged)
 
     def cut(self) -> None:
-        """Cut the cable: this side ends with TransportBroken, the other side hears nothing more."""
+        """Cut the cable: this side ends with TransportBroken, the other side receives nothing more."""
         self._delivery.end(TransportBroken(f"{self.name}: the cable was cut"))
 
     async def aclose(self) -> None:

@@ -12,7 +12,7 @@ from hil_bridge.lab.fidelity.tables import Table
 from hil_bridge.lab.identification.blocks import blocks_of, jackknife, mean_of
 from hil_bridge.lab.identification.line import line_values
 from hil_bridge.lab.identification.motion import motion_values
-from hil_bridge.lab.identification.seen import DOWN, Seen, Stream, see_table
+from hil_bridge.lab.identification.observations import DOWN, Observations, Stream, observe_table
 from hil_bridge.lab.identification.stream import stream_values
 from hil_bridge.lab.identification.surface import surface_values
 from hil_bridge.lab.identification.values import Value, Why
@@ -53,10 +53,10 @@ def test_blocks_have_equal_weights() -> None:
     assert [weights[numbers == number].sum() for number in (0, 1)] == [12.0, 12.0]
 
 
-def stream_of(wrench: Floats, step: float) -> Seen:
+def stream_of(wrench: Floats, step: float) -> Observations:
     times = np.arange(len(wrench)) / RATE_HZ
     stream = Stream(times, wrench, np.full(6, step), (0.0, float(times[-1])), (), None, DOWN)
-    return Seen(None, None, None, stream, RobotFacts())
+    return Observations(None, None, None, stream, RobotFacts())
 
 
 @pytest.mark.parametrize("cutoff_hz", [0.0, 40.0, 100.0])
@@ -120,7 +120,7 @@ def pressed_table(stiffness: float, friction: float, exponent: float = 1.0) -> T
 
 
 def test_stiffness_and_friction_of_a_slope_are_told_from_a_table() -> None:
-    values = by_key(surface_values(see_table(pressed_table(4000.0, 0.25))))
+    values = by_key(surface_values(observe_table(pressed_table(4000.0, 0.25))))
     stiffness, friction = values["surface.stiffness"], values["surface.friction"]
     assert stiffness.holds(4000.0)
     assert stiffness.high - stiffness.low < 800.0
@@ -132,7 +132,7 @@ def test_stiffness_and_friction_of_a_slope_are_told_from_a_table() -> None:
 def test_a_table_without_a_contact_tells_no_surface() -> None:
     table = pressed_table(4000.0, 0.25)
     free = Table(table.times, {name: values for name, values in table.columns.items() if name != "press"})
-    assert {value.why for value in surface_values(see_table(free))} == {Why.NO_CONTACT}
+    assert {value.why for value in surface_values(observe_table(free))} == {Why.NO_CONTACT}
 
 
 def test_the_lag_of_a_table_is_that_of_its_places() -> None:
@@ -146,7 +146,7 @@ def test_the_lag_of_a_table_is_that_of_its_places() -> None:
     columns = {"x": course(times - 0.043) + draw.normal(0.0, 2e-5, len(times))}
     columns |= {"order_x": course(times), "order_y": 0.0 * times, "order_z": 0.0 * times}
     columns |= {"y": 0.0 * times, "z": 0.0 * times}
-    values = by_key(motion_values(see_table(Table(times, columns)), None, lambda table: None))
+    values = by_key(motion_values(observe_table(Table(times, columns)), None, lambda table: None))
     assert values["robot.lag"].holds(0.043)
     assert values["robot.lag"].high - values["robot.lag"].low < 0.002
     assert values["robot.noise.x"].holds(2e-5)
@@ -156,7 +156,7 @@ def test_the_lag_of_a_table_is_that_of_its_places() -> None:
 
 def counted(**packets: float) -> dict[str, Value]:
     names = {name.replace("_", " "): value for name, value in packets.items()}
-    seen = Seen(None, None, None, None, RobotFacts(), (), names)
+    seen = Observations(None, None, None, None, RobotFacts(), (), names)
     return by_key(line_values(seen))
 
 
@@ -173,7 +173,9 @@ def test_losses_have_the_interval_of_clopper_and_pearson() -> None:
     [((MISSING,), "packets of the robot lost"), (("stale packets",), "cycles of the robot missing")],
 )
 def test_lossless_wire_is_told_by_cycles_missing(errors: tuple[str, ...], words: str) -> None:
-    seen = Seen(None, None, None, None, RobotFacts(errors=errors), (), {"packets": 95.0, MISSING: 5.0})
+    seen = Observations(
+        None, None, None, None, RobotFacts(errors=errors), (), {"packets": 95.0, MISSING: 5.0}
+    )
     lost = by_key(line_values(seen))["line.robot.lost"]
     assert lost.words == words
     assert lost.value == pytest.approx(50.0)

@@ -12,8 +12,8 @@ from msgspec import Struct
 
 from hil_bridge.lab.campaign.criteria import Unmet, unmet_of
 from hil_bridge.lab.campaign.plan import Plan
+from hil_bridge.lab.campaign.run_text import faults_of_run
 from hil_bridge.lab.campaign.store import Done, Store
-from hil_bridge.lab.campaign.telling import faults_of_run
 from hil_bridge.record.analysis.figures import JUDGED, WORDS
 
 NUMBERS = tuple(key for key in JUDGED if key not in WORDS)

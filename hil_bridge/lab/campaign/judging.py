@@ -8,9 +8,9 @@ from pathlib import Path
 from hil_bridge.api import BridgeError, Config, Result, Simulation, run_virtual, simulation
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.criteria import Criterion, Figure, find_unmet
+from hil_bridge.lab.campaign.fault_effects import struck_causes, struck_faults
 from hil_bridge.lab.campaign.overlay import config_with
 from hil_bridge.lab.campaign.store import Done
-from hil_bridge.lab.campaign.striking import struck_causes, struck_faults
 from hil_bridge.lab.campaign.watching import Watch, recovery_s
 from hil_bridge.lab.invariants import (
     Evidence,

@@ -24,9 +24,9 @@ from hil_bridge.lab.campaign.digest import (
 from hil_bridge.lab.campaign.pictures import drawn_faults, injections, matrix
 from hil_bridge.lab.campaign.plan import Plan
 from hil_bridge.lab.campaign.report_text import Section, criteria_section, figures_section, rerun_command
+from hil_bridge.lab.campaign.run_text import describe_run, fault_of, faults_of_run, settings_of_run
 from hil_bridge.lab.campaign.spreads import distributions
 from hil_bridge.lab.campaign.store import Done, Store
-from hil_bridge.lab.campaign.telling import describe_run, fault_of, faults_of_run, settings_of_run
 from hil_bridge.record import read
 from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.record.analysis.summary import summarise

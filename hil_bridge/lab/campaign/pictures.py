@@ -6,8 +6,8 @@ from html import escape
 
 from hil_bridge.lab.campaign.drawing import faults_of_cell
 from hil_bridge.lab.campaign.plan import Plan, faults_of_table
+from hil_bridge.lab.campaign.run_text import fault_of
 from hil_bridge.lab.campaign.store import Done
-from hil_bridge.lab.campaign.telling import fault_of
 
 FIRST_PHASE = "connect"
 """Phase of a fault that names none."""

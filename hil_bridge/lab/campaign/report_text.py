@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from hil_bridge.lab.campaign.criteria import figure_text
 from hil_bridge.lab.campaign.digest import CriterionResult, Digest, FailedRun, FigureResult, Tally, unmet_by
+from hil_bridge.lab.campaign.run_text import faults_of_run
 from hil_bridge.lab.campaign.store import Done, Store
-from hil_bridge.lab.campaign.telling import faults_of_run
 from hil_bridge.lab.junit import RECORDING, REQUIREMENT, JunitCase, Verdict, attachment, encode_junit
 from hil_bridge.lab.text_tables import aligned, markdown_table
 from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN

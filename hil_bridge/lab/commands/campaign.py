@@ -269,9 +269,9 @@ def hunt(
     from hil_bridge.console.progress import run_progress
     from hil_bridge.lab.campaign.hunting import badness, badness_voided, is_broken, plan_hunt, running
     from hil_bridge.lab.campaign.hunting import hunt as search
+    from hil_bridge.lab.campaign.run_text import describe_run, hunt_values
     from hil_bridge.lab.campaign.shrinking import shrink_bad
     from hil_bridge.lab.campaign.store import Store
-    from hil_bridge.lab.campaign.telling import describe_run, hunt_values
     from hil_bridge.runs.signals import as_ctrl_c
 
     plan = plan_hunt(_plan_of(file, (), given))

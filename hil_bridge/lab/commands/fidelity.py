@@ -87,7 +87,7 @@ def fidelity(
     """
     with requiring_scipy():
         from hil_bridge.lab.fidelity.subjects import compare_with, read
-        from hil_bridge.lab.fidelity.telling import describe
+        from hil_bridge.lab.fidelity.text import describe
     from hil_bridge.record.files import check_place, write_whole
 
     if page is not None:

@@ -45,7 +45,7 @@ def identify_cell(
     with requiring_scipy():
         from hil_bridge.lab.identification.identifying import identify_run, identify_table
         from hil_bridge.lab.identification.profile import profile_text
-        from hil_bridge.lab.identification.telling import describe
+        from hil_bridge.lab.identification.text import describe
     from hil_bridge.record import read
     from hil_bridge.record.files import check_place, write_whole
 

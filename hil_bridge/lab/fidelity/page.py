@@ -9,7 +9,7 @@ from hil_bridge.lab.fidelity.comparing import INTEGRAL, Line, Sides
 from hil_bridge.lab.fidelity.measures import Floats, integral_of
 from hil_bridge.lab.fidelity.subjects import Compared
 from hil_bridge.lab.fidelity.tables import Table
-from hil_bridge.lab.fidelity.telling import tables
+from hil_bridge.lab.fidelity.text import tables
 from hil_bridge.show.charts.sources import Sources
 from hil_bridge.show.pages import Axis, Chart, Charts, Layer, Series, document, room
 from hil_bridge.show.report.markup import cells

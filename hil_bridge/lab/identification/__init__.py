@@ -1,4 +1,4 @@
-"""From site to desk: what a recording of a real cell shows, as values with their uncertainty and as a configuration.
+"""Identification of a real cell from a recording, as values with uncertainty and as a configuration.
 
-It uses only what the client of a recording saw: never the truth of an emulated cell, its settings or its faults.
+It uses only data received by the client: never the truth of an emulated cell, its settings or its faults.
 """

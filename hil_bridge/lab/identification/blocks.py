@@ -1,4 +1,4 @@
-"""Uncertainty of a figure of correlated samples: each block of time is left out once, the jackknife.
+"""Uncertainty of a figure of correlated samples by the block jackknife: each time block is left out once.
 
 Blocks are longer than the noise remembers, so the interval is honest for coloured noise too. Source: Künsch, The
 jackknife and the bootstrap for general stationary observations, Annals of Statistics 17, 1989.
@@ -18,43 +18,43 @@ Ints: TypeAlias = NDArray[np.int64]
 Mask: TypeAlias = NDArray[np.bool_]
 
 BLOCKS = 12
-"""Chosen: blocks of a recording. Student's t of eleven is 12 % wider than the normal law."""
+"""Chosen: number of blocks of a recording. Student's t of eleven is 12 % wider than the normal distribution."""
 LEAST_BLOCKS = 4
-"""Chosen: fewer blocks tell no interval."""
+"""Chosen: smallest number of blocks for an interval."""
 _LEVEL = 0.975
-"""Upper end of an interval of 95 %."""
+"""Upper quantile of a 95 % interval."""
 
 
 class Estimate(NamedTuple):
-    """A figure with its interval of 95 %."""
+    """Figure with its 95 % interval."""
 
     value: float
     low: float
     high: float
     interval: str
-    """How the interval was made."""
+    """Method of the interval."""
 
     @property
     def half(self) -> float:
-        """Half of the interval's width."""
+        """Half width of the interval."""
         return 0.5 * (self.high - self.low)
 
     def wider(self, by: float, words: str) -> "Estimate":
-        """The same with both ends farther off by so much, for the reason in words."""
+        """Widen the interval on both sides, for the given reason."""
         return Estimate(self.value, self.low - by, self.high + by, f"{self.interval}, {words}")
 
     def times(self, factor: float) -> "Estimate":
-        """The same in another unit; the factor is above 0."""
+        """Convert to another unit; the factor is positive."""
         return Estimate(self.value * factor, self.low * factor, self.high * factor, self.interval)
 
 
 def t_quantile(freedom: int) -> float:
-    """Half width of 95 % in standard errors, of Student's law."""
+    """Return the half width of a 95 % interval in standard errors, by Student's t distribution."""
     return float(stdtrit(freedom, _LEVEL))
 
 
 def blocks_of(weights: Floats, count: int = BLOCKS) -> Ints:
-    """Number of the block of each sample: contiguous blocks of equal weight."""
+    """Return the block number of each sample: contiguous blocks of equal weight."""
     total = np.cumsum(weights)
     if not len(total) or total[-1] <= 0.0:
         return np.zeros(len(weights), np.int64)
@@ -80,10 +80,10 @@ def jackknife(blocks: Ints, statistic: Callable[[Mask], float]) -> Estimate:
 
 
 def mean_of(values: Floats) -> Estimate:
-    """The mean of samples in their order of time."""
+    """Return the mean of samples in time order."""
     return jackknife(blocks_of(np.ones(len(values))), lambda mask: float(values[mask].mean()))
 
 
 def deviation_of(values: Floats) -> Estimate:
-    """The standard deviation of samples in their order of time."""
+    """Return the standard deviation of samples in time order."""
     return jackknife(blocks_of(np.ones(len(values))), lambda mask: float(values[mask].std()))

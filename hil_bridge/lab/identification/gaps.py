@@ -1,4 +1,4 @@
-"""Values that robot and sensor have in common: times between samples, and the step on which values lie."""
+"""Values common to robot and sensor: sample intervals, and the quantisation step."""
 
 import math
 from collections.abc import Iterator
@@ -10,22 +10,22 @@ from hil_bridge.lab.identification.blocks import Estimate, deviation_of, mean_of
 from hil_bridge.lab.identification.values import Quantity, Value, Why
 
 LOST_GAP = 1.5
-"""Chosen: a longer gap between samples, in usual ones, misses some."""
+"""Chosen: interval, in multiples of the usual one, above which samples are missing."""
 _EVEN_S = 1e-6
-"""Chosen: a smaller deviation of times is the rounding of stamps."""
+"""Chosen: deviation of times below which it is rounding of time stamps."""
 _STEP_SHARE = 0.01
-"""Chosen: a step is told to one hundredth."""
+"""Chosen: relative uncertainty of a step."""
 
 
 def usual_gaps(gaps: Floats) -> Floats:
-    """The gaps, s, in which no sample is missed."""
+    """Return the intervals, s, without missing samples."""
     return gaps[gaps < LOST_GAP * float(np.median(gaps))] if len(gaps) else gaps
 
 
 def gap_values(
     gaps: Floats, least: int, quantities: tuple[Quantity, Quantity], method: str
 ) -> Iterator[Value]:
-    """Mean and deviation of the times between samples, s; unseen for fewer usual ones than `least`."""
+    """Return mean and deviation of the sample intervals, s; not identified for fewer usual ones than `least`."""
     period, jitter = quantities
     usual = usual_gaps(gaps)
     if len(usual) < least:
@@ -41,7 +41,7 @@ def gap_values(
 
 
 def step_value(quantity: Quantity, size: float) -> Value:
-    """The step on which values lie; NaN for one that is not seen."""
+    """Return the quantisation step; NaN if it is not identified."""
     if math.isnan(size):
         return quantity.unseen(Why.NO_STEP)
     margin = _STEP_SHARE * size

@@ -12,7 +12,7 @@ from hil_bridge.lab.fidelity.emulating import emulate_robot
 from hil_bridge.lab.fidelity.tables import Table, read_table
 from hil_bridge.lab.identification.line import line_values
 from hil_bridge.lab.identification.motion import motion_values
-from hil_bridge.lab.identification.seen import Seen, see_run, see_table
+from hil_bridge.lab.identification.observations import Observations, observe_run, observe_table
 from hil_bridge.lab.identification.stream import stream_values
 from hil_bridge.lab.identification.surface import surface_values
 from hil_bridge.lab.identification.values import Values
@@ -30,7 +30,7 @@ class Identified(NamedTuple):
     """The values of a recording, and what they were found with."""
 
     values: Values
-    seen: Seen
+    seen: Observations
     config: Config
     """Settings of the client, with the emulated devices of its kinds at their defaults."""
     run: Recording | None
@@ -41,7 +41,7 @@ def identify_run(run: Recording) -> Identified:
     config = client_config(run)
     robot = config.robot
     pace = robot.velocity_mm_s * 1e-3, robot.acceleration_mm_s2 * 1e-3
-    return _identified(see_run(run, wrist(config).alignment(), pace), config, run)
+    return _identified(observe_run(run, wrist(config).alignment(), pace), config, run)
 
 
 def identify_table(
@@ -54,7 +54,7 @@ def identify_table(
     if between is not None:
         table = table.between(*between)
     table.check()
-    return _identified(see_table(table), load_config(config_file, {}), None), table.notes
+    return _identified(observe_table(table), load_config(config_file, {}), None), table.notes
 
 
 def client_config(run: Recording) -> Config:
@@ -79,7 +79,7 @@ def client_config(run: Recording) -> Config:
         raise explain(error, None, set()) from error
 
 
-def _identified(seen: Seen, config: Config, run: Recording | None) -> Identified:
+def _identified(seen: Observations, config: Config, run: Recording | None) -> Identified:
     device = robot_in(config)
 
     def twin(table: Table) -> Table | None:

@@ -1,4 +1,4 @@
-"""Errors on the wires of a recording: lost and damaged packets, for each thousand."""
+"""Transmission errors in a recording: lost and damaged packets, per thousand."""
 
 import math
 from collections.abc import Iterator
@@ -9,13 +9,13 @@ from scipy.special import betaincinv
 from hil_bridge.devices.facts import MISSING, PACKETS
 from hil_bridge.lab.identification.blocks import Estimate
 from hil_bridge.lab.identification.gaps import LOST_GAP
-from hil_bridge.lab.identification.seen import Seen
+from hil_bridge.lab.identification.observations import Observations
 from hil_bridge.lab.identification.values import Part, Quantity, Value, Why
 
 _PAUSE_S = 1.0
-"""Chosen: a longer gap is a pause and no loss."""
+"""Chosen: interval above which a gap is a pause, not a loss."""
 _TAIL = 0.025
-"""Probability on each side of an interval of 95 %."""
+"""Tail probability of a 95 % interval."""
 
 FRAMES_LOST = Quantity("line.sensor.lost", Part.LINE, "frames of the sensor lost", "‰")
 PACKETS_LOST = Quantity("line.robot.lost", Part.LINE, "packets of the robot lost", "‰")
@@ -24,7 +24,7 @@ CYCLES_LOST = PACKETS_LOST._replace(words="cycles of the robot missing")
 REPEATED = Quantity("line.robot.repeated", Part.LINE, "messages that had to be sent again", "‰")
 DAMAGED = Quantity("line.robot.damaged", Part.LINE, "blocks of the robot damaged", "‰")
 LATE = Quantity("line.robot.late", Part.LINE, "packets of the robot stale", "‰")
-"""Words for the counters of the links, see `devices.robots`."""
+"""Labels of the link counters, see `devices.robots`."""
 _STALE = "stale packets"
 _BLOCKS = "blocks received"
 _BAD = ("bad block", "bad checksum", "gap in block")
@@ -32,8 +32,8 @@ _SENT = "messages sent"
 _AGAIN = ("block repeated", "bid repeated")
 
 
-def line_values(seen: Seen) -> Iterator[Value]:
-    """All values of the wires."""
+def line_values(seen: Observations) -> Iterator[Value]:
+    """Yield all values of the links."""
     yield _frames(seen)
     packets = seen.packets
     if packets is None:
@@ -58,8 +58,8 @@ def line_values(seen: Seen) -> Iterator[Value]:
     yield _share(REPEATED, again, sent and sent + again, "bids and blocks that were repeated")
 
 
-def _frames(seen: Seen) -> Value:
-    """By the gaps of the stream, for not every sensor numbers its frames."""
+def _frames(seen: Observations) -> Value:
+    """Identify losses from the gaps of the stream: not every sensor numbers its frames."""
     if seen.stream is None or not seen.cycles:
         return FRAMES_LOST.unseen(Why.NO_FORCE if seen.cycles else Why.OF_TABLE)
     times = seen.stream.times
@@ -78,7 +78,7 @@ def _frames(seen: Seen) -> Value:
 
 
 def _share(quantity: Quantity, count: float, total: float | None, method: str) -> Value:
-    """A share with the interval of Clopper and Pearson, in thousandths."""
+    """Return a share with its Clopper-Pearson interval, per thousand."""
     if not total or not math.isfinite(count + total) or not 0.0 <= count <= total:
         return quantity.unseen(Why.NO_COUNTERS)
     low = float(betaincinv(count, total - count + 1.0, _TAIL)) if count else 0.0

@@ -19,7 +19,7 @@ from hil_bridge.lab.identification.blocks import (
     mean_of,
 )
 from hil_bridge.lab.identification.gaps import gap_values, step_value
-from hil_bridge.lab.identification.seen import Seen
+from hil_bridge.lab.identification.observations import Observations
 from hil_bridge.lab.identification.steps import servo_of_steps
 from hil_bridge.lab.identification.values import Part, Quantity, Value, Why
 from hil_bridge.record.analysis.latency import timestamps
@@ -57,7 +57,7 @@ _HOPS = {"turnaround": MOVE_TURNAROUND, "status_turnaround": STATUS_TURNAROUND}
 
 
 def motion_values(
-    seen: Seen, usual: ServoFacts | None, twin: Callable[[Table], Table | None]
+    seen: Observations, usual: ServoFacts | None, twin: Callable[[Table], Table | None]
 ) -> Iterator[Value]:
     """All values of the robot. `usual` is the emulated robot's servo, and `twin` the table of that robot when it is
     played a table; None where it cannot be played.
@@ -74,7 +74,7 @@ def motion_values(
     yield from _places(seen, emulated)
 
 
-def _servo_of_steps(seen: Seen, usual: ServoFacts | None) -> Value:
+def _servo_of_steps(seen: Observations, usual: ServoFacts | None) -> Value:
     estimate = None if usual is None else servo_of_steps(seen, usual)
     if estimate is None:
         return SERVO.unseen(Why.NO_STEPS)
@@ -89,7 +89,7 @@ def _servo_of_steps(seen: Seen, usual: ServoFacts | None) -> Value:
 # --- times
 
 
-def _cycles(seen: Seen) -> Iterator[Value]:
+def _cycles(seen: Observations) -> Iterator[Value]:
     if seen.cycles and seen.robot.pacing is Pacing.ASKED:
         times = np.array([cycle.started_at for cycle in seen.cycles])
         method = "mean time between the begins of control cycles"
@@ -104,7 +104,7 @@ def _cycles(seen: Seen) -> Iterator[Value]:
     yield from gap_values(gaps, _LEAST_CYCLES, (CYCLE, JITTER), method)
 
 
-def _turnarounds(seen: Seen) -> Iterator[Value]:
+def _turnarounds(seen: Observations) -> Iterator[Value]:
     hops = seen.robot.hops
     known = () if hops is None else (*hops.beside, *hops.to_answer)
     told = {hop.name: hop for hop in known if hop.owner is Owner.ROBOT}
@@ -214,7 +214,7 @@ def _mean_lag(lags: _Lags) -> Estimate:
 # --- place
 
 
-def _places(seen: Seen, emulated: Table | None) -> Iterator[Value]:
+def _places(seen: Observations, emulated: Table | None) -> Iterator[Value]:
     motion = seen.motion
     if motion is None or not motion.has("position"):
         yield from (quantity.unseen(Why.NO_MOTION) for quantity in (*NOISE, NOISE_RATIO, STEP))

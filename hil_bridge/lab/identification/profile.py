@@ -12,10 +12,10 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.lab.identification.identifying import Identified
 from hil_bridge.lab.identification.line import FRAMES_LOST, PACKETS_LOST
 from hil_bridge.lab.identification.motion import NOISE_RATIO, SERVO
-from hil_bridge.lab.identification.seen import Contact
+from hil_bridge.lab.identification.observations import Contact
 from hil_bridge.lab.identification.stream import CUTOFF, DRIFT, NOISE, PERIOD
 from hil_bridge.lab.identification.surface import DAMPING, EXPONENT, FRICTION, STIFFNESS
-from hil_bridge.lab.identification.telling import describe
+from hil_bridge.lab.identification.text import describe
 from hil_bridge.lab.tuning.writing import absolute_files, toml
 from hil_bridge.record.analysis.site_latency import robot_quantiles_ms
 from hil_bridge.settings.configuration import lay_over

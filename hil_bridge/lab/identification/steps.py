@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from hil_bridge.devices.facts import ACCEPTED, ServoFacts
 from hil_bridge.lab.fidelity.measures import Floats
 from hil_bridge.lab.identification.blocks import Estimate, Ints, Mask, blocks_of, jackknife
-from hil_bridge.lab.identification.seen import Seen
+from hil_bridge.lab.identification.observations import Observations
 from hil_bridge.record.analysis.latency import timestamps
 
 _STEP_S = 0.001
@@ -29,7 +29,7 @@ _EXPLAINED = 0.5
 """Chosen: the steps tell a delay where they explain such a share of the force's variance."""
 
 
-def servo_of_steps(seen: Seen, servo: ServoFacts) -> Estimate | None:
+def servo_of_steps(seen: Observations, servo: ServoFacts) -> Estimate | None:
     """Transport delay and response of the servo, s; None where the force does not show the steps. `servo` is the
     emulated robot's usual one: its response is the shape that is looked for.
     """

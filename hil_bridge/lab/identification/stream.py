@@ -17,7 +17,7 @@ from hil_bridge.lab.identification.blocks import (
     jackknife,
 )
 from hil_bridge.lab.identification.gaps import gap_values, step_value, usual_gaps
-from hil_bridge.lab.identification.seen import Seen, Stream
+from hil_bridge.lab.identification.observations import Observations, Stream
 from hil_bridge.lab.identification.values import Part, Quantity, Value, Why
 from protocol.wrench import AXES
 
@@ -63,7 +63,7 @@ JITTER = Quantity("sensor.jitter", Part.SENSOR, "deviation of that time", "s")
 ALL = (*NOISE, CUTOFF, *STEP, *DRIFT, PERIOD, JITTER)
 
 
-def stream_values(seen: Seen) -> Iterator[Value]:
+def stream_values(seen: Observations) -> Iterator[Value]:
     """All values of the sensor."""
     stream = seen.stream
     if stream is None:
@@ -241,7 +241,7 @@ def _step_sizes(stream: Stream) -> Floats:
 # --- drift
 
 
-def _drift(stream: Stream, seen: Seen) -> Iterator[Value]:
+def _drift(stream: Stream, seen: Observations) -> Iterator[Value]:
     spans = [span for span in stream.free if span[1] - span[0] >= _FREE_LEAST_S]
     if len(spans) < 2 or seen.contact is None:
         yield from (quantity.unseen(Why.NO_FREE_ENDS) for quantity in DRIFT)

@@ -12,7 +12,7 @@ from hil_bridge.lab.fidelity.contact import fit_law
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES, Floats, smooth_noise_of
 from hil_bridge.lab.fidelity.tables import Table
 from hil_bridge.lab.identification.blocks import Ints, Mask, blocks_of, jackknife
-from hil_bridge.lab.identification.seen import Contact, Seen
+from hil_bridge.lab.identification.observations import Contact, Observations
 from hil_bridge.lab.identification.values import Part, Quantity, Value, Why
 
 _SCALE_SHARE = 0.02
@@ -48,7 +48,7 @@ EXPONENT = Quantity("surface.exponent", Part.SURFACE, "power of the depth in the
 FRICTION = Quantity("surface.friction", Part.SURFACE, "friction coefficient", "")
 
 
-def surface_values(seen: Seen) -> Iterator[Value]:
+def surface_values(seen: Observations) -> Iterator[Value]:
     """All values of the surface."""
     contact = seen.contact
     if contact is None:

@@ -1,4 +1,4 @@
-"""A value that a recording shows, with its method and its uncertainty, or why the recording does not show it."""
+"""Identified value with its method and uncertainty, or the reason why it cannot be identified."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -11,7 +11,7 @@ from hil_bridge.lab.identification.blocks import Estimate
 
 
 class Part(StrEnum):
-    """Parts of a cell, in the order of the table."""
+    """Part of a cell, in the order of the table."""
 
     ROBOT = "robot"
     SENSOR = "sensor"
@@ -20,7 +20,7 @@ class Part(StrEnum):
 
 
 class Why(StrEnum):
-    """Reasons for which a recording does not show a value."""
+    """Reason why a recording does not show a value."""
 
     NO_CONTACT = "the tool does not press long enough"
     NO_FORCE = "it tells no force"
@@ -52,7 +52,7 @@ class Why(StrEnum):
 
 
 class Value(Struct, frozen=True):
-    """One value."""
+    """Identified value."""
 
     key: str
     """Name for programs, as sensor.noise.fx."""
@@ -60,15 +60,15 @@ class Value(Struct, frozen=True):
     words: str
     unit: str
     value: float = math.nan
-    """NaN for one that is not seen."""
+    """The value; NaN if it is not identified."""
     low: float = math.nan
     high: float = math.nan
-    """Ends of the interval that holds the value with 95 %."""
+    """Ends of the 95 % interval."""
     method: str = ""
     interval: str = ""
-    """How the interval was made."""
+    """Method of the interval."""
     why: Why | None = None
-    """Why it is not seen; None for a value."""
+    """Why it is not identified; None for a value."""
 
     @property
     def seen(self) -> bool:
@@ -81,7 +81,7 @@ class Value(Struct, frozen=True):
 
 
 class Quantity(NamedTuple):
-    """Something that is looked for in a recording."""
+    """Quantity to be identified in a recording."""
 
     key: str
     """Name for programs, as sensor.noise.fx."""
@@ -90,16 +90,16 @@ class Quantity(NamedTuple):
     unit: str
 
     def value(self, estimate: Estimate, method: str) -> Value:
-        """It, as it was found."""
+        """Return the identified value."""
         return Value(*self, estimate.value, estimate.low, estimate.high, method, estimate.interval)
 
     def unseen(self, why: Why) -> Value:
-        """It, where the recording does not show it."""
+        """Return the value as not identified."""
         return Value(*self, why=why)
 
 
 class Values:
-    """Values by key, in their order."""
+    """Ordered values by key."""
 
     def __init__(self, values: Iterable[Value] = ()) -> None:
         self._values = {value.key: value for value in values}
@@ -111,10 +111,10 @@ class Values:
         return len(self._values)
 
     def get(self, key: str) -> float:
-        """A value by its key; NaN where it is not seen, or not asked for."""
+        """Return a value by key; NaN if it is not identified, or was not requested."""
         value = self._values.get(key)
         return math.nan if value is None else value.value
 
     def find(self, key: str) -> Value | None:
-        """A value with all that belongs to it."""
+        """Return a value with its method and interval."""
         return self._values.get(key)

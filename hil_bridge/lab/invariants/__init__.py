@@ -1,7 +1,6 @@
-"""The promises of the guard as checkers over what a run left, each of its own. Pure: no clock, no file.
+"""Promises of the guard as independent checkers of a finished run. Pure functions: no clock, no file.
 
-`broken_promises` gives the promises that a run did not keep, as values. Tests, campaigns, the hunt and `hil-bridge why`
-use the same ones.
+`broken_promises` returns the promises that a run broke. Tests, campaigns, the hunt and `hil-bridge why` share it.
 """
 
 from hil_bridge.lab.invariants.checking import CHECKERS, broken_promises, promises_broken

@@ -1,4 +1,4 @@
-"""All checkers in one table, and what of their answers the faults of a run leave standing."""
+"""Table of all checkers, and the violations that the faults of a run do not excuse."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 
@@ -33,13 +33,13 @@ CHECKERS: Mapping[Promise, Callable[[Evidence], Iterator[Violation]]] = {
     Promise.BUG: bugs,
     Promise.MODEL: unaccepted_cycles,
 }
-"""The checker of each promise."""
+"""Checker of each promise."""
 _OF_A_RUN = (Promise.REPLAY, Promise.WHOLE, Promise.BUG)
-"""Promises that `hil-bridge replay` judges, or of which the first sentences tell."""
+"""Promises judged by `hil-bridge replay`, or reported in the first sentences of `why`."""
 
 
 def broken_promises(evidence: Evidence, without: Collection[Promise] = ()) -> tuple[Violation, ...]:
-    """Every promise that a run did not keep, without those that its faults void, and those that are not asked for."""
+    """Return the promises that a run broke, except those voided by its faults and those in `without`."""
     faults = evidence.config.faults
     return tuple(
         violation
@@ -50,7 +50,7 @@ def broken_promises(evidence: Evidence, without: Collection[Promise] = ()) -> tu
 
 
 def promises_broken(recording: Recording) -> tuple[str, ...]:
-    """Promises of the guard that a run did not keep, in words. None for a configuration of another version."""
+    """Return the guard promises that a run broke, as text. None for a configuration of another version."""
     try:
         config = recorded_config(recording, {})
     except ConfigError:

@@ -1,4 +1,4 @@
-"""Promises about the course of a run: its orders, its speed, the model of the guard, the replay, and how it ended."""
+"""Promises about the course of a run: orders, speed, guard model, replay and end."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -14,22 +14,22 @@ from hil_bridge.record import EventKind, Outcome
 from hil_bridge.runs.replay import replay
 
 LONGEST_S = 400.0
-"""Chosen: a run may last so much longer than its tracking, s: all the patience that it has with robot and sensor."""
+"""Chosen: allowed time of a run beyond its tracking, s: the sum of its timeouts for robot and sensor."""
 EXIT_CODES = {
     Outcome.COMPLETED: (COMPLETED, CRITERION),
     Outcome.STOPPED: (STOPPED,),
     Outcome.INTERRUPTED: (INTERRUPTED,),
 }
-"""Exit codes that fit an outcome; 4 where a step of a program did not meet its criterion."""
+"""Exit codes for each outcome; 4 if a program step did not meet its criterion."""
 FASTER_SHARE = 1.5
-"""Chosen: a servo that catches up may be faster by this factor; the guard judges a reported position by the same."""
+"""Chosen: allowed speed factor of a servo that catches up; the guard judges reported positions by the same."""
 WINDOW_S = 0.1
-"""Chosen: the speed is a mean over at least so long, s: a servo rings within less."""
+"""Chosen: shortest averaging time of the speed, s: a servo rings in less."""
 _MODEL = GuardModel()
 
 
 def deeper_orders(evidence: Evidence) -> Iterator[Violation]:
-    """The order that went deepest after the stop, if one did."""
+    """Yield the deepest order after the stop, if any went deeper."""
     recording = evidence.recording
     stopped = next((event.at for event in recording.events if event.kind == EventKind.STOP), math.inf)
     after = [cycle for cycle in recording.cycles if cycle.answered_at >= stopped]
@@ -45,7 +45,7 @@ def deeper_orders(evidence: Evidence) -> Iterator[Violation]:
 
 
 def too_fast(evidence: Evidence) -> Iterator[Violation]:
-    """The fastest motion of the true tool, if it was too fast."""
+    """Yield the fastest true motion of the tool, if it was too fast."""
     truth = evidence.truth
     if truth is None or truth.positions is None or len(truth.times) < 2:
         return
@@ -62,7 +62,7 @@ def too_fast(evidence: Evidence) -> Iterator[Violation]:
 
 
 def gate_stops(evidence: Evidence) -> Iterator[Violation]:
-    """The first order that the last gate stopped."""
+    """Yield the first order that the last gate stopped."""
     for event in evidence.recording.events:
         if event.cause is Cause.GATE:
             yield Violation(Promise.GATE, event.at, {})
@@ -70,7 +70,7 @@ def gate_stops(evidence: Evidence) -> Iterator[Violation]:
 
 
 def bugs(evidence: Evidence) -> Iterator[Violation]:
-    """The first exception that nothing expected."""
+    """Yield the first unexpected exception."""
     for event in evidence.recording.events:
         if event.kind == EventKind.BUG:
             yield Violation(Promise.BUG, event.at, {})
@@ -78,7 +78,7 @@ def bugs(evidence: Evidence) -> Iterator[Violation]:
 
 
 def unwhole(evidence: Evidence) -> Iterator[Violation]:
-    """A recording that is cut, and a run that did not end in time."""
+    """Yield a truncated recording, and a run that did not end in time."""
     recording = evidence.recording
     times = [event.at for event in recording.events]
     lasted = times[-1] - times[0] if times else 0.0
@@ -89,7 +89,7 @@ def unwhole(evidence: Evidence) -> Iterator[Violation]:
 
 
 def unfit_codes(evidence: Evidence) -> Iterator[Violation]:
-    """An exit code that says something else than the recording."""
+    """Yield an exit code that contradicts the recording."""
     code, outcome = evidence.exit_code, evidence.recording.end.get("outcome")
     if code is None or outcome is None:
         return
@@ -98,7 +98,7 @@ def unfit_codes(evidence: Evidence) -> Iterator[Violation]:
 
 
 def other_decisions(evidence: Evidence) -> Iterator[Violation]:
-    """The first cycle that is decided otherwise, with the number of all of them."""
+    """Yield the first cycle whose replay differs, with their number."""
     others = [
         cycle.record
         for cycle in replay(evidence.recording, evidence.config, forced=False)

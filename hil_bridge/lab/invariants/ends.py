@@ -1,4 +1,4 @@
-"""The end of a run: the tool is off the surface or told to press, and the last line is true."""
+"""Promises about the end of a run: the tool is free or reported as pressing, and the last line is true."""
 
 import json
 import math
@@ -13,15 +13,15 @@ from hil_bridge.lab.invariants.voids import FORCE_AXES, added_n, moves_surface, 
 from hil_bridge.record import Outcome
 
 FORCE_OFF_N = 2.0
-"""Chosen: a told force may be off by so much: noise, drift and the weight's error of a common tool."""
+"""Chosen: tolerance of a reported force: noise, drift and weight error of a common tool."""
 FORCE_OFF_SHARE = 0.1
 """Chosen: the same as a share of the true force."""
 DEPTH_OFF_M = 1e-3
-"""Chosen: a told depth may be off by so much, m: resolution, and the way that a servo still goes."""
+"""Chosen: tolerance of a reported depth, m: resolution, and the remaining motion of a servo."""
 
 
 def untold_ends(evidence: Evidence) -> Iterator[Violation]:
-    """An end that is told to be off the surface although the tool presses."""
+    """Yield an end reported as free although the tool presses."""
     trace = evidence.trace
     if trace is None:
         return
@@ -61,7 +61,7 @@ def untrue_lines(evidence: Evidence) -> Iterator[Violation]:
 
 
 def _rest(evidence: Evidence) -> Mapping[str, object]:
-    """Where the tool was left, as values; empty where it never moved."""
+    """Return where the tool was left; empty if it never moved."""
     text = evidence.recording.end.get("rest", "")
     rest = json.loads(text) if text else None
     return rest if isinstance(rest, dict) else {}

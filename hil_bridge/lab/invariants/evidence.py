@@ -1,4 +1,4 @@
-"""The traces of a run, and a promise that it did not keep. Plain values; text is made from them at the edge."""
+"""Evidence of a run, and violations of promises, as plain values."""
 
 import math
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ Floats = npt.NDArray[np.float64]
 
 
 class Promise(StrEnum):
-    """A promise of the guard."""
+    """Promise of the guard."""
 
     ORDERS = "no-order-deeper"
     END = "end-told"
@@ -44,30 +44,30 @@ _TEXTS: Mapping[Promise, str] = {
     Promise.BUG: "a bug ended the run",
     Promise.MODEL: "the model of the guard does not accept {detail}",
 }
-"""Words for each promise that was broken, with places for its figures."""
+"""Text of each broken promise, with placeholders for its figures."""
 
 
 class Violation(NamedTuple):
-    """A promise that a run did not keep."""
+    """Promise that a run broke."""
 
     promise: Promise
     at: float
-    """When, s on the run's clock; NaN where no moment can be named."""
+    """Time on the run's clock, s; NaN if there is none."""
     figures: Mapping[str, float]
     """Figures that show it, by names with units."""
     unit: str = ""
-    """Unit of the figures, where a promise is about several quantities."""
+    """Unit of the figures, if a promise concerns several quantities."""
     detail: str = ""
-    """What the recording shows there, where figures cannot say it."""
+    """Text from the recording, if figures are not enough."""
 
 
 def violation_text(violation: Violation) -> str:
-    """A violation in words, one line."""
+    """Format a violation as one line."""
     return f"{violation.promise}: {violation_words(violation)}"
 
 
 def violation_words(violation: Violation) -> str:
-    """The same without the name of the promise."""
+    """Format a violation without the name of the promise."""
     said = _TEXTS[violation.promise].format(**violation.figures, unit=violation.unit, detail=violation.detail)
     when = f" at {violation.at:.2f} s of the run's clock" if math.isfinite(violation.at) else ""
     return f"{said}{when}"
@@ -75,33 +75,33 @@ def violation_words(violation: Violation) -> str:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Trace:
-    """The truth of an emulated cell over a whole run, looked at from beside."""
+    """True state of an emulated cell over a complete run."""
 
     times: Floats
-    """Ascending moments (n,), s on the run's clock; the last one after the end of the run."""
+    """Times (n,), s on the run's clock, ascending; the last one after the end of the run."""
     forces: Floats
-    """Lengths (n,) of the true contact force, N."""
+    """Magnitudes (n,) of the true contact force, N."""
     positions: Floats | None = None
     """True positions (n, 3) of the tool centre point, base frame, m."""
     vectors: Floats | None = None
-    """The true contact forces (n, 3) themselves, base frame, N; None where only their lengths are known."""
+    """True contact forces (n, 3), base frame, N; None if only their magnitudes are known."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Evidence:
-    """Everything from which the promises are judged."""
+    """Evidence from which the promises are judged."""
 
     recording: Recording
     config: Config
-    """The configuration as it was run."""
+    """Configuration of the run."""
     trace: Trace | None = None
-    """None for a recording alone: then its records of the truth serve, and the end is not judged."""
+    """True state; None for a recording alone: its records of the truth are used, and the end is not judged."""
     exit_code: int | None = None
-    """None where there was no process."""
+    """Exit code; None if there was no process."""
 
     @property
     def truth(self) -> Trace | None:
-        """The trace, or the records of the truth; None with real devices."""
+        """Trace, or the recorded truth; None with real devices."""
         truths = self.recording.truths
         if self.trace is not None or not truths:
             return self.trace

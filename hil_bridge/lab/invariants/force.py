@@ -1,4 +1,4 @@
-"""The bound of the true force, along the approach and to the side, with what the injected faults add to it."""
+"""Bound of the true force, along the approach and laterally, with the additions by injected faults."""
 
 import math
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from protocol.geometry import Vector
 
 
 def stated_bound_n(evidence: Evidence) -> float:
-    """Largest true force along the approach that a run's facts allow, N; infinite where they do not tell it."""
+    """Return the bound of the true force along the approach, N; infinite if it is unknown."""
     try:
         return force_bound_n(evidence.config, devices_of(evidence.recording), _hardest(evidence.config))
     except ConfigError:  # the sensor was never ready, so that nothing has moved
@@ -25,7 +25,7 @@ def stated_bound_n(evidence: Evidence) -> float:
 
 
 def side_bound_n(evidence: Evidence) -> float:
-    """The same for the length of the whole force, by `limits.resultant_limit_n` and the fastest way aside, N."""
+    """Return the bound of the resultant force, N, from `limits.resultant_limit_n` and the fastest lateral motion."""
     world, robot = world_of(evidence, evidence.config.frame.travel), devices_of(evidence.recording).robot
     limit_n = evidence.config.limits.resultant_limit_n
     return bound_n(
@@ -34,7 +34,7 @@ def side_bound_n(evidence: Evidence) -> float:
 
 
 def world_of(evidence: Evidence, direction: Vector) -> World:
-    """Everything from which the additions of a run's faults follow, for a tool that presses in this direction."""
+    """Return the data that determine the additions by a run's faults, for a tool that presses in this direction."""
     config, devices = evidence.config, devices_of(evidence.recording)
     cycle_s = usual_cycle_s(config, devices.robot)
     sensor = devices.sensor.facts
@@ -51,7 +51,7 @@ def world_of(evidence: Evidence, direction: Vector) -> World:
 
 
 def beyond_bound(evidence: Evidence) -> Iterator[Violation]:
-    """The largest true force along the approach, and the largest of all, where they are beyond their bounds."""
+    """Yield the largest true force along the approach and the largest resultant, if beyond their bounds."""
     truth = evidence.truth
     if truth is None or not len(truth.forces) or not math.isfinite(stated_bound_n(evidence)):
         return
@@ -65,7 +65,7 @@ def beyond_bound(evidence: Evidence) -> Iterator[Violation]:
 
 
 def judged_forces(evidence: Evidence, truth: Trace) -> Iterator[tuple[Floats, float]]:
-    """True forces and what a run with its faults allows them, N: those along the approach, and their lengths."""
+    """Yield true forces and their bounds with faults, N: along the approach, and as magnitudes."""
     config = evidence.config
     along_n = stated_bound_n(evidence) + added_n(config.faults, world_of(evidence, config.frame.approach))
     if truth.vectors is None or config.frame.follow_normal:
@@ -78,14 +78,14 @@ def judged_forces(evidence: Evidence, truth: Trace) -> Iterator[tuple[Floats, fl
 
 
 def _hardest(config: Config) -> float:
-    """Stiffness of the hardest thing in the cell, N/m."""
+    """Return the stiffness of the hardest object in the cell, N/m."""
     surface = config.cell.surface
     wall = surface.wall_stiffness_n_m if surface.wall_at_mm is not None else 0.0
     return float(max(surface.stiffness_n_m, wall))
 
 
 def _speeds(config: Config) -> Iterator[float]:
-    """Speeds of the ways aside, m/s."""
+    """Yield the speeds of lateral motions, m/s."""
     yield config.task.speed_mm_s * 1e-3
     for step in config.task.step:
         yield (getattr(step, "speed_mm_s", None) or 0.0) * 1e-3

@@ -1,4 +1,4 @@
-"""The guard as a small machine: phases, the conditions of the table of causes, and what follows from each.
+"""Model of the guard as a state machine: phases, conditions of the cause table, and reactions.
 
 Conditions and reactions are those of `hil_bridge.errors.cause_table`, from which the code and the pages tell them too.
 The tables below are the rest of the model: which conditions a phase looks at, which orders it asks for, and which
@@ -18,7 +18,7 @@ from hil_bridge.errors.causes import Cause
 
 
 class Way(IntEnum):
-    """An order along the approach, against the one before."""
+    """Direction of an order along the approach, relative to the previous one."""
 
     BACK = -1
     SAME = 0
@@ -26,7 +26,7 @@ class Way(IntEnum):
 
 
 class Told(StrEnum):
-    """The word on the tool at the end of a run."""
+    """Report on the tool at the end of a run."""
 
     NOTHING = ""
     """The run has not ended."""
@@ -43,26 +43,26 @@ CYCLES = WORKING | {Phase.RETRACT}
 
 
 class GuardState(NamedTuple):
-    """Where a run is."""
+    """State of a run."""
 
     phase: str = CONNECT
     code: int | None = None
-    """Exit code that the run will have; None while it continues."""
+    """Exit code of the run; None while it continues."""
     away: bool = True
-    """The tool is ordered to be no deeper than the start, and nothing says otherwise."""
+    """Whether the tool was ordered to be no deeper than the start, and nothing contradicts it."""
     stage: Stage = Stage.GOES
-    """Of a retraction."""
+    """Stage of a retraction."""
     told: Told = Told.NOTHING
 
 
 class GuardStep(NamedTuple):
-    """One step: the conditions that hold, the order that is given, and where the run is then."""
+    """Transition: active conditions, resulting order, and next state."""
 
     conditions: tuple[Cause, ...]
     shown: str
     """Phase of the cycle that records it; empty for a step without a cycle."""
     way: Way | None
-    """None where nothing is ordered."""
+    """Direction of the order; None if there is none."""
     after: GuardState
 
 
@@ -75,7 +75,7 @@ LOOKS: Mapping[str, frozenset[When]] = {
     AT_REST: frozenset({When.END}),
     Phase.END: frozenset(),
 }
-"""When the conditions are looked at that hold in a phase."""
+"""Times at which conditions are checked in each phase."""
 ASKS: Mapping[str, frozenset[Way]] = {
     TARE: frozenset({Way.BACK, Way.SAME}),
     Phase.APPROACH: frozenset({Way.SAME, Way.DEEPER}),
@@ -86,33 +86,33 @@ ASKS: Mapping[str, frozenset[Way]] = {
     Phase.RETRACT: frozenset({Way.BACK, Way.SAME}),
     BY_ORDERS: frozenset({Way.BACK, Way.SAME}),
 }
-"""Orders that a phase asks for."""
+"""Orders that a phase requests."""
 FOLLOWS: Mapping[str, frozenset[str]] = {
     CONNECT: frozenset({CONNECT, TARE}),
     TARE: frozenset({TARE, *CYCLES}),
     **dict.fromkeys(CYCLES, CYCLES),
 }
-"""Phases in which the next sample may be while the run continues. A program takes its steps in any order."""
+"""Possible phases of the next sample while the run continues. A program runs its steps in any order."""
 WITHIN: Mapping[str, frozenset[str]] = {
     **{phase: frozenset({phase}) for phase in CYCLES},
     Phase.APPROACH: frozenset({Phase.APPROACH, Phase.TRACK}),
     Phase.TRACK: frozenset({Phase.TRACK, Phase.APPROACH}),
 }
-"""The same within one step of a program: contact is found, and lost."""
+"""The same within one program step: contact is detected, and lost."""
 ENDS: Mapping[str, frozenset[str]] = {
     TARE: frozenset({TARE}),
     Phase.RETRACT: frozenset({Phase.RETRACT}),
     BY_ORDERS: frozenset({BY_ORDERS}),
     AT_REST: frozenset({AT_REST}),
 }
-"""Phases in which the next sample may be once the run ends."""
+"""Possible phases of the next sample once the run ends."""
 STAGES: Mapping[Stage, frozenset[Stage]] = {
     Stage.GOES: frozenset({Stage.GOES, Stage.WAITS, Stage.TRUSTED}),
     Stage.WAITS: frozenset({Stage.WAITS, Stage.SLOW, Stage.TRUSTED}),
     Stage.SLOW: frozenset({Stage.SLOW, Stage.TRUSTED}),
     Stage.TRUSTED: frozenset({Stage.TRUSTED}),
 }
-"""Stages that may follow in a retraction: it waits once, and tries once more."""
+"""Possible next stages of a retraction: it waits once, and retries once."""
 STRONGEST = (
     Reaction.REFUSED,
     Reaction.LEFT,
@@ -121,12 +121,12 @@ STRONGEST = (
     Reaction.RETRACTS,
     Reaction.CLAMPED,
 )
-"""Of two conditions at once the reaction that comes first here is taken."""
+"""Priority of reactions: of two simultaneous conditions, the first one here applies."""
 
 
 @dataclass(frozen=True)
 class GuardModel:
-    """The machine. Every table may be replaced, so that a test can plant a mistake."""
+    """State machine of the guard. Tests replace tables to plant mistakes."""
 
     rows: Mapping[Cause, CauseRow] = field(default_factory=lambda: ROWS)
     looks: Mapping[str, frozenset[When]] = field(default_factory=lambda: LOOKS)
@@ -139,7 +139,7 @@ class GuardModel:
     """A mistake to plant: a tool that was ordered away is told as retracted, whatever is found at the end."""
 
     def conditions(self, phase: str) -> tuple[Cause, ...]:
-        """Conditions that are looked at in a phase. The limits of motion hold in a retraction too."""
+        """Return the conditions checked in a phase. The motion limits also apply in a retraction."""
         whens = self.looks[phase]
         return tuple(
             cause
@@ -149,13 +149,13 @@ class GuardModel:
         )
 
     def next_phases(self, state: GuardState) -> frozenset[str]:
-        """Phases in which the next sample may be."""
+        """Return the possible phases of the next sample."""
         if state.code is None and state.phase in self.follows:
             return self.follows[state.phase]
         return self.ends.get(state.phase, frozenset())
 
     def judge(self, state: GuardState, phase: str, conditions: tuple[Cause, ...]) -> Iterator[GuardStep]:
-        """Every step of a sample in this phase."""
+        """Yield every transition of a sample in this phase."""
         rows = [self.rows[cause] for cause in conditions]
         ending = [row for row in rows if row.exit_code not in (None, COMPLETED)]
         reactions = {row.reaction for row in rows if row.exit_code != COMPLETED}
@@ -193,7 +193,7 @@ class GuardModel:
     def _cycle(
         self, here: GuardState, conditions: tuple[Cause, ...], reaction: Reaction | None
     ) -> Iterator[GuardStep]:
-        """A cycle, or what ends the cycles."""
+        """Yield the transitions of a cycle, or of the end of the cycles."""
         phase, rows = here.phase, [self.rows[cause] for cause in conditions]
         back, rest = here._replace(phase=Phase.RETRACT), here._replace(phase=AT_REST)
         if reaction is Reaction.LEFT:
@@ -218,7 +218,7 @@ class GuardModel:
                 yield GuardStep(conditions, "", None, rest)
 
     def _ways(self, phase: str, stage: Stage, conditions: tuple[Cause, ...], held: bool) -> frozenset[Way]:
-        """Orders of a cycle that continues. A clamp gives less than what is asked for, and never more than standing."""
+        """Return the possible orders of a continuing cycle. A clamp reduces a request, at most to standstill."""
         if phase == Phase.RETRACT and stage is Stage.WAITS and Cause.NO_FORCE not in conditions:
             return frozenset({Way.SAME})
         asked = self.asks[phase]
@@ -227,7 +227,7 @@ class GuardModel:
     def _leave(
         self, here: GuardState, conditions: tuple[Cause, ...], reaction: Reaction | None
     ) -> Iterator[GuardStep]:
-        """Back by orders alone, as long as the robot takes them."""
+        """Yield the retraction by orders alone, as long as the robot accepts them."""
         if reaction not in (Reaction.STANDS, Reaction.LEFT):
             for way in self.asks[BY_ORDERS]:
                 yield from _moved(GuardStep(conditions, "", way, here))
@@ -238,7 +238,7 @@ class GuardModel:
         yield GuardStep(conditions, "", None, rest._replace(away=False) if unknown else rest)
 
     def _tell(self, here: GuardState, conditions: tuple[Cause, ...]) -> GuardStep:
-        """The verdict on what was left. A tool that is not known to be away, and free, has not been retracted."""
+        """Judge the end. A tool that is not known to be away and free was not retracted."""
         free = here.away and (self.believes_orders or not conditions)
         code = (here.code or COMPLETED) if free else (here.code or STOPPED)
         if not free and code == INTERRUPTED:
@@ -248,7 +248,7 @@ class GuardModel:
 
 
 def _code_after(before: int | None, ending: Collection[CauseRow]) -> int | None:
-    """Exit code after these conditions: an operator's wish gives way to a failure, and nothing else does."""
+    """Return the exit code after these conditions: only a failure overrides a request of the operator."""
     codes = [row.exit_code for row in ending if row.exit_code != INTERRUPTED]
     if before not in (None, INTERRUPTED) or not ending:
         return before
@@ -256,7 +256,7 @@ def _code_after(before: int | None, ending: Collection[CauseRow]) -> int | None:
 
 
 def _moved(step: GuardStep) -> Iterator[GuardStep]:
-    """The step with each place that its order may lead to."""
+    """Yield the transition with each position that its order may lead to."""
     match step.way:
         case Way.DEEPER:
             places = {False, step.after.away}

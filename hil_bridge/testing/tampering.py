@@ -1,4 +1,4 @@
-"""A wire with a suite's hands on it: it can be cut, it can damage what arrives, and it knows whether it was closed."""
+"""Tampered transport of the suites: it can be cut, alter data in both directions, and knows whether it was closed."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -7,27 +7,27 @@ from hil_bridge.errors import TransportError
 from hil_bridge.transports import Transport
 
 Alter = Callable[[Any], Sequence[Any]]
-"""From one arrival to those that are handed over instead: none, another, several."""
+"""Replacement of an arrival by none, another or several ones."""
 
 
-class Meddled:
-    """A wire between a client and its device."""
+class TamperedTransport:
+    """Tampered transport between a client and its device."""
 
     def __init__(self, inner: Transport[Any]) -> None:
         self._inner = inner
         self.name = inner.name
         self.closed = False
-        """Its user has closed it."""
+        """Whether its user closed it."""
         self.cut = False
-        """Nothing passes in either direction; neither side is told."""
+        """Whether nothing passes in either direction, without notice to either side."""
         self.alter: Alter | None = None
-        """Changes what comes from the device."""
+        """Alters data from the device."""
         self.alter_sent: Alter | None = None
-        """Changes what goes to it."""
+        """Alters data to the device."""
         self.arrivals: list[Any] = []
-        """Everything that came, as it came."""
+        """All arrivals, unaltered."""
         self.deliver: Callable[[Any], None] = lambda data: None
-        """Hands something to the client as if it had come."""
+        """Delivers data to the client as if it had arrived."""
 
     def start(self, on_data: Callable[[Any], None], on_end: Callable[[TransportError], None]) -> None:
         self.deliver = on_data
@@ -54,7 +54,7 @@ class Meddled:
 
 
 def flipped(data: Any, bit: int) -> Any:
-    """The same bytes, or the first datagram of several, with one bit turned over; CAN frames as they are."""
+    """Flip one bit of bytes, or of the first datagram; CAN frames are unchanged."""
     if isinstance(data, (bytes, bytearray)):
         changed = bytearray(data)
         changed[bit // 8 % len(changed)] ^= 1 << bit % 8
@@ -65,14 +65,14 @@ def flipped(data: Any, bit: int) -> Any:
 
 
 def shortened(data: Any) -> Any:
-    """Without the last byte."""
+    """Remove the last byte."""
     if isinstance(data, (bytes, bytearray)):
         return bytes(data[:-1])
     return [one[:-1] if isinstance(one, bytes) else one for one in data]
 
 
 def garbage(data: Any) -> Any:
-    """Bytes, or a datagram, without any sense; nothing for CAN frames."""
+    """Return meaningless bytes, or a meaningless datagram; nothing for CAN frames."""
     noise = bytes(range(7, 250, 9))
     if isinstance(data, (bytes, bytearray)):
         return noise
@@ -80,7 +80,7 @@ def garbage(data: Any) -> Any:
 
 
 def lengthened(data: Any) -> Any:
-    """With one byte more."""
+    """Append a byte."""
     if isinstance(data, (bytes, bytearray)):
         return bytes(data) + b"\0"
     return [bytes(one) + b"\0" if isinstance(one, bytes) else one for one in data]

@@ -1,6 +1,6 @@
-"""The samples of a recording as arrays: of a run, or of a table with a mapping.
+"""Observations of a recording as arrays: of a run, or of a table with a mapping.
 
-Nothing here reads the truth of an emulated cell, its settings or its faults.
+Never uses the truth of an emulated cell, its settings or its faults.
 """
 
 import math
@@ -25,82 +25,82 @@ from protocol.geometry import Vector, inverse, rotate
 from protocol.wrench import SensorFacts, wrench_of
 
 Span: TypeAlias = tuple[float, float]
-"""Begin and end, s."""
+"""Begin and end of an interval, s."""
 DOWN: Vector = (0.0, 0.0, -1.0)
-"""Assumed of a table: the tool presses along the base frame's z axis, downwards."""
+"""Assumed for a table: the tool presses downwards along the base frame's z axis."""
 _SETTLED_S = 0.5
-"""Chosen: frames of free space end so long before a contact, and begin so long behind it."""
+"""Chosen: margin between free space and a contact, before and after it."""
 _PRESSING = 0.1
-"""Chosen: samples count as pressing above this share of the force that nine of ten stay below."""
+"""Chosen: share of the force's 90th percentile above which samples count as contact."""
 LEAST_PRESSING = 20
-"""Chosen: samples of a contact at least."""
+"""Chosen: smallest number of samples of a contact."""
 LEAST_FREE = 10
-"""Chosen: samples of free space at each end from which the drift of the zero is told."""
+"""Chosen: smallest number of samples of free space at each end for the drift of the zero."""
 _PLATEAU = 0.9
-"""Chosen: share of the frames of a cycle whose force across is smaller than the one that counts."""
+"""Chosen: quantile of the tangential force within a cycle that represents it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """The sensor's frames."""
+    """Frames of the sensor."""
 
     times: Floats
-    """Arrival, s, ascending."""
+    """Arrival times, s, ascending."""
     wrench: Floats
-    """(n, 6), N and N·m, in the sensor frame, from the zero of the device or the client."""
+    """Wrenches (n, 6), N and N·m, sensor frame, relative to the zero of the device or the client."""
     step: Floats
-    """(6,): N and N·m of one count; NaN for values that a table tells."""
+    """Size of one count (6,), N and N·m; NaN for a table."""
     standing: Span
-    """Time in which the tool stands in free space, s."""
+    """Interval with a stationary tool in free space, s."""
     free: tuple[Span, ...]
-    """Times of free space with one zero, before the first contact and behind the last, s."""
+    """Intervals of free space with the same zero, before the first contact and after the last, s."""
     facts: SensorFacts | None = None
     approach: Vector = DOWN
-    """The direction into the surface as the sensor sees it at the start."""
+    """Direction into the surface at the start, sensor frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """Samples while the tool presses, in their order of time."""
+    """Samples in contact, in time order."""
 
     times: Floats
-    """When the place was true, s."""
+    """Times of the positions, s."""
     depth: Floats
-    """Along the approach, m."""
+    """Depth along the approach, m."""
     press: Floats
     """Force against the approach at that time, N."""
     place: Floats
-    """(n, 3), base frame, m."""
+    """Positions (n, 3), base frame, m."""
     force: Floats
-    """(n, 3), of the surface on the tool, base frame, N."""
+    """Forces (n, 3) of the surface on the tool, base frame, N."""
     stretch: Floats
-    """Number of the stretch of each sample: it goes up where the tool begins to press, and where it is lifted."""
+    """Number of the contact interval of each sample; increases when the tool starts to press, and to retract."""
     approach: Floats
-    """(3,), unit vector into the surface, base frame."""
+    """Unit vector (3,) into the surface, base frame."""
     course: tuple[Floats, Floats]
-    """Arrival, s, and force against the approach, N, of all forces, those that do not press too."""
+    """Arrival times, s, and forces against the approach, N, including those without contact."""
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """All of it. None for a part that the recording does not tell."""
+class Observations:
+    """All observations. None for a part that the recording does not contain."""
 
     motion: Table | None
-    """Places as reported, with the targets."""
+    """Reported positions, with the targets."""
     orders: Table | None
-    """Set points as they were given, with the places; the same as `motion` where nothing lies between."""
+    """Setpoints as sent, with the positions; the same as `motion` if they are the targets."""
     contact: Contact | None
     stream: Stream | None
     robot: RobotFacts
-    """As the client told them; its servo, which is assumed, is not looked at."""
+    """Facts reported by the client, without its assumed servo."""
     cycles: tuple[CycleRecord, ...] = ()
     packets: Mapping[str, float] | None = None
     """Counters of the robot's link."""
 
 
-def see_run(run: Recording, alignment: Floats, pace: tuple[float, float]) -> Seen:
-    """Samples of a recorded run. `alignment` (3, 3) takes forces as the sensor counts them to the tool's axes. `pace`
-    is speed, m/s, and acceleration, m/s², of the client's set points. Raises ConfigError for a run without cycles.
+def observe_run(run: Recording, alignment: Floats, pace: tuple[float, float]) -> Observations:
+    """Extract the observations of a recorded run. `alignment` (3, 3) rotates sensor forces to the tool's axes. `pace`
+    is speed, m/s, and acceleration, m/s², of the client's setpoints. Raises ConfigError for a run without cycles.
     """
     if not run.cycles:
         raise ConfigError(
@@ -113,7 +113,7 @@ def see_run(run: Recording, alignment: Floats, pace: tuple[float, float]) -> See
         orders = None if cycle is None else given_orders(run, cycle, *pace)
     except ConfigError:  # too few before the first retraction
         motion = orders = None
-    return Seen(
+    return Observations(
         motion,
         orders or motion,
         _contact_of(run, approach_of(run), alignment),
@@ -125,7 +125,7 @@ def see_run(run: Recording, alignment: Floats, pace: tuple[float, float]) -> See
 
 
 def approach_of(run: Recording) -> Vector:
-    """The direction into the surface of a recorded run, base frame."""
+    """Return the direction into the surface of a recorded run, base frame."""
     frame = recorded_configuration(run).get("frame")
     told = frame.get("approach") if isinstance(frame, dict) else None
     try:
@@ -136,15 +136,15 @@ def approach_of(run: Recording) -> Vector:
     return (x / length, y / length, z / length) if 0.0 < length < math.inf else DOWN
 
 
-def see_table(table: Table) -> Seen:
-    """Samples of a table: places, and forces in the base frame. `press` and `depth` lie along one axis."""
+def observe_table(table: Table) -> Observations:
+    """Extract the observations of a table: positions, and forces in the base frame, along one axis."""
     stream = None
     if table.has("force"):
         moments = table.rows("moment") if table.has("moment") else np.full((len(table.times), 3), math.nan)
         wrench = np.hstack([table.rows("force"), moments])
         stream = Stream(table.times, wrench, np.full(6, math.nan), _free_of(table), ())
     motion = table if table.has("position") else None
-    return Seen(motion, motion, _contact_of_table(table), stream, RobotFacts())
+    return Observations(motion, motion, _contact_of_table(table), stream, RobotFacts())
 
 
 # --- a run
@@ -167,7 +167,7 @@ def _stream_of(run: Recording, facts: SensorFacts | None, alignment: Floats) -> 
 
 
 def _contact_of(run: Recording, approach: Vector, alignment: Floats) -> Contact | None:
-    """Pairs of place and force at one time, of the cycles that press. The drift of the zero is taken off."""
+    """Return simultaneous positions and forces of the cycles in contact, without the drift of the zero."""
     rows: list[tuple[float, ...]] = []
     arrivals: list[tuple[float, float]] = []
     stretch, before = 0, ""
@@ -190,7 +190,7 @@ def _contact_of(run: Recording, approach: Vector, alignment: Floats) -> Contact 
         return None
     table = np.array(rows)
     if devices_of(run).robot.pacing is Pacing.ASKED:
-        table[:, 6:9] = _forces_on_the_way(run, table, approach, alignment)
+        table[:, 6:9] = _forces_in_motion(run, table, approach, alignment)
     drift = _drift_of(table)
     table[:, 6:9] -= drift
     along = drift @ np.array(approach)
@@ -201,8 +201,8 @@ def _contact_of(run: Recording, approach: Vector, alignment: Floats) -> Contact 
 
 
 def _drift_of(table: Floats) -> Floats:
-    """Force of the zero's drift at each row, (n, 3), base frame, N: a line between the means of free space before the
-    first contact and behind the last; nothing where one of the two is too short.
+    """Return the drift of the zero at each row, (n, 3), base frame, N: a line between the means of free space before
+    the first contact and after the last; zero if one of the two is too short.
     """
     nothing: Floats = np.zeros((len(table), 3))
     times, press, touching = table[:, 0], table[:, 2], table[:, 9] > 0
@@ -223,9 +223,9 @@ def _drift_of(table: Floats) -> Floats:
     return drift
 
 
-def _forces_on_the_way(run: Recording, table: Floats, approach: Vector, alignment: Floats) -> Floats:
-    """Forces (n, 3), base frame, N, of a robot that is asked: it goes step by step, and stands when it is asked. Of the
-    frames up to the next cycle that counts whose force across is larger than that of nine in ten.
+def _forces_in_motion(run: Recording, table: Floats, approach: Vector, alignment: Floats) -> Floats:
+    """Return forces (n, 3), base frame, N, for a polled robot, which moves step by step and is stationary when polled:
+    from the frames of each cycle, the one at the 90th percentile of the tangential force.
     """
     facts = devices_of(run).sensor.facts
     forces = table[:, 6:9].copy()
@@ -262,7 +262,7 @@ def _contact_of_table(table: Table) -> Contact | None:
 
 
 def _pressing(table: Floats, approach: Vector, course: tuple[Floats, Floats]) -> Contact | None:
-    """The rows whose force is away from zero."""
+    """Select the rows in contact."""
     press, stretch = table[:, 2], table[:, 9]
     if not (stretch > 0).any():
         return None
@@ -275,9 +275,7 @@ def _pressing(table: Floats, approach: Vector, course: tuple[Floats, Floats]) ->
 
 
 def _free_of(table: Table) -> Span:
-    """The first stretch of a table whose force is near its least: there the tool presses nothing. A table without a
-    contact is free as a whole.
-    """
+    """Return the first interval of a table without contact; all of it if there is no contact."""
     times = table.times
     if not table.has("press"):
         return float(times[0]), float(times[-1])

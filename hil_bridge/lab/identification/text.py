@@ -1,4 +1,4 @@
-"""Values of a recording as text for people."""
+"""Text of identified values."""
 
 import math
 from collections.abc import Iterator, Sequence
