@@ -81,7 +81,7 @@ NAMED = {
     "robot, more": {
         "halt": "a robot that was halted continues",
         "nowhere": "an order that is not a number is taken",
-        "waits": "waits for ever",
+        "waits": "waits forever",
         "task": "leaves a task behind",
         "sign": "the sign of its vector part is wrong",
     },

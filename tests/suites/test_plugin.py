@@ -33,7 +33,7 @@ def test_missing_fixture_fails_and_says_which_and_where(pytester: pytest.Pyteste
     for suite in SUITES.values():
         example = "\n".join(f"    {line}" for line in suite.example)
         assert (
-            f"the suite for a {suite.title} needs the fixture {suite.needs!r}; give it in {where}:\n{example}\n"
+            f"the suite for a {suite.title} needs fixture {suite.needs!r}; define it in {where}:\n{example}\n"
             in told
         )
 
@@ -189,7 +189,7 @@ def test_a_wrong_name_fails_the_test_with_one_line(pytester: pytest.Pytester) ->
     )
     result = pytester.runpytest_inprocess(*PLUGIN, "-q")
     result.assert_outcomes(failed=1)
-    result.stdout.fnmatch_lines(["stopped: there is no robot or sensor 'emg'; choose one of egm, rsi, *"])
+    result.stdout.fnmatch_lines(["stopped: unknown robot or sensor 'emg'; known: egm, rsi, *"])
     result.stdout.no_fnmatch_line("*Error*")
 
 
