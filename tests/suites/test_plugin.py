@@ -225,6 +225,6 @@ def test_a_client_with_a_mistake_fails_its_test(pytester: pytest.Pytester) -> No
     result = pytester.runpytest_inprocess(*PLUGIN, "-q", "-k", "pose")
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(
-        ["*nominal: *of its orders turn the tool at once*", "* the client in nominal *"]
+        ["*nominal: *of its orders rotate the tool abruptly*", "* the client in nominal *"]
     )
     assert "this is my client" in result.stdout.str()
