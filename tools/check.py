@@ -18,6 +18,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from kernel_machine import SKIPPED
@@ -49,6 +50,11 @@ def run_captured(command: Sequence[str]) -> tuple[int, str]:
         text=True,
     )
     return done.returncode, done.stdout
+
+
+def run_shown(step: Step) -> tuple[int, str]:
+    """Run a step that shows its output itself, and return its exit code and no output."""
+    return step(), ""
 
 
 def run_both(first: tuple[str, ...], second: tuple[str, ...]) -> Step:
@@ -165,7 +171,7 @@ def run_steps(steps: dict[str, Step], background: dict[str, tuple[str, ...]]) ->
 
     with ThreadPoolExecutor(2) as pool:
         running = {
-            name: pool.submit(run_timed, name, lambda command=command: run_captured(command))
+            name: pool.submit(run_timed, name, partial(run_captured, command))
             for name, command in background.items()
         }
 
@@ -178,7 +184,7 @@ def run_steps(steps: dict[str, Step], background: dict[str, tuple[str, ...]]) ->
             if name == ALONE:
                 show_background(but=IDLE)
             print(f"── {name}", flush=True)
-            run_timed(name, lambda step=step: (step(), ""))
+            run_timed(name, partial(run_shown, step))
         show_background()
     return results
 
