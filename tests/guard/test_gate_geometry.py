@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, strategies
 
-from hil_bridge.devices.robots.gate import Bounds, Gate
+from hil_bridge.devices.robots.gate import Bounds, Gate, contradiction, depth_of
 from protocol.geometry import Pose, Quaternion, Vector, product, rotate, turn_about
 
 ORIGIN = (0.0, 0.0, 0.0)
@@ -60,3 +60,24 @@ def test_gate_distance_across_excludes_the_approach(
     refused = Gate(bounds, 0.0).judge(Pose((x, y, z), UPRIGHT), 0.0)
     assert bool(refused) == bool(words)
     assert words in refused
+
+
+@given(
+    origin=strategies.tuples(*[strategies.floats(-1.0, 1.0)] * 3),
+    approach=AXES,
+    other=AXES,
+    depth=strategies.floats(-0.1, 0.1),
+    aside=strategies.floats(-0.1, 0.1),
+)
+def test_gate_depth_is_counted_from_the_start_along_the_approach(
+    origin: Vector, approach: Vector, other: Vector, depth: float, aside: float
+) -> None:
+    side = unit_across(approach, other)
+    x, y, z = (o + depth * a + aside * s for o, a, s in zip(origin, approach, side, strict=True))
+    assert contradiction((x, y, z), origin, approach, depth) == ""
+    assert "0.2 mm from the depth" in contradiction((x, y, z), origin, approach, depth + 2e-4)
+    bounds = Bounds(Pose(origin, UPRIGHT), approach, deepest=depth)
+    assert depth_of((x, y, z), bounds) == pytest.approx(depth, abs=1e-9)
+    assert Gate(bounds, 0.0).judge(Pose((x, y, z), UPRIGHT), 0.0) == ""
+    shallower = Bounds(Pose(origin, UPRIGHT), approach, deepest=depth - 1e-3)
+    assert "1.0 mm deeper than the deepest" in Gate(shallower, 0.0).judge(Pose((x, y, z), UPRIGHT), 0.0)
