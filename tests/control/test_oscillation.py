@@ -92,6 +92,12 @@ def test_ramps_and_slow_waves_of_a_contour_are_no_oscillation():
     assert findings(contour) == {Finding.CALM}
 
 
+def test_large_swings_that_outlast_the_window_are_no_oscillation():
+    """Six peaks in 9.9 s, where the window is 7.3 s."""
+    assert findings([30.0 if k // 11 % 2 == 0 else -30.0 for k in range(400)]) == {Finding.CALM}
+    assert Finding.OSCILLATING in findings([30.0 if k // 6 % 2 == 0 else -30.0 for k in range(400)])
+
+
 def test_what_is_no_number_is_skipped():
     errors = swing(60, 10.0, 6)
     holes = [value for error in errors for value in (error, math.nan)]

@@ -313,6 +313,14 @@ def test_a_step_that_says_nothing_ends_after_its_time(install: Install) -> None:
     assert step.at - step.began_at == pytest.approx(2.0, abs=0.05)
 
 
+def test_a_step_is_tried_before_the_run_with_half_the_wanted_force(install: Install) -> None:
+    mine(install, "assert seen.force == (seen.force_n / 2, 0.0, 0.0), seen.force")
+    code, said = command("list", "plugins")
+    assert code == 0
+    assert "mine 1.0" in said
+    assert "fails at its first sample" not in said
+
+
 def test_a_hook_that_fails_before_the_run_is_told_with_the_step(
     install: Install, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -160,6 +160,17 @@ def test_each_cause_stops_and_just_inside_does_not(observed, cause):
     assert isinstance(step(request(0.5), **inside | {"force": -10.0})[1], Allow)
 
 
+def test_only_a_step_that_presses_aside_may_push_with_the_force_limit():
+    """Unless it is told so, the guard judges a force from beside by `against_travel_n`."""
+    beside = {"aside": LIMITS.against_travel_n + 5.0 * LIMITS.friction_share + 0.1}
+    _, verdict = step(request(0.5), **beside)
+    assert isinstance(verdict, Stop)
+    assert verdict.reason.cause is Cause.WALL
+    pressing = Supervisor(LIMITS, presses_aside=True)
+    _, verdict = pressing.step(START, observed(QUIET, **beside), request(0.5))
+    assert isinstance(verdict, Allow)
+
+
 def test_an_age_just_beyond_its_limit_is_told_so_that_it_differs_from_it():
     for now, told in ((100.1904, "is 200.40 ms old"), (100.24, "is 250 ms old")):
         _, verdict = step(request(0.5), now=now)
