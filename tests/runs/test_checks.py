@@ -80,3 +80,29 @@ def test_a_run_makes_its_cell_its_pace_and_its_loop_once(
     config = read_config({**NEAR, "run": {"duration_s": 0.2}, "robot": {"emulated": robot}})
     assert execute(config, True, Outputs(record=tmp_path / "run.mcap"), view=False) == 0
     assert counts == {"make_cell": 1, "set_pace": 1, "control_loop": 1}
+
+
+def test_a_wanted_force_at_the_limit_is_refused(tmp_path: Path) -> None:
+    """Any overshoot would stop the run."""
+    told = refused(tmp_path, "[task]\nforce_n = 50.0\n[limits]\nforce_limit_n = 50.0\n")
+    assert told.startswith("task.force_n (--force-n) of 50 N must be below limits.force_limit_n of 50 N")
+    file = tmp_path / "below.toml"
+    file.write_text("[task]\nforce_n = 49.9\n[limits]\nforce_limit_n = 50.0\n", encoding="utf-8")
+    check(Setup(load_config(file, {})), True, VIRTUAL_EPOCH)
+
+
+@pytest.mark.parametrize(
+    ("to_mm", "place"),
+    [
+        ((20.0, 0.0), "0.900 -0.080 "),
+        ((-20.0, 0.0), "0.900 -0.120 "),
+        ((0.0, 20.0), "0.880 -0.100 "),
+        ((0.0, -20.0), "0.920 -0.100 "),
+    ],
+)
+def test_a_place_outside_the_workspace_is_told_in_the_base_frame(
+    tmp_path: Path, to_mm: tuple[float, float], place: str
+) -> None:
+    box = "[limits]\nworkspace_min_m = [0.89, -0.11, 0.0]\nworkspace_max_m = [0.91, -0.09, 2.0]\n"
+    steps = f'[[task.step]]\ndo = "move"\nto_mm = {list(to_mm)}\n[[task.step]]\ndo = "retract"\n'
+    assert f"it leads to {place}" in refused(tmp_path, box + steps)

@@ -12,10 +12,12 @@ from click.testing import CliRunner
 from hil_bridge.api import Result, simulate
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.control import Command, Measurement
 from hil_bridge.control.course.intent import CONNECT, TARE, Phase
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import EventKind, EventRecord, TruthRecord, read
 from hil_bridge.record.topics import TRUTH
+from hil_bridge.runs.faults.lying import LyingController
 from hil_bridge.runs.faults.schedule import FaultSchedule
 from hil_bridge.runs.session import Outputs, execute
 from hil_bridge.settings.configuration import Config, load_config, read_config
@@ -302,6 +304,27 @@ def test_the_index_of_a_wrong_fault_is_told(tmp_path: Path) -> None:
     good = {"on": "signal", "fault": "dead"}
     with pytest.raises(ConfigError, match=r"faults\.1: this wire cannot have 'tired'; it can have off"):
         _read(tmp_path, {"faults": [good, {"on": "wire", "fault": "tired"}]})
+
+
+class Deeper:
+    """A controller that answers a millimetre deeper in each sample."""
+
+    name = "deeper"
+
+    def initial(self) -> int:
+        return 0
+
+    def step(self, state: int, measurement: Measurement, reference: float) -> tuple[int, Command]:
+        return state + 1, Command((state + 1) * 1e-3, 0.0)
+
+
+def test_a_controller_lies_between_two_times_counted_from_its_first_sample() -> None:
+    lying = LyingController(Deeper(), "deeper", {"mm": 100.0}, after_s=0.5, for_s=0.5, sample_ms=250.0)
+    state, answers = lying.initial(), []
+    for time in (10.0, 10.25, 10.5, 10.75, 11.0):
+        state, command = lying.step(state, Measurement(time, 5.0, 0.0, 0.0), 10.0)
+        answers.append(command.position * 1e3)
+    assert answers == pytest.approx([1.0, 2.0, 103.0, 104.0, 5.0])
 
 
 @pytest.mark.parametrize(

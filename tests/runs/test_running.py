@@ -4,12 +4,14 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from hil_bridge import api
-from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.clock import Clock, run_real, run_virtual
+from hil_bridge.devices.device_log import CallbackLog
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.record import CycleRecord, EventKind, EventRecord, LinkRecord, Outcome, RunEnd, TruthRecord
 from hil_bridge.runs import compose
@@ -22,6 +24,7 @@ from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import Running, running
 from hil_bridge.runs.session import execute
 from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.shown import health_of
 from hil_bridge.runs.truth import GroundTruth
 from hil_bridge.runs.watching import Listener, Watcher
 from hil_bridge.settings.configuration import read_config
@@ -112,6 +115,39 @@ def test_a_cell_that_fails_while_it_is_opened_ends_the_run(monkeypatch: pytest.M
         Cause.CELL_FAILED,
         "the emulated cell failed: planted",
     )
+
+
+def test_an_emulated_robot_is_served_beside_a_real_sensor() -> None:
+    config = read_config(
+        {"robot": {"emulated": "s3"}, "sensor": {"url": "netft+udp://127.0.0.1:49152", "unchecked": True}}
+    )
+
+    async def main() -> None:
+        clock = Clock.running()
+        try:
+            async with compose.open_devices(Setup(config), clock, CallbackLog()) as devices:
+                assert devices.served is not None
+                assert devices.served.robot is not None
+                assert devices.served.sensor is None
+        finally:
+            clock.close()
+
+    run_real(main)
+
+
+def test_the_health_of_a_run_tells_the_time_of_the_newest_frame() -> None:
+    def told(newest: object) -> Any:
+        robot, facts = (
+            SimpleNamespace(counters={"retries": 2, "orders": 7}),
+            SimpleNamespace(errors=("retries",)),
+        )
+        run: Any = SimpleNamespace(robot=robot, sensor=SimpleNamespace(newest=newest, lost=3), facts=facts)
+        return health_of(run)
+
+    health = told(SimpleNamespace(at=4.5))
+    assert (health.link_errors, health.frames_lost, health.sensor_at) == (2, 3, 4.5)
+    assert told(None).sensor_at is None, "no frame has come yet"
+    assert health_of(None).sensor_at is None
 
 
 def test_a_log_knows_the_time_of_a_byte_on_the_line() -> None:
