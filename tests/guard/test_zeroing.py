@@ -76,3 +76,10 @@ def test_zeroing_reports_the_zero_and_its_unexplained_force(guarded: Run, robot:
         [0.0, 0.0, 4.9, 0.0, 0.0, 0.0], abs=0.1
     )
     assert float(match[2]) < 0.1
+
+
+@ROBOTS
+def test_lift_of_a_single_step_moves_the_tool_away(guarded: Run, robot: str) -> None:
+    run = guarded(config(robot, task={"zero_lift_mm": 0.5, "zero_step_mm": 0.5}))
+    assert run.error is None, run.cause
+    assert run.cycles[0].start[2] == pytest.approx(0.5915, abs=0.1e-3)

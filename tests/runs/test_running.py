@@ -150,6 +150,24 @@ def test_the_health_of_a_run_tells_the_time_of_the_newest_frame() -> None:
     assert health_of(None).sensor_at is None
 
 
+def test_a_run_that_an_error_ends_enters_the_phase_of_the_retraction() -> None:
+    phases: list[str] = []
+    cycles: list[CycleRecord] = []
+
+    def note(record: EventRecord) -> None:
+        if record.kind == EventKind.PHASE:
+            phases.append(record.text)
+
+    def fail(record: CycleRecord) -> None:
+        cycles.append(record)
+        if len(cycles) == 3:
+            raise ValueError("planted")
+
+    result = run_in_harness(SHORT, [Listener({EventRecord: note}), Listener({CycleRecord: fail})])
+    assert result.outcome is Outcome.STOPPED
+    assert "retract" in phases
+
+
 def test_a_log_knows_the_time_of_a_byte_on_the_line() -> None:
     pauses: list[float] = []
 
