@@ -8,7 +8,7 @@ import click
 
 from hil_bridge.cli.bag_options import bag_options
 from hil_bridge.cli.entry_points import extension
-from hil_bridge.console.options import json_option, output_option, overwrite_option, tell_json
+from hil_bridge.console.options import echo_json, json_option, output_option, overwrite_option
 from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
 
@@ -68,7 +68,7 @@ def _compare_recordings(
 
     out, align = page
     if as_json:
-        tell_json(compare_values(runs))
+        echo_json(compare_values(runs))
         return
     write_whole(out, compare_page(runs, align).encode(), overwrite)
     click.echo(out)

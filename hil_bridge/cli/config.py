@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hil_bridge.console.options import output_option, overwrite_option, tell
+from hil_bridge.console.options import echo_lines, output_option, overwrite_option
 from hil_bridge.console.paths import FILE
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def program(file: Path, out: Path | None, overwrite: bool) -> None:
 
         write_whole(out, draw_task(steps, f"{file.stem}: {total}"), overwrite)
         lines.append(f"wrote {out}")
-    tell(lines)
+    echo_lines(lines)
 
 
 def _config(file: Path) -> "Config":

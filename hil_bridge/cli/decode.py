@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import click
 
 from hil_bridge.cli.entry_points import EntryPointGroup
-from hil_bridge.console.pasted import print_items, read_bytes, read_frames
+from hil_bridge.console.decode_arguments import print_items, read_bytes, read_frames
 
 
 class _Kinds(EntryPointGroup):

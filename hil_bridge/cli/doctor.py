@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.console.options import json_option, tell_json
+from hil_bridge.console.options import echo_json, json_option
 from hil_bridge.console.paths import FILE
 
 EXIT_UNFIT = 3
@@ -29,6 +29,6 @@ def doctor(config_file: Path | None, robot_file: Path | None, as_json: bool) -> 
     facts: list[Fact] = []
     can_work = examine(config_file, say=facts.append if as_json else None, robot_file=robot_file)
     if as_json:
-        tell_json({"can_work": can_work, "facts": facts})
+        echo_json({"can_work": can_work, "facts": facts})
     if not can_work:
         sys.exit(EXIT_UNFIT)

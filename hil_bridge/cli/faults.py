@@ -4,7 +4,7 @@ import click
 
 from hil_bridge.cli.completion import complete, robots, sensors
 from hil_bridge.cli.devices import surface_option
-from hil_bridge.console.options import json_option, tell_json
+from hil_bridge.console.options import echo_json, json_option
 
 
 @click.command(short_help="List the faults of an emulated cell.")
@@ -46,6 +46,6 @@ def faults(robot: str, sensor: str, surface: str | None, as_json: bool) -> None:
 
     table = describe_faults(EmulatedKinds.named(robot, sensor, surface or "").faults)
     if as_json:
-        tell_json(table)
+        echo_json(table)
     else:
         click.echo(faults_text(table))

@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 import click
 
-from hil_bridge.console.options import tell
+from hil_bridge.console.options import echo_lines
 from hil_bridge.console.paths import FILE
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
@@ -17,7 +17,7 @@ def conditions() -> None:
     """List every condition that refuses, clamps or ends a run, and what it leads to."""
     from hil_bridge.site.guard.conditions import as_text
 
-    tell(as_text())
+    echo_lines(as_text())
 
 
 def _number(name: str, key: str, text: str) -> Callable[[_Command], _Command]:
@@ -102,4 +102,4 @@ def explain(config_file: Path | None, phase: str, **given: Any) -> None:
     from hil_bridge.site.guard.explaining import explain as explain_decision
 
     known = {name: value for name, value in given.items() if value is not None}
-    tell(explain_decision(load_config(config_file, {}), Situation(Phase(phase), **known)).lines())
+    echo_lines(explain_decision(load_config(config_file, {}), Situation(Phase(phase), **known)).lines())

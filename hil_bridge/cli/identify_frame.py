@@ -7,7 +7,7 @@ import click
 
 from hil_bridge.cli.devices import device_options, device_settings
 from hil_bridge.console.debugging import debug_option
-from hil_bridge.console.options import output_option, overwrite_option, tell
+from hil_bridge.console.options import echo_lines, output_option, overwrite_option
 from hil_bridge.console.paths import FILE
 
 
@@ -79,4 +79,4 @@ def identify_frame(
     if out is not None:
         write_whole(out, ("\n".join(lines) + "\n").encode(), overwrite)
         lines.append(f"wrote {out}")
-    tell(lines)
+    echo_lines(lines)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hil_bridge.console.options import json_option, output_option, overwrite_option, tell_json
+from hil_bridge.console.options import echo_json, json_option, output_option, overwrite_option
 from hil_bridge.console.paths import FILE
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def latency(recording: Path, out: Path | None, as_json: bool, overwrite: bool) -
     record = read(recording)
     if not record.cycles and out is None:
         if as_json:
-            tell_json(None)
+            echo_json(None)
         else:
             click.echo(f"no times: {NO_CYCLE}")
         return
@@ -63,7 +63,7 @@ def latency(recording: Path, out: Path | None, as_json: bool, overwrite: bool) -
         write_whole(out, text.encode(), overwrite)
         lines.append(f"wrote {out}{left_out and f'; {left_out}'}")
     if as_json:
-        tell_json({**_values(found, answers), "truncated": record.truncated})
+        echo_json({**_values(found, answers), "truncated": record.truncated})
         return
     for line in lines:
         click.echo(harmless(line))

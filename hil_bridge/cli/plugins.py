@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from hil_bridge.console.options import json_option, tell, tell_json
+from hil_bridge.console.options import echo_json, echo_lines, json_option
 
 OWN = "hil-bridge"
 """Package of our own."""
@@ -22,14 +22,16 @@ def plugins(with_own: bool, as_json: bool) -> None:
     """
     rows = _rows(with_own)
     if as_json:
-        tell_json(rows)
+        echo_json(rows)
     elif not rows:
-        tell(["no other package offers anything; docs/how-to/devices.md tells how one does"])
+        echo_lines(["no other package offers anything; docs/how-to/devices.md tells how one does"])
     else:
         widths = [max(len(row[key]) for row in rows) for key in ("thing", "name", "package")]
         for row in rows:
             columns = zip((row["thing"], row["name"], row["package"]), widths, strict=True)
-            tell(["  ".join((*(f"{text:{width}}" for text, width in columns), row["told"] or row["source"]))])
+            echo_lines(
+                ["  ".join((*(f"{text:{width}}" for text, width in columns), row["told"] or row["source"]))]
+            )
     sys.exit(2 if any(row["state"] != "ok" for row in rows) else 0)
 
 
@@ -45,7 +47,7 @@ def controllers(name: str | None, as_json: bool) -> None:
 
     told = [controller_facts(each) for each in ([name] if name else controller_names())]
     if as_json:
-        tell_json(told)
+        echo_json(told)
         return
     for number, one in enumerate(told):
         lines = [""] if number else []
@@ -59,7 +61,7 @@ def controllers(name: str | None, as_json: bool) -> None:
             lines.append(f"    {parameter['name']} = {parameter['default']}{among}")
             if parameter["meaning"]:
                 lines.append(f"        {parameter['meaning']}")
-        tell(lines)
+        echo_lines(lines)
 
 
 def _rows(with_own: bool) -> list[dict[str, str]]:

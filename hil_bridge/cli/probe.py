@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from hil_bridge.cli.entry_points import extension
-from hil_bridge.console.options import json_option, output_option, overwrite_option, tell, tell_json
+from hil_bridge.console.options import echo_json, echo_lines, json_option, output_option, overwrite_option
 from hil_bridge.console.paths import FILE
 
 EXIT_REFUSED = 3
@@ -71,9 +71,9 @@ def robot(
         write_whole(out, robot_probe.site_toml(_with_kind(kind.name, wire), found).encode(), overwrite)
         click.echo(f"wrote {out}\n", err=as_json)
     if as_json:
-        tell_json({"kind": kind.name, "url": _with_kind(kind.name, wire), **robot_probe.probe_values(found)})
+        echo_json({"kind": kind.name, "url": _with_kind(kind.name, wire), **robot_probe.probe_values(found)})
     else:
-        tell(f"{name:<14} {text}" for name, text in robot_probe.probe_rows(found))
+        echo_lines(f"{name:<14} {text}" for name, text in robot_probe.probe_rows(found))
     if found.refusals:
         sys.exit(EXIT_REFUSED)
 
@@ -110,6 +110,6 @@ def sensor(
     from hil_bridge.site.sensor_probe import find_sensor, probe_sensor
 
     if as_json:
-        tell_json(find_sensor(url, load_config(config_file, {})))
+        echo_json(find_sensor(url, load_config(config_file, {})))
         return
     probe_sensor(url, load_config(config_file, {}), not no_push, duration_s)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from hil_bridge.cli.completion import complete, controllers
-from hil_bridge.console.options import overwrite_option, tell
+from hil_bridge.console.options import echo_lines, overwrite_option
 from hil_bridge.console.paths import FILE
 
 if TYPE_CHECKING:
@@ -55,18 +55,18 @@ def replay(
     if table is not None:
         _write_table(table, cycles, overwrite)
     if not cycles:
-        tell([f"no cycle to replay: {NO_CYCLE}"])
+        echo_lines([f"no cycle to replay: {NO_CYCLE}"])
         return
     if changes:
-        tell(_changes(cycles, config.controller.name))
+        echo_lines(_changes(cycles, config.controller.name))
         return
     for cycle in cycles:
         if cycle.differences:
-            tell(_differences(cycle, len(cycles)))
-            tell(_versions(record.metadata.get("version", "")))
+            echo_lines(_differences(cycle, len(cycles)))
+            echo_lines(_versions(record.metadata.get("version", "")))
             sys.exit(EXIT_DIFFERENT)
     note = "; the recording is cut short or damaged behind them" if record.truncated else ""
-    tell([f"{len(cycles)} cycles replayed, every command identical{note}"])
+    echo_lines([f"{len(cycles)} cycles replayed, every command identical{note}"])
 
 
 def _differences(cycle: "ReplayedCycle", count: int) -> "Iterator[str]":

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.console.options import json_option, tell, tell_json
+from hil_bridge.console.options import echo_json, echo_lines, json_option
 from hil_bridge.console.paths import FILE
 
 
@@ -28,6 +28,6 @@ def runs(folder: Path, last: int, as_json: bool) -> None:
 
     found = list_runs(folder, last)
     if as_json:
-        tell_json([one.values for one in found])
+        echo_json([one.values for one in found])
         return
-    tell(run_lines(found))
+    echo_lines(run_lines(found))

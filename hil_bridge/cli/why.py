@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from hil_bridge.cli.entry_points import extension
-from hil_bridge.console.options import json_option, tell_json
+from hil_bridge.console.options import echo_json, json_option
 from hil_bridge.console.paths import FILE
 
 
@@ -27,7 +27,7 @@ def why(recording: Path, as_json: bool) -> None:
     record, _ = read_with_traffic(recording)
     broken = extension("broken-promises", "promises of the guard")(record)
     if as_json:
-        tell_json({**asdict(why_values(record, recording)), "promises_broken": list(broken)})
+        echo_json({**asdict(why_values(record, recording)), "promises_broken": list(broken)})
         return
     click.echo(harmless(why(record, recording)))
     for text in broken:

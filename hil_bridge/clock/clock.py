@@ -1,4 +1,4 @@
-"""The clock that everything else is given. No other part of the project reads one."""
+"""Clock that is passed to everything else. No other part of the project reads one."""
 
 import asyncio
 import sys
@@ -15,28 +15,28 @@ if sys.platform == "linux":
 
 
 def wall_time() -> datetime:
-    """Date and time of day here, for names that an operator reads."""
+    """Return the local date and time, for display and names."""
     return datetime.now().astimezone()
 
 
 class Timer(Protocol):
-    """A callback that waits for its time."""
+    """Callback that waits for its time."""
 
     def cancel(self) -> None:
-        """Never call it. Harmless when it was called or cancelled before."""
+        """Cancel the callback. Idempotent, also after the callback was called."""
 
 
 @dataclass(frozen=True, slots=True)
 class WallTime:
-    """UNIX time of a clock's times, anchored once, so that differences are those of the clock."""
+    """Conversion of a clock's times to UNIX time, anchored once, so that differences are those of the clock."""
 
     anchor: float
-    """A time of the clock, s."""
+    """Time of the clock, s."""
     anchor_ns: int
     """UNIX time of the same moment, ns."""
 
     def __call__(self, when: float) -> int:
-        """UNIX time of `when`, ns."""
+        """Return the UNIX time of `when`, ns."""
         return self.anchor_ns + round((when - self.anchor) * 1e9)
 
 
@@ -46,11 +46,13 @@ class Clock:
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.loop = loop
         self.is_virtual = isinstance(loop, VirtualLoop)
-        """True when nothing waits: what is asked for happens at its exact instant."""
+        """Whether time is virtual: nothing waits, and callbacks run at their exact instant."""
         self.now: Callable[[], float] = loop.time if self.is_virtual else time.monotonic
-        """Time, s. In real time what asyncio's loop calls too, since another loop may tell it to a millisecond only."""
+        """Present time, s. In real time it is the clock of asyncio's loop, which other loops may report with 1
+        ms only.
+        """
         self.call_at: Callable[[float, Callable[[], object]], Timer] = loop.call_at
-        """Call back at a time, s on this clock; soon, but never before this returns, when that has passed.
+        """Call back at a time, s on this clock; soon, but never before this returns, if that has passed.
 
         In real time, callbacks of the same instant run in no particular order.
         """
@@ -60,7 +62,7 @@ class Clock:
         if isinstance(loop, VirtualLoop):
             self.call_at, self.call_soon = loop.timer, loop.soon
             self.wall_ns = WallTime(VIRTUAL_EPOCH, VIRTUAL_WALL_NS)
-            """UNIX time of a time of this clock, ns. It needs no loop any more."""
+            """UNIX time of a time of this clock, ns. It needs no loop."""
             return
         self.wall_ns = WallTime(self.now(), time.time_ns())
         if sys.platform == "linux":
@@ -73,7 +75,7 @@ class Clock:
         return cls(asyncio.get_running_loop())
 
     async def sleep_until(self, when: float) -> None:
-        """Return at `when`, s on this clock; when that has passed, after one turn of the loop."""
+        """Return at `when`, s on this clock; if that has passed, after one turn of the loop."""
         if when <= self.now():
             await asyncio.sleep(0)
             return
@@ -85,9 +87,9 @@ class Clock:
             timer.cancel()
 
     def at_wall(self, wall: float) -> float:
-        """Convert a UNIX time stamp, s, that a kernel or device made moments ago, to this clock's time.
+        """Return this clock's time of a UNIX time stamp, s, that a kernel or device made moments ago.
 
-        A stamp that lies in the future or more than a second back is not believed: that is now.
+        A stamp in the future or more than a second in the past is implausible: then it is the present time.
         """
         now = self.now()
         if self.is_virtual:
@@ -96,6 +98,6 @@ class Clock:
         return now - age if 0.0 <= age <= 1.0 else now
 
     def close(self) -> None:
-        """Give back the timer; callbacks not yet due never come. Harmless when called again."""
+        """Release the timer; pending callbacks are dropped. Idempotent."""
         if self._close is not None:
             self._close()

@@ -1,8 +1,8 @@
-"""The clock of emulated devices: an event has the time at which it was due, not the time of a late wake-up.
+"""Clock of emulated devices: an event has the time at which it was due, not the time of a late wake-up.
 
 A computer calls back some time after the deadline and then needs time to compute. The device has neither delay. An
-answer calculated from the wake-up would begin that much later on its line. A chain of deadlines would fall behind a
-little more with each.
+answer calculated from the wake-up time would begin that much later on its line. A chain of deadlines would fall further
+behind with each of them.
 """
 
 import copy
@@ -11,19 +11,18 @@ from collections.abc import Callable
 from hil_bridge.clock.clock import Clock, Timer
 
 EARLY_S = 60e-6
-"""Time before a deadline for which the wake-up is asked, s. The rest is waited out by looking at the clock, so that a
-device is never early.
+"""Lead time of the wake-up before a deadline, s. The rest is spent polling the clock, so that a device is never early.
 
-Chosen: about the time of a processor to wake from idle, so that little is left to wait out. An emulated cell then takes
-as much of a processor as without. Without this time, bytes of a paced line would reach their client that much later.
+Chosen: about the time that a processor needs to wake from idle, so that little is left to poll. An emulated cell then
+needs as much processor time as without it. Without this lead, bytes of a paced line would reach their client later.
 """
 
 
 def device_clock(clock: Clock) -> Clock:
     """Return a clock for emulated devices and their lines, on the loop and the timers of this one.
 
-    Within a callback of `call_at` its `now` stands at the time that was asked for, elsewhere at the loop's; it never
-    goes back. In virtual time, where nothing is late, it is the clock itself.
+    Within a callback of `call_at` its `now` is the requested time, elsewhere the loop's; it never goes back. In virtual
+    time, where nothing is late, it is the clock itself.
     """
     if clock.is_virtual:
         return clock
@@ -34,7 +33,7 @@ def device_clock(clock: Clock) -> Clock:
 
 
 class _DueTime:
-    """The time of whatever is being handled."""
+    """Time of the event that is being handled."""
 
     __slots__ = ("_call_at", "_due", "_newest", "_time")
 
@@ -44,9 +43,9 @@ class _DueTime:
         self._time = time
         self._call_at = call_at
         self._newest = float("-inf")
-        """Newest event: a deadline may be handled after an event that came later than it."""
+        """Time of the newest event: a deadline may be handled after a later event."""
         self._due: float | None = None
-        """The time of the deadline that is being handled."""
+        """Time of the deadline that is being handled."""
 
     def now(self) -> float:
         if self._due is None:

@@ -1,21 +1,21 @@
-"""Pauses of the computer: a timer that should have come, and came late."""
+"""Detection of pauses of the computer, by a timer that comes late."""
 
 from collections import deque
 
 from hil_bridge.clock.clock import Clock, Timer
 
 BEAT_S = 0.01
-"""Chosen: how often the loop is looked at; a stop that is shorter than this may not show."""
+"""Chosen: interval of the beats; a pause that is shorter may not be detected."""
 RECENT_S = 1.0
-"""Chosen: a pause that is older than this has no part in what happens now."""
+"""Chosen: age up to which a pause is related to present events."""
 LEAST_S, MOST_S = 0.01, 0.05
-"""Chosen: a pause below the first one is usual on a healthy computer; one above the second one always counts."""
+"""Chosen: a pause below the first one is normal on a healthy computer; one above the second one always counts."""
 CYCLES = 2
-"""Chosen: between them a pause counts from so many cycles of the robot on."""
+"""Chosen: robot cycles from which a pause between these two counts."""
 
 
 class Heartbeat:
-    """Beats in the loop's thread in real time; virtual time stands still for nothing."""
+    """Heartbeat of the loop's thread in real time; virtual time has no pauses."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -23,21 +23,21 @@ class Heartbeat:
         self._due = 0.0
         self._timer: Timer | None = None
         self._pauses: deque[tuple[float, float]] = deque(maxlen=round(RECENT_S / BEAT_S))
-        """When a beat came that was late, s on the clock, and by how much, s."""
+        """Times of late beats, s on the clock, and their delays, s."""
 
     def start(self) -> None:
-        """Begin to beat. Harmless when called again."""
+        """Start the beats. Idempotent."""
         if self._timer is None and not self._clock.is_virtual:
             self._arm()
 
     def stop(self) -> None:
-        """Beat no more. Harmless when called again."""
+        """Stop the beats. Idempotent."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
     def take(self) -> float:
-        """Longest time by which a beat was late since the call before, s; one that is due now counts."""
+        """Return the longest delay of a beat since the last call, s; one that is due now counts."""
         if self._timer is None:
             return 0.0
         late = max(self._longest, self._clock.now() - self._due)
@@ -45,7 +45,7 @@ class Heartbeat:
         return late
 
     def recent(self, cycle_s: float) -> float:
-        """Longest time by which a beat of the last second was late, s; 0 where it does not matter to such a robot."""
+        """Return the longest delay of a beat in the last second, s; 0 if it does not matter to such a robot."""
         now = self._clock.now()
         late = [seconds for at, seconds in self._pauses if now - at <= RECENT_S]
         if self._timer is not None:

@@ -1,4 +1,4 @@
-"""Things that belong to one event loop and go with it."""
+"""Objects that belong to one event loop and are released with it."""
 
 import asyncio
 from collections.abc import Callable
@@ -8,9 +8,10 @@ _Thing = TypeVar("_Thing")
 
 
 def of_loop(loop: asyncio.AbstractEventLoop, make: Callable[[], _Thing], name: str) -> _Thing:
-    """Return the object of this name that the loop keeps, made at the first call.
+    """Return the object of this name that the loop holds, created at the first call.
 
-    The loop itself holds it. A weak mapping from loops would keep them all, for such things refer to their loop.
+    The loop itself holds it. A weak mapping from loops would keep them all alive, because such objects refer to their
+    loop.
     """
     kept: dict[str, Any] = vars(loop).setdefault("_hil_bridge", {})
     if name not in kept:

@@ -1,4 +1,4 @@
-"""Selectors of an event loop: one that notices files closed by other code, and one that polls before it sleeps."""
+"""Selectors of an event loop: one that detects files closed by other code, and one that polls before it sleeps."""
 
 import asyncio
 import errno
@@ -10,52 +10,55 @@ from contextlib import suppress
 from typing import Any
 
 CHECK_S = 0.25
-"""Time between two looks at the files, s. Chosen: well before a robot's or a sensor's own time-outs."""
+"""Time between two checks of the files, s. Chosen: well below the time-outs of a robot or a sensor."""
 
 _Ready = list[tuple[selectors.SelectorKey, int]]
 
 
 class WatchfulSelector(selectors.BaseSelector):
-    """As the platform's own, but a file that other code has closed is ready once, so that its reader meets the error.
+    """Selector of the platform that reports a file closed by other code as ready once, so that its reader gets the
+    error.
 
-    The platform's own forgets such a file without a word, and a wire that is only read would be silent for ever. The
-    selector's own file is made again where it was closed.
+    The platform's selector silently forgets such a file, and a wire that is only read would be silent forever. The
+    selector's own file is recreated if it was closed.
     """
 
     def __init__(self) -> None:
         self._inner: selectors.BaseSelector = selectors.DefaultSelector()
         self._lost: list[selectors.BaseSelector] = []
-        """Those whose own file was closed. They are kept, since to free one closes its number, by now another's."""
+        """Selectors whose own file was closed. They are kept, because freeing one closes its number, which is by now
+        another's.
+        """
         self._checked = time.monotonic()
         self._reported: set[int] = set()
-        """Closed files that were reported as ready: once each."""
+        """Closed files that were reported as ready, once each."""
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
-        """As the base class."""
+        """As in the base class."""
         key = self._inner.register(fileobj, events, data)
         self._reported.discard(key.fd)
         return key
 
     def unregister(self, fileobj: Any) -> selectors.SelectorKey:
-        """As the base class."""
+        """As in the base class."""
         return self._inner.unregister(fileobj)
 
     def modify(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
-        """As the base class."""
+        """As in the base class."""
         return self._inner.modify(fileobj, events, data)
 
     def get_map(self) -> Mapping[Any, selectors.SelectorKey]:
-        """As the base class."""
+        """As in the base class."""
         return self._inner.get_map()
 
     def select(self, timeout: float | None = None) -> _Ready:
-        """As the base class; it also returns early, with nothing, to look at the files again."""
+        """As in the base class; it also returns early, with nothing, to check the files again."""
         try:
             ready = self._inner.select(CHECK_S if timeout is None else min(timeout, CHECK_S))
         except OSError as error:
             if error.errno not in (errno.EBADF, errno.EINVAL):
                 raise
-            return self._begin_anew()
+            return self._recreate()
         now = time.monotonic()
         if now - self._checked < CHECK_S:
             return ready
@@ -66,11 +69,11 @@ class WatchfulSelector(selectors.BaseSelector):
         return ready + [(key, key.events) for key in closed]
 
     def close(self) -> None:
-        """As the base class."""
+        """As in the base class."""
         with suppress(OSError):  # its file was closed by other code
             self._inner.close()
 
-    def _begin_anew(self) -> _Ready:
+    def _recreate(self) -> _Ready:
         """Watch the same files with a new selector; those that are closed are ready."""
         keys = list(self.get_map().values())
         self._lost.append(self._inner)
@@ -85,7 +88,7 @@ class WatchfulSelector(selectors.BaseSelector):
 
 
 def is_open(fd: int) -> bool:
-    """Whether a file descriptor is open."""
+    """Return whether a file descriptor is open."""
     try:
         os.fstat(fd)
     except OSError:
@@ -94,14 +97,14 @@ def is_open(fd: int) -> bool:
 
 
 class WatchfulLoop(asyncio.SelectorEventLoop):
-    """asyncio's loop, which ends in order also where other code has closed its files."""
+    """Loop of asyncio that also ends properly if other code has closed its files."""
 
     def __init__(self, selector: WatchfulSelector) -> None:
         super().__init__(selector)
         self._watching = selector
 
     def call_exception_handler(self, context: dict[str, Any]) -> None:
-        """As in asyncio; a closed file is told in one line."""
+        """As in asyncio; a closed file is reported in one line."""
         error = context.get("exception")
         if isinstance(error, OSError) and error.errno == errno.EBADF:
             context = {"message": f"other code has closed a file of the event loop: {context['message']}"}
@@ -117,31 +120,31 @@ class WatchfulLoop(asyncio.SelectorEventLoop):
 
 
 class BusyPolling(WatchfulSelector):
-    """Looks again and again for a while before it lets the operating system put the thread to sleep.
+    """Selector that polls for a while before it lets the operating system put the thread to sleep.
 
-    A thread that sleeps gives up its processor, which then sleeps too: to wake both takes tens of microseconds, more
-    in a virtual machine. A thread that polls avoids this delay, and takes all of one processor.
+    A thread that sleeps releases its processor, which then sleeps too: waking both takes tens of microseconds, more in
+    a virtual machine. A thread that polls avoids this delay, and uses one processor fully.
     """
 
     def __init__(self, awake_s: float) -> None:
-        """`awake_s` is how long to poll before sleeping, s, from the begin of every wait."""
+        """`awake_s` is the time to poll before sleeping, s, from the start of every wait."""
         super().__init__()
         self._awake_s = awake_s
 
     def select(self, timeout: float | None = None) -> _Ready:
-        """As the platform's own, until something comes or the time is over; a `timeout` of 0 or less looks once.
+        """As in the base class, until something is ready or the time is over; a `timeout` of 0 or less polls once.
 
-        Once it sleeps it only wakes to look at the files again: it does not poll again within one wait.
+        Once asleep it only wakes to check the files again: it does not resume polling within one wait.
         """
-        look = super().select
+        poll = super().select
         if timeout is not None and timeout <= 0:
-            return look(timeout)
+            return poll(timeout)
         began = time.monotonic()
         ends = None if timeout is None else began + timeout
         while (now := time.monotonic()) < began + self._awake_s and (ends is None or now < ends):
-            if ready := look(0):
+            if ready := poll(0):
                 return ready
         while True:
-            ready = look(None if ends is None else max(0.0, ends - time.monotonic()))
+            ready = poll(None if ends is None else max(0.0, ends - time.monotonic()))
             if ready or (ends is not None and time.monotonic() >= ends):
                 return ready

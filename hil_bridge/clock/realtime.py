@@ -1,6 +1,7 @@
-"""Settings that make one thread of a Linux process keep its times: priority, processor, sleep, memory, other threads.
+"""Settings by which one thread of a Linux process keeps its deadlines: priority, processor, sleep, memory, other
+threads.
 
-Nothing of this is needed for a loop of a few hertz; a 1 kHz sensor on a busy machine is what it is for.
+A loop of a few hertz needs none of this; it is meant for a 1 kHz sensor on a busy machine.
 """
 
 import asyncio
@@ -18,17 +19,17 @@ from typing import Any, ClassVar
 from hil_bridge.errors import SettingRefused
 from protocol.marks import Mark, SettingError, at_least, between, check_settings, setting
 
-GIVE_WAY_S = 1e-4
-"""Longest time for which a computing thread keeps the interpreter from one that was woken. Chosen: by itself
-that is 5 ms, and the recorder's writer would hold up the loop for all that it has to encode at once.
+SWITCH_INTERVAL_S = 1e-4
+"""Longest time for which a computing thread keeps the interpreter from one that was woken. Chosen: the default is 5 ms,
+and the recorder's writer would block the loop for all that it has to encode at once.
 """
 
 LATENCY_FILE = "/dev/cpu_dma_latency"
-"""Takes for how long at most a processor may need to wake up, µs, and heeds it while it is open. Source: Linux,
+"""File that takes the longest wake-up time of a processor, µs, which holds while it is open. Source: Linux,
 Documentation/power/pm_qos_interface.rst.
 """
 UDEV_RULE = 'KERNEL=="cpu_dma_latency", GROUP="dialout", MODE="0660"'
-"""Rule that lets every user of the group of serial ports write to it."""
+"""Rule that lets every user of the serial ports' group write to it."""
 _NO_LATENCY = struct.pack("=i", 0)
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 """Flags of mlockall. Source: Linux, sys/mman.h."""
@@ -36,24 +37,24 @@ _MCL_CURRENT, _MCL_FUTURE = 1, 2
 
 @dataclass(frozen=True)
 class RealTime:
-    """How the loop's thread is run, in real time only."""
+    """Settings of the loop's thread, in real time only."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     fifo_priority: int = setting(
         0, Mark.CHOSEN, "SCHED_FIFO priority of the loop's thread, 0 = ordinary", between(0, 99)
     )
-    lock_memory: bool = setting(False, Mark.CHOSEN, "keep the whole process in memory (mlockall)")
+    lock_memory: bool = setting(False, Mark.CHOSEN, "keep the complete process in memory (mlockall)")
     cpus: tuple[int, ...] = setting(
         (), Mark.CHOSEN, "processors that the loop's thread may run on, empty = all", at_least(0)
     )
     keep_awake: bool = setting(
-        False, Mark.CHOSEN, "let no processor of this machine sleep while idle: woken sooner, and more power"
+        False, Mark.CHOSEN, "keep idle processors of this machine from sleeping: faster wake-up, more power"
     )
     busy_poll_ms: float = setting(
         0.0,
         Mark.CHOSEN,
-        "how long the loop looks for something to do before it lets its processor sleep, ms; takes all of one",
+        "time for which the loop polls before its processor may sleep, ms; uses one processor fully",
         between(0.0, 1000.0),
     )
 
@@ -69,10 +70,10 @@ class RealTime:
 
 @contextmanager
 def real_time_thread(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
-    """Run the calling thread as wanted while inside; other threads stay as they are.
+    """Run the calling thread with these settings inside the context; other threads stay unchanged.
 
-    Threads begun inside keep ordinary priority. Those of the executor that is given also run on all processors (None
-    when the thread is pinned to none). Raises ConfigError for what the machine or its limits refuse.
+    Threads started inside keep ordinary priority. Those of the yielded executor also run on all processors (None if the
+    thread is not pinned). Raises ConfigError for what the machine or its limits refuse.
     """
     undo: list[Callable[[], object]] = []
     executor = None
@@ -101,7 +102,7 @@ def real_time_thread(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
 
 @contextmanager
 def real_time_loop(wanted: RealTime, is_virtual: bool) -> Iterator[None]:
-    """Give the running loop's thread the requested priority while inside; threads that exist already are not affected.
+    """Run the loop's thread with these settings inside the context; threads that are already started stay unchanged.
 
     Raises ConfigError as `real_time_thread`.
     """
@@ -117,9 +118,9 @@ def real_time_loop(wanted: RealTime, is_virtual: bool) -> Iterator[None]:
 
 @contextmanager
 def short_switch_interval() -> Iterator[None]:
-    """Let a thread that is woken wait for a computing one no longer than `GIVE_WAY_S`."""
+    """Let a thread that is woken wait for a computing one no longer than `SWITCH_INTERVAL_S`."""
     before = sys.getswitchinterval()
-    sys.setswitchinterval(GIVE_WAY_S)
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
     try:
         yield
     finally:
@@ -128,9 +129,9 @@ def short_switch_interval() -> Iterator[None]:
 
 @contextmanager
 def gc_frozen(collect: bool = True) -> Iterator[None]:
-    """Keep the collector from what is there already: a pass over all objects of a process holds its loop up for 0.1 s.
+    """Exclude existing objects from garbage collection: a pass over all objects of a process blocks its loop for 0.1 s.
 
-    `collect` looks through all objects first. Objects that are frozen already stay so.
+    `collect` collects garbage first. Objects that are already frozen stay so.
     """
     frozen = gc.get_freeze_count() > 0
     if collect:
@@ -146,7 +147,7 @@ def gc_frozen(collect: bool = True) -> Iterator[None]:
 
 @contextmanager
 def gc_off() -> Iterator[None]:
-    """Keep the collector from coming by itself."""
+    """Disable automatic garbage collection."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -158,13 +159,13 @@ def gc_off() -> Iterator[None]:
 
 @contextmanager
 def gc_paused(collect: bool = True) -> Iterator[None]:
-    """Both: what is there stays, `collect_generation_1` takes what comes."""
+    """Freeze existing objects and disable automatic collection; `collect_generation_1` collects new garbage."""
     with gc_frozen(collect), gc_off():
         yield
 
 
 def collect_generation_1() -> None:
-    """Collect garbage made since the last time; for a moment in which the run only waits for a wire."""
+    """Collect garbage made since the last call, while the run only waits for a wire."""
     gc.collect(1)
 
 
@@ -173,7 +174,7 @@ def _refused(setting: str, problem: str) -> SettingRefused:
 
 
 def _pin(cpus: tuple[int, ...], allowed: set[int]) -> None:
-    if missing := sorted(set(cpus) - allowed):  # the system call would leave these out without a word
+    if missing := sorted(set(cpus) - allowed):  # the system call would omit these silently
         there = ", ".join(map(str, sorted(allowed)))
         raise _refused(
             "cpus", f"this process may not run on {', '.join(map(str, missing))}; it may on {there}"
@@ -183,7 +184,7 @@ def _pin(cpus: tuple[int, ...], allowed: set[int]) -> None:
 
 def _prefer(priority: int) -> None:
     try:
-        # Without the flag every thread that is begun later would have that priority too.
+        # Without the flag every thread that is started later would have that priority too.
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except PermissionError as error:
         raise _refused(

@@ -1,4 +1,4 @@
-"""The two ways to run a coroutine: in real time and in virtual time."""
+"""Running a coroutine in real time or in virtual time."""
 
 import asyncio
 from collections.abc import Callable, Coroutine
@@ -12,45 +12,47 @@ Main: TypeAlias = Coroutine[Any, Any, T] | Callable[[], Coroutine[Any, Any, T]]
 
 
 Stray: TypeAlias = Callable[[BaseException], bool]
-"""Takes a SystemExit or KeyboardInterrupt that left a callback or another task; whether the loop shall continue."""
+"""Receives a SystemExit or KeyboardInterrupt that left a callback or another task; returns whether the loop
+continues.
+"""
 
 
 class LeakedTasks(VirtualTimeError):
-    """The main coroutine returned while tasks that it had not cancelled were still running."""
+    """Error of a main coroutine that returned while tasks that it had not cancelled were still running."""
 
 
 def run_real(main: Main[T], busy_poll_s: float = 0.0) -> T:
-    """Run a coroutine, or the coroutine that a function makes, in real time; like `asyncio.run`.
+    """Run a coroutine, or the coroutine that a function returns, in real time; like `asyncio.run`.
 
-    `busy_poll_s` is for how long the loop looks again and again before it sleeps, s; see `BusyPolling`.
+    `busy_poll_s` is the time for which the loop polls before it sleeps, s; see `BusyPolling`.
     """
     return run_real_on(main, busy_poll_s, None)
 
 
 def run_real_on(main: Main[T], busy_poll_s: float, on_stray: Stray | None) -> T:
-    """As `run_real`; `on_stray` takes what leaves the loop. Signals are then the caller's."""
+    """As `run_real`; `on_stray` receives exceptions that leave the loop. Signals are then the caller's."""
     selector = BusyPolling(busy_poll_s) if busy_poll_s else WatchfulSelector()
     with asyncio.Runner(loop_factory=lambda: WatchfulLoop(selector)) as runner:
-        return _ran(runner, main, [], on_stray)
+        return _run_to_end(runner, main, [], on_stray)
 
 
 def run_virtual(main: Main[T]) -> T:
-    """Run a coroutine, or the coroutine that a function makes, in a new loop in virtual time.
+    """Run a coroutine, or the coroutine that a function returns, in a new loop in virtual time.
 
-    Stricter than real time: raises LeakedTasks for tasks left behind, and VirtualDeadlock when nothing can happen any
-    more. It also raises errors of callbacks, which real time would only have logged.
+    Stricter than real time: raises LeakedTasks for tasks left behind, and VirtualDeadlock if nothing can happen any
+    more. It also raises errors of callbacks, which real time would only log.
     """
     return run_virtual_on(main, None)
 
 
 def run_virtual_on(main: Main[T], on_stray: Stray | None) -> T:
-    """As `run_virtual`; `on_stray` takes what leaves the loop."""
+    """As `run_virtual`; `on_stray` receives exceptions that leave the loop."""
     unhandled: list[dict[str, Any]] = []
     leaked: list[str] = []
     try:
         with asyncio.Runner(loop_factory=VirtualLoop) as runner:
             runner.get_loop().set_exception_handler(lambda _, context: unhandled.append(context))
-            result = _ran(runner, main, leaked, on_stray)
+            result = _run_to_end(runner, main, leaked, on_stray)
     except Exception as error:
         for context in unhandled:
             error.add_note(f"before that: {context['message']}: {context.get('exception')!r}")
@@ -64,12 +66,12 @@ def run_virtual_on(main: Main[T], on_stray: Stray | None) -> T:
     return result
 
 
-def _ran(runner: asyncio.Runner, main: Main[T], leaked: list[str], on_stray: Stray | None) -> T:
-    """Run a coroutine to its end, also when an exception leaves the loop that `on_stray` takes.
+def _run_to_end(runner: asyncio.Runner, main: Main[T], leaked: list[str], on_stray: Stray | None) -> T:
+    """Run a coroutine to its end, even if an exception leaves the loop that `on_stray` accepts.
 
     Asyncio lets SystemExit and KeyboardInterrupt of any callback leave the loop at once. A tool that presses would be
-    left there. The task returns nothing: `asyncio.Runner` writes out its handler of Ctrl-C, the task and its result as
-    text at each end, which takes longer than a short run where the result holds arrays.
+    left there. The task returns nothing: `asyncio.Runner` formats its handler of Ctrl-C, the task and its result as
+    text at each end, which takes longer than a short run if the result contains arrays.
     """
     result: list[T] = []
     watched = _watched(main, leaked, result)

@@ -1,7 +1,6 @@
 """Precise timers on Linux: one timerfd with a heap of deadlines.
 
-asyncio rounds every wait up to the next millisecond because epoll does; a timerfd wakes it to the
-microsecond.
+asyncio rounds every wait up to the next millisecond because epoll does; a timerfd wakes it to the microsecond.
 Reference: timerfd_create(2).
 """
 
@@ -19,11 +18,11 @@ from contextlib import suppress
 _CLOCK_MONOTONIC = 1
 _TFD_TIMER_ABSTIME = 1
 _COMPACT_FROM = 64
-"""Cancelled deadlines kept in the heap before it is worth throwing them out."""
+"""Cancelled deadlines in the heap from which it is compacted."""
 
 
 class Deadline:
-    """A callback that waits for its time."""
+    """Callback that waits for its time."""
 
     __slots__ = ("_timers", "callback")
 
@@ -32,14 +31,14 @@ class Deadline:
         self.callback: Callable[[], object] | None = callback
 
     def cancel(self) -> None:
-        """Never call it. Harmless when it was called or cancelled before."""
+        """Cancel the callback. Idempotent, also after the callback was called."""
         if self.callback is not None:
             self.callback = None
             self._timers.count_cancelled()
 
 
 class PreciseTimers:
-    """Deadlines on the monotonic clock, which asyncio's loop has too."""
+    """Deadlines on the monotonic clock, which asyncio's loop uses too."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
@@ -49,12 +48,12 @@ class PreciseTimers:
         self._expiring = False
         self._fd = _create()
         self._loop_timer: asyncio.TimerHandle | None = None
-        """A timer of the loop itself, where other code has closed the file."""
+        """Timer of the loop itself, if other code has closed the file."""
         self._lost = False
         loop.add_reader(self._fd, self._expired)
 
     def call_at(self, when: float, callback: Callable[[], object]) -> Deadline:
-        """Call back at `when`, s; at once, but not before returning to the loop, when that has passed."""
+        """Call back at `when`, s; if that has passed, at once, but not before returning to the loop."""
         if self._fd < 0:
             raise RuntimeError("the clock is closed")
         deadline = Deadline(self, callback)
@@ -64,7 +63,7 @@ class PreciseTimers:
         return deadline
 
     def count_cancelled(self) -> None:
-        """Keep the heap small where deadlines are mostly cancelled, as time-outs are."""
+        """Keep the heap small if deadlines are mostly cancelled, as time-outs are."""
         self._cancelled += 1
         if self._cancelled > _COMPACT_FROM and 2 * self._cancelled > len(self._heap):
             self._heap = [entry for entry in self._heap if entry[2].callback is not None]
@@ -72,7 +71,7 @@ class PreciseTimers:
             self._cancelled = 0
 
     def close(self) -> None:
-        """Drop all deadlines. Harmless when called again."""
+        """Drop all deadlines. Idempotent."""
         if self._fd >= 0:
             self._loop.remove_reader(self._fd)
             if self._loop_timer is not None:
@@ -97,10 +96,10 @@ class PreciseTimers:
         self._loop_timer = self._loop.call_at(when, self._expire)
 
     def _lose(self) -> None:
-        """Go on with the timers of the loop, which are to a millisecond: nothing may hang because of this file."""
+        """Continue with the timers of the loop, with a resolution of 1 ms: nothing may hang because of this file."""
         self._lost = True
         self._loop.remove_reader(self._fd)
-        message = "other code has closed the file of the timers; times are kept to a millisecond now"
+        message = "other code has closed the file of the timers; timers now have a resolution of 1 ms"
         self._loop.call_exception_handler({"message": message})
 
     def _expired(self) -> None:
@@ -113,11 +112,11 @@ class PreciseTimers:
         self._expire()
 
     def _expire(self) -> None:
-        """Call back all whose time has come, and wait for the next."""
+        """Call back all that are due, and wait for the next."""
         now = time.monotonic()
         self._expiring = True
         try:
-            # a deadline set meanwhile waits for the next turn, or wires would starve
+            # a deadline set meanwhile waits for the next turn, otherwise wires would starve
             while self._heap and self._heap[0][0] <= now:
                 deadline = heapq.heappop(self._heap)[2]
                 callback, deadline.callback = deadline.callback, None

@@ -1,8 +1,8 @@
-"""An event loop in virtual time: nothing ever waits, time jumps to the next timer.
+"""Event loop in virtual time: nothing ever waits, time jumps to the next timer.
 
-The loop is asyncio's own but for its turn, its timers and its `time()`. A simulated minute is some tens of thousands of
-turns. Asyncio's turn spends most of its time on files and clocks that are not there. Two private names of asyncio's
-base loop are used because there is no public way to turn it otherwise: `_run_once`, and `_ready`, the callbacks of the
+The loop is asyncio's own except for its turn, its timers and its `time()`. A simulated minute is some tens of thousands
+of turns. Asyncio's turn spends most of its time on files and clocks that do not exist here. Two private names of
+asyncio's base loop are used because there is no public alternative: `_run_once`, and `_ready`, the callbacks of the
 next turn.
 """
 
@@ -15,7 +15,7 @@ from heapq import heappop, heappush
 from typing import Any, NoReturn
 
 VIRTUAL_EPOCH = 7919.3
-"""Virtual time when a loop begins, s.
+"""Virtual time at the start of a loop, s.
 
 Odd, so that code which anchors its deadlines at 0 fails in tests. Small, so that a float resolves 0.9 ps and sums of
 microseconds stay exact to the nanosecond.
@@ -25,19 +25,19 @@ VIRTUAL_WALL_NS = 1_600_000_000_000_000_000
 """UNIX time at VIRTUAL_EPOCH, ns: fixed, so that recordings made in virtual time repeat."""
 
 TURNS_WITHOUT_TIME = 1_000_000
-"""How often the loop may turn at one instant before it is taken to go round in circles."""
+"""Turns of the loop at one instant from which it counts as an endless loop."""
 
 
 class VirtualTimeError(RuntimeError):
-    """Something was asked for that virtual time does not have, or time cannot continue."""
+    """Request that virtual time does not support, or time that cannot advance."""
 
 
 class VirtualDeadlock(VirtualTimeError):
-    """Nothing is ready and no timer is set: without a wire to wait for, nothing can ever happen again."""
+    """Nothing is ready and no timer is set, so nothing can ever happen again."""
 
 
 class VirtualTimer:
-    """A callback that waits for its instant; lighter than asyncio's, for it has no context and no arguments."""
+    """Callback that waits for its instant; lighter than asyncio's, without context and arguments."""
 
     __slots__ = ("_callback", "_cancelled")
 
@@ -46,12 +46,12 @@ class VirtualTimer:
         self._cancelled = False
 
     def cancel(self) -> None:
-        """Never call it. Harmless when it was called or cancelled before."""
+        """Cancel the callback. Idempotent, also after the callback was called."""
         self._cancelled = True
         self._callback = None
 
     def _run(self) -> None:
-        """Run the callback; the loop calls this as it calls asyncio's own handles."""
+        """Run the callback; called by the loop, like asyncio's own handles."""
         callback = self._callback
         if callback is None:
             return
@@ -65,9 +65,9 @@ class VirtualTimer:
 
 
 class VirtualLoop(asyncio.SelectorEventLoop):
-    """asyncio's loop in virtual time. File descriptors and threads belong to real time and are refused.
+    """Loop of asyncio in virtual time. File descriptors and threads belong to real time and are refused.
 
-    Callbacks of the same instant run in the order in which they were asked for.
+    Callbacks of the same instant run in the order in which they were requested.
     """
 
     _ready: "deque[Any]"
@@ -78,11 +78,11 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         self._turns = 0
         self._numbers = itertools.count()
         self._timers: list[tuple[float, int, Any]] = []
-        """Heap of when, in what order, what."""
+        """Heap of time, order and timer."""
         super().__init__()
 
     def time(self) -> float:
-        """Virtual time, s."""
+        """Return the virtual time, s."""
         return self._now
 
     def call_at(  # type: ignore[override]
@@ -100,7 +100,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         return self.call_at(self._now + delay, callback, *args, context=context)
 
     def timer(self, when: float, callback: Callable[[], object]) -> VirtualTimer:
-        """Call back at this instant, or on the next turn when it has passed."""
+        """Call back at this instant, or on the next turn if it has passed."""
         timer = VirtualTimer(callback)
         heappush(self._timers, (when, next(self._numbers), timer))
         return timer
@@ -112,15 +112,15 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         return timer
 
     def _run_once(self) -> None:
-        """One turn: what is ready; time continues only when nothing is."""
+        """Run one turn: what is ready; time advances only if nothing is."""
         ready, timers = self._ready, self._timers
         if ready or self._stopping:
             self._turns += 1
             if self._turns > TURNS_WITHOUT_TIME:
                 self._turns = 0
                 raise VirtualTimeError(
-                    f"time stands still at {self._now:.9f} s after {TURNS_WITHOUT_TIME} turns of the loop; "
-                    f"something asks to be called again at once, for ever; "
+                    f"time does not advance at {self._now:.9f} s after {TURNS_WITHOUT_TIME} turns of the loop; "
+                    f"a callback reschedules itself endlessly; "
                     f"waiting: {describe_tasks(asyncio.all_tasks(self))}"
                 )
         while not ready and not self._stopping:
@@ -138,7 +138,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
             if timers and timers[0][0] <= self._now:
                 ready.append(handle)
             else:
-                handle._run()  # alone at its instant, which is most often so: the turn is its own
+                handle._run()  # alone at its instant, the usual case: it gets a turn of its own
         now = self._now
         while timers and timers[0][0] <= now:
             ready.append(heappop(timers)[2])
@@ -148,12 +148,12 @@ class VirtualLoop(asyncio.SelectorEventLoop):
                 handle._run()
 
     def close(self) -> None:
-        """As in asyncio; timers that still wait are forgotten, and with them all that their callbacks hold."""
+        """As in asyncio; pending timers are dropped, including all that their callbacks refer to."""
         self._timers.clear()
         super().close()
 
     def run_in_executor(self, executor: Any, func: Any, *args: Any) -> NoReturn:  # type: ignore[override]
-        """Threads take real time: always raises VirtualTimeError."""
+        """Raise VirtualTimeError: threads take real time."""
         raise VirtualTimeError(f"no threads in virtual time: {getattr(func, '__qualname__', func)}")
 
     def add_reader(self, fd: Any, callback: Any, *args: Any) -> None:  # type: ignore[override]
@@ -166,12 +166,12 @@ class VirtualLoop(asyncio.SelectorEventLoop):
 
 
 def describe_tasks(tasks: set[asyncio.Task[Any]]) -> str:
-    """Name and waiting place of each task, for error messages."""
+    """Return name and waiting place of each task, for error messages."""
     return ", ".join(sorted(f"{task.get_name()} ({_place(task)})" for task in tasks)) or "no task"
 
 
 def _place(task: asyncio.Task[Any]) -> str:
-    """File, line and coroutine in which a task is suspended."""
+    """Return file, line and coroutine in which a task is suspended."""
     coroutine: Any = task.get_coro()
     while getattr(getattr(coroutine, "cr_await", None), "cr_frame", None) is not None:
         coroutine = coroutine.cr_await

@@ -1,1 +1,1 @@
-"""The terminal: rows and screens on it, and bugs told on it."""
+"""Terminal output: rows, screens and reports of bugs."""

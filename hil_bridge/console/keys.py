@@ -1,6 +1,6 @@
 """Single keys of the terminal that a run was started from, without Enter.
 
-Keys that send signals, as Ctrl-C, continue doing so. Source: Linux, termios(3): ICANON and ECHO off, ISIG on.
+Keys that send signals, such as Ctrl-C, still do so. Source: Linux, termios(3): ICANON and ECHO off, ISIG on.
 """
 
 import os
@@ -14,11 +14,11 @@ from contextlib import contextmanager, suppress
 _CLOSE_SECONDS = 0.5
 """Longest wait for the thread's end. Chosen: it wakes at once."""
 _BACKGROUND_SECONDS = 0.2
-"""Time between two looks whether the process is in the foreground again. Chosen: an operator does not notice it."""
+"""Time between two checks whether the process is in the foreground again. Chosen: not noticeable."""
 
 
-def can_be_heard() -> bool:
-    """Whether standard input is the terminal of this process, which must be in the foreground to change it."""
+def is_interactive() -> bool:
+    """Return whether standard input is the terminal of this process, which must be in the foreground to change it."""
     try:
         return sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
     except (AttributeError, OSError, ValueError):  # no standard input, or a closed one
@@ -26,9 +26,9 @@ def can_be_heard() -> bool:
 
 
 @contextmanager
-def hearing(react: Callable[[str], object]) -> Iterator[None]:
-    """Inside, `react` is called with each key, in a thread of its own; then the terminal is what it was."""
-    if not can_be_heard():
+def listen_for_keys(react: Callable[[str], object]) -> Iterator[None]:
+    """Call `react` with each key inside the context, in a separate thread; then restore the terminal."""
+    if not is_interactive():
         yield
         return
     source = sys.stdin.fileno()
@@ -40,7 +40,7 @@ def hearing(react: Callable[[str], object]) -> Iterator[None]:
     try:
         # not TCSADRAIN: it waits for a terminal that is paused
         termios.tcsetattr(source, termios.TCSANOW, single)
-        single = termios.tcgetattr(source)  # told in another form than it was given
+        single = termios.tcgetattr(source)  # reported in another form than it was set
         thread.start()
         yield
     finally:
@@ -49,18 +49,18 @@ def hearing(react: Callable[[str], object]) -> Iterator[None]:
         if not thread.is_alive():
             os.close(woken)
         with suppress(OSError, termios.error):  # a terminal that is gone
-            # in the background its shell may have set it again, and then it is the shell's
-            if can_be_heard() or termios.tcgetattr(source) == single:
+            # in the background its shell may have changed it, and then it is the shell's
+            if is_interactive() or termios.tcgetattr(source) == single:
                 termios.tcsetattr(source, termios.TCSANOW, before)
 
 
 def _read(source: int, woken: int, react: Callable[[str], object]) -> None:
-    """Hand on what is typed, until the other end of `woken` is closed or the terminal is gone."""
+    """Pass on typed keys, until the other end of `woken` is closed or the terminal is gone."""
     while True:
         ready, _, _ = select.select([source, woken], [], [])
         if woken in ready:
             return
-        if not can_be_heard():  # to read in the background would stop the process, SIGTTIN
+        if not is_interactive():  # reading in the background would stop the process, SIGTTIN
             if select.select([woken], [], [], _BACKGROUND_SECONDS)[0]:
                 return
             continue

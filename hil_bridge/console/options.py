@@ -1,4 +1,4 @@
-"""Parts that several commands share: options, their groups, and output whose reader may leave before its end."""
+"""Shared parts of commands: options, their groups, and output whose reader may stop before its end."""
 
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -8,15 +8,15 @@ import click
 
 from hil_bridge.console.paths import FILE
 
-overwrite_option = click.option("--overwrite", is_flag=True, help="Replace files that are there already.")
+overwrite_option = click.option("--overwrite", is_flag=True, help="Replace existing files.")
 
 
 def output_option(
     metavar: str, meaning: str, default: Path | None = None
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """The option of the file or the folder that a command writes: `-o`, `--output`, the argument `out`.
+    """Return the option of a command's output file or folder: `-o`, `--output`, the argument `out`.
 
-    Its spelling before, `--out`, is answered with this one.
+    Its earlier spelling, `--out`, is refused with this one.
     """
     option = click.option(
         "-o",
@@ -37,8 +37,8 @@ def _refuse_out(context: click.Context, parameter: click.Parameter, given: str |
         raise click.UsageError(f"--out is -o or --output now: write -o {given}", context)
 
 
-def tell(lines: Iterable[str]) -> None:
-    """Print lines for as long as they are read (`| head`), so that the command still ends with its own exit code."""
+def echo_lines(lines: Iterable[str]) -> None:
+    """Print lines for as long as they are read (`| head`), so that the command still exits with its own code."""
     try:
         for line in lines:
             click.echo(line)
@@ -46,22 +46,22 @@ def tell(lines: Iterable[str]) -> None:
         pass
 
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON in place of text.")
-"""Gives the command `as_json`; `tell_json` prints it."""
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
+"""Passes `as_json` to the command; `echo_json` prints the JSON."""
 
 
-def tell_json(value: object) -> None:
+def echo_json(value: object) -> None:
     """Print a value as JSON. Numbers that JSON does not have become null; keys keep their order."""
     import msgspec
 
-    tell([msgspec.json.format(msgspec.json.encode(value), indent=2).decode()])
+    echo_lines([msgspec.json.format(msgspec.json.encode(value), indent=2).decode()])
 
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def option_group(title: str, *options: Callable[[_Function], _Function]) -> Callable[[_Function], _Function]:
-    """Options under a title in the help of a `GroupedCommand`."""
+    """Return a decorator that adds options under a title in the help of a `GroupedCommand`."""
 
     def decorate(function: _Function) -> _Function:
         for option in reversed(options):
@@ -90,15 +90,15 @@ class GroupedCommand(click.Command):
 
 
 class ExtrasCommand(click.Command):
-    """A command whose help ends with how to install the extras that parts of it need, as this copy was installed."""
+    """Command whose help ends with how to install the extras that parts of it need, for this installation."""
 
     def __init__(self, *arguments: Any, extras: Mapping[str, str], **options: Any) -> None:
-        """Takes the name of the extra by the part of the command that needs it."""
+        """`extras` holds the name of the extra by part of the command."""
         super().__init__(*arguments, **options)
         self.extras = extras
 
     def format_epilog(self, context: click.Context, formatter: click.HelpFormatter) -> None:
-        """The commands, each in one line, so that it can be copied."""
+        """Write the commands, one per line, so that they can be copied."""
         from hil_bridge.errors.extras import install_command
 
         super().format_epilog(context, formatter)

@@ -7,13 +7,13 @@ import click
 
 
 class _File(click.Path):
-    """As click has it, but that a path that cannot be is refused where click lets the system's error through."""
+    """Path type of click that also refuses paths which click passes to the system."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if "\0" in str(value):
-            self.fail("a path must not hold a NUL character", param, ctx)
+            self.fail("a path must not contain a NUL character", param, ctx)
         return super().convert(value, param, ctx)
 
 
 FILE = _File(path_type=Path)
-"""A file or a folder, there or not."""
+"""File or folder, existing or not."""

@@ -16,21 +16,21 @@ from hil_bridge.errors.text_files import harmless
 
 
 class Row(NamedTuple):
-    """A line of a monitor."""
+    """Row of a monitor."""
 
     at: float
-    """Time, s; NaN where it is not known."""
+    """Time, s; NaN if unknown."""
     direction: str
     text: str
     data: bytes = b""
-    """Its bytes, shown when they are wanted."""
+    """Its bytes, printed on request."""
     trouble: bool = False
     line_time: float | None = None
-    """Time that it took on the line, s; None where that is not known."""
+    """Time that it took on the line, s; None if unknown."""
 
 
 class Printer:
-    """Prints rows with their times since the first and since the line before."""
+    """Prints rows with their times since the first and since the last row."""
 
     def __init__(self, raw: bool, begun: float | None = None) -> None:
         self._raw = raw
@@ -38,7 +38,7 @@ class Printer:
         self._before = begun
 
     def row(self, row: Row) -> None:
-        """Print a row: time, time since the row before, direction, line time, text."""
+        """Print a row: time, time since the last row, direction, line time, text."""
         self._begun = row.at if self._begun is None else self._begun
         since = row.at - (row.at if self._before is None else self._before)
         self._before = row.at
@@ -52,7 +52,7 @@ class Printer:
 
 
 def field_text(field: Mapping[str, object], zeros: bool = False) -> str:
-    """Name, value and unit of a decoded field; empty for one that is 0, unless zeros are wanted."""
+    """Return name, value and unit of a decoded field; "" for one that is 0, unless `zeros` is set."""
     name, value, unit = str(field["name"]), field["value"], str(field["unit"])
     if isinstance(value, (int, float)):
         if not value and not zeros:
@@ -62,7 +62,7 @@ def field_text(field: Mapping[str, object], zeros: bool = False) -> str:
 
 
 def end(ended: "asyncio.Future[None]", cause: TransportError | None = None) -> None:
-    """Let a monitor end, with the cause if its wire has failed."""
+    """End a monitor, with the cause if its wire has failed."""
     if ended.done():
         return
     if cause is None:

@@ -1,4 +1,4 @@
-"""Progress of many runs on standard error: a bar on a terminal, a line now and then elsewhere."""
+"""Progress of many runs on standard error: a bar on a terminal, otherwise an occasional line."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 LINE_SECONDS = 60.0
-"""Between two lines where there is no terminal. Chosen: a log stays short."""
+"""Time between two lines without a terminal. Chosen: a log stays short."""
 
 Advance: TypeAlias = Callable[[int, int], None]
 """Called with the number of runs that have ended, and how many of them failed."""
@@ -18,9 +18,9 @@ Advance: TypeAlias = Callable[[int, int], None]
 
 @contextmanager
 def run_progress(total: int | None) -> Iterator[Advance]:
-    """Rate, time left and failures of `total` runs, while inside; of as many as there is time for without a total."""
+    """Display rate, remaining time and failures of `total` runs inside the context, or of an unknown number if None."""
     console = Console(stderr=True)
-    began = told = time.monotonic()
+    began = printed_at = time.monotonic()
     done = failures = 0
     columns = (
         TextColumn("runs"),
@@ -30,20 +30,20 @@ def run_progress(total: int | None) -> Iterator[Advance]:
         TextColumn("{task.fields[failed]}"),
         TimeRemainingColumn(),
     )
-    with ExitStack() as shown:
-        bar = shown.enter_context(Progress(*columns, console=console)) if console.is_terminal else None
+    with ExitStack() as stack:
+        bar = stack.enter_context(Progress(*columns, console=console)) if console.is_terminal else None
         runs = bar.add_task("runs", total=total, rate="", failed="") if bar else None
 
         def advance(count: int, failed: int) -> None:
-            nonlocal done, failures, told
+            nonlocal done, failures, printed_at
             done, failures = done + count, failures + failed
             now = time.monotonic()
             rate = done / (now - began) if now > began else 0.0
             broken = f"{failures} failed" if failures else ""
             if bar is not None and runs is not None:
                 bar.update(runs, advance=count, rate=f"{rate:.1f} runs/s", failed=broken)
-            elif now >= told + LINE_SECONDS:
-                told = now
+            elif now >= printed_at + LINE_SECONDS:
+                printed_at = now
                 click.echo(_line(done, total, rate, broken), err=True)
 
         yield advance

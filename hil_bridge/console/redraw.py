@@ -1,4 +1,4 @@
-"""A text that is shown again and again on a terminal, until an operator ends it."""
+"""Text that is redrawn on a terminal until interrupted."""
 
 import time
 from collections.abc import Callable
@@ -11,8 +11,8 @@ from rich.text import Text
 
 
 def redraw_until_interrupted(make: Callable[[], str], every_s: float) -> None:
-    """Show the text that `make` gives, every so many seconds, until Ctrl-C. Where nothing can be redrawn, each text
-    that differs from the one before is printed.
+    """Display the text that `make` returns, every `every_s` seconds, until Ctrl-C. If nothing can be redrawn, each text
+    that differs from the last one is printed.
     """
     console = Console(highlight=False)
     with suppress(KeyboardInterrupt):

@@ -1,7 +1,7 @@
-"""Standard output and standard error of a process that must continue when a terminal stands still or goes away.
+"""Standard output and standard error of a process that must continue if a terminal is paused or goes away.
 
-A write blocks for as long as a terminal is paused (Ctrl-S) or a pipe is not read. So a thread writes, and no other
-thread waits for it for longer than it wants to. Source: Linux, termios(3) and pipe(7).
+A write blocks for as long as a terminal is paused (Ctrl-S) or a pipe is not read. So a separate thread writes, and no
+other thread waits for it longer than it chooses to. Source: Linux, termios(3) and pipe(7).
 """
 
 import logging
@@ -17,36 +17,36 @@ from typing import NoReturn, Self, TextIO
 from hil_bridge.errors.text_files import harmless
 
 CLOSE_SECONDS = 2.0
-"""Longest wait for a screen at a place where nothing else may wait. Chosen: a slow terminal takes far less."""
+"""Longest wait for a screen if nothing else may wait. Chosen: a slow terminal takes far less."""
 LEAVE_SECONDS = 0.5
-"""Longest wait of the ending process for the last characters. Chosen: an operator has asked for the end."""
+"""Longest wait of the ending process for the last output. Chosen: the user has requested the end."""
 
 
 class Screen:
-    """One stream and the thread that writes to it. A stream that goes away takes what is said without a word."""
+    """Stream with a thread that writes to it. Output to a stream that is gone is dropped silently."""
 
     def __init__(self, stream: TextIO | None) -> None:
-        """`stream` is None where the process was started with this stream closed."""
+        """`stream` is None if the process was started with this stream closed."""
         self.stream = stream
         self._steps: queue.Queue[Callable[[], object] | None] = queue.Queue()
         threading.Thread(target=self._work, name="screen", daemon=True).start()
 
     @property
     def busy(self) -> bool:
-        """Something has not been written yet."""
+        """Whether some output has not been written yet."""
         return self._steps.unfinished_tasks > 0
 
     def say(self, text: str) -> None:
-        """Write a line, after all that was said before; returns at once."""
+        """Write a line after all earlier ones; returns at once."""
         self.do(lambda: print(harmless(text), file=self.stream, flush=True))
 
     def do(self, step: Callable[[], object]) -> None:
-        """Let the thread do something, such as drawing; returns at once. A stream that is gone ends it silently."""
+        """Let the thread execute a step, such as drawing; returns at once. A stream that is gone ends it silently."""
         if self.stream is not None:
             self._steps.put(step)
 
     def wait(self, seconds: float | None = CLOSE_SECONDS) -> bool:
-        """Wait until all has been written, for ever with None; whether it has been."""
+        """Wait until all has been written, indefinitely with None; return whether it has been."""
         steps = self._steps
         with steps.all_tasks_done:
             return steps.all_tasks_done.wait_for(lambda: not steps.unfinished_tasks, seconds)
@@ -74,7 +74,9 @@ class Screen:
 
 
 class Terminal:
-    """Standard output and standard error of this process, while inside; what is logged goes there in the same way."""
+    """Standard output and standard error of this process inside the context; log messages are written in the
+    same way.
+    """
 
     def __init__(self) -> None:
         self.out = Screen(sys.stdout)
@@ -82,9 +84,9 @@ class Terminal:
         self._logged = _Logged(self.err)
 
     def say_last(self, errors: Sequence[str], lines: Sequence[str], seconds: float | None) -> bool:
-        """Write lines of errors, then lines of output, after all that was said before; whether that was done.
+        """Write lines of errors, then lines of output, after all earlier ones; return whether that was done.
 
-        Waits so long at most, for ever with None. Ctrl-C ends the waiting.
+        Waits at most `seconds`, indefinitely with None. Ctrl-C ends the waiting.
         """
         try:
             self.out.wait()
@@ -111,29 +113,29 @@ class Terminal:
 
 
 class _Logged(logging.Handler):
-    """Warnings and errors of libraries, such as asyncio's of a callback that failed, on a screen."""
+    """Writes warnings and errors of libraries, such as asyncio's of a failed callback, to a screen."""
 
     def __init__(self, screen: Screen) -> None:
         super().__init__(logging.WARNING)
         self._screen = screen
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Take a record; returns at once."""
+        """Write a record; returns at once."""
         self._screen.say(self.format(record))
 
 
 def leave(code: int | str | None) -> NoReturn:
-    """End the process with this code, whatever has become of its terminal or of the reader of its pipe."""
+    """End the process with this code, whatever the state of its terminal or of its pipe's reader."""
     settling = threading.Thread(target=_settle, name="settle", daemon=True)
     settling.start()
     settling.join(LEAVE_SECONDS)
-    if settling.is_alive():  # the interpreter would wait for this output for ever
+    if settling.is_alive():  # the interpreter would wait for this output forever
         os._exit(code if isinstance(code, int) else 0 if code is None else 1)
     sys.exit(code)
 
 
 def _settle() -> None:
-    """Write what waits. What nothing takes any more goes nowhere, so that the interpreter does not fail on it."""
+    """Write pending output. Output without a reader is discarded, so that the interpreter does not fail on it."""
     for stream in (sys.stdout, sys.stderr):
         if stream is None:
             continue

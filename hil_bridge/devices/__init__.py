@@ -1,1 +1,1 @@
-"""Robots and sensors as a run sees them: seams, kinds, facts, and a room for each device."""
+"""Robots and sensors for a run: interfaces, kinds, facts, and one package per device."""

@@ -1,4 +1,4 @@
-"""Reports of robot and sensor besides their answers and frames: notices, bytes, events of the link."""
+"""Log of what robot and sensor report besides answers and frames: notices, traffic, link events."""
 
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -8,44 +8,44 @@ from protocol.wrench import WrenchFrame
 
 
 class DeviceLog(Protocol):
-    """Where the devices of a run put what they tell; must not block. A device is "robot" or "sensor"."""
+    """Log of the devices of a run; must not block. A device is "robot" or "sensor"."""
 
     verbose: bool
-    """Every event of a link is wanted, also the usual ones."""
+    """Whether every link event is to be logged, including routine ones."""
 
     def frame(self, frame: WrenchFrame) -> None:
-        """A complete frame of the sensor has arrived."""
+        """Log a complete frame of the sensor."""
 
     def notice(self, kind: str, text: str) -> None:
-        """Something worth a line in the record: a repeat, a time-out, noise, a spontaneous message."""
+        """Log an event for the recording: a repeat, a time-out, noise, an unsolicited message."""
 
     def traffic(self, device: str, direction: Direction, data: Any) -> None:
-        """Bytes, CAN frames or datagrams have just gone over a device's wire."""
+        """Log bytes, CAN frames or datagrams that were just sent or received by a device."""
 
     def link_event(self, device: str, text: str) -> None:
-        """Something happened on a device's link: a bid, an acknowledgement, a repetition."""
+        """Log an event on a device's link: a bid, an acknowledgement, a repetition."""
 
 
 class NullLog:
-    """A log that keeps nothing."""
+    """Log that discards everything."""
 
     verbose = False
 
     def frame(self, frame: WrenchFrame) -> None:
-        """Forget it."""
+        """Discard it."""
 
     def notice(self, kind: str, text: str) -> None:
-        """Forget it."""
+        """Discard it."""
 
     def traffic(self, device: str, direction: Direction, data: Any) -> None:
-        """Forget it."""
+        """Discard it."""
 
     def link_event(self, device: str, text: str) -> None:
-        """Forget it."""
+        """Discard it."""
 
 
 class CallbackLog(NullLog):
-    """A log that hands frames and notices to functions, where they are wanted, and forgets the rest."""
+    """Log that passes frames and notices to callbacks and discards the rest."""
 
     def __init__(
         self,
@@ -55,11 +55,11 @@ class CallbackLog(NullLog):
         self._frame, self._notice = frame, notice
 
     def frame(self, frame: WrenchFrame) -> None:
-        """Hand it on."""
+        """Pass it on."""
         if self._frame is not None:
             self._frame(frame)
 
     def notice(self, kind: str, text: str) -> None:
-        """Hand it on."""
+        """Pass it on."""
         if self._notice is not None:
             self._notice(kind, text)

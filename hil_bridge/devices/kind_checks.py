@@ -1,4 +1,4 @@
-"""Faults of a kind of device that a plug-in offers, in words: looked at before it is used."""
+"""Validation of a plug-in's device kind before it is used."""
 
 import dataclasses
 import math
@@ -10,48 +10,48 @@ from hil_bridge.errors.failures import failure
 
 _NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 _CALLED = {"RobotKind": ("connect", "facts"), "SensorKind": ("connect",), "SurfaceKind": ("make",)}
-"""Attributes that are called, by the type of the kind."""
+"""Attributes that must be callable, by type of the kind."""
 _CALLED_OF_EMULATION = ("make", "serve", "usual")
 
 
-def fault_of(kind: Any, taken: frozenset[str]) -> str:
-    """The first thing that is wrong with a kind; empty where nothing is. `taken` are names of sections of others."""
-    return next(_faults(kind, taken), "")
+def fault_of(kind: Any, reserved: frozenset[str]) -> str:
+    """Return the first fault of a kind, or "" if it is valid. `reserved` holds the reserved section names."""
+    return next(_faults(kind, reserved), "")
 
 
-def _faults(kind: Any, taken: frozenset[str]) -> Iterator[str]:
+def _faults(kind: Any, reserved: frozenset[str]) -> Iterator[str]:
     if not _NAME.fullmatch(kind.name):
-        yield f"its name {kind.name!r} must be small letters, digits and hyphens, a letter first"
-    if kind.name.replace("-", "_") in taken:
-        yield f"its section would be [cell.{kind.name.replace('-', '_')}], which is another's; choose another name"
+        yield f"its name {kind.name!r} must be lower-case letters, digits and hyphens, beginning with a letter"
+    if kind.name.replace("-", "_") in reserved:
+        yield f"its section [cell.{kind.name.replace('-', '_')}] is reserved; choose another name"
     for name in _CALLED[type(kind).__name__]:
         if not callable(getattr(kind, name)):
-            yield f"its {name} cannot be called"
+            yield f"its {name} is not callable"
     yield from settings_faults(kind.settings, "settings")
     emulation = getattr(kind, "emulation", None)
     if emulation is None:
         return
     for name in _CALLED_OF_EMULATION:
         if not callable(getattr(emulation, name, None)):
-            yield f"its emulation.{name} cannot be called"
+            yield f"its emulation.{name} is not callable"
     yield from settings_faults(getattr(emulation, "settings", None), "emulation.settings")
 
 
 def settings_faults(settings: Any, what: str) -> Iterator[str]:
-    """Faults of a dataclass of settings: each of them must have a default, and none may be NaN."""
+    """Yield the faults of a settings dataclass: each field must have a default, and no default may be NaN."""
     if not (isinstance(settings, type) and dataclasses.is_dataclass(settings)):
         yield f"its {what} must be a dataclass, got {_word(settings)}"
         return
     for field in dataclasses.fields(settings):
         no_default = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
         if field.init and no_default:
-            yield f"its {what} must have a default for each field, {field.name} has none"
+            yield f"its {what} must have a default for each field; {field.name} has none"
         if isinstance(field.default, float) and math.isnan(field.default):
-            yield f"its {what} must have numbers as defaults, {field.name} is nan"
+            yield f"its {what} must not have NaN as a default; {field.name} is NaN"
     try:
         settings()
     except (Exception, SystemExit) as error:
-        yield f"its {what} cannot be made from the defaults: {failure(error)}"
+        yield f"its {what} cannot be created from its defaults: {failure(error)}"
 
 
 def _word(thing: Any) -> str:

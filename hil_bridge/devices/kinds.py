@@ -1,16 +1,16 @@
-"""The kinds of robot, sensor and surface: the face that a device's room shows, and how a room is found by its name.
+"""Kinds of robot, sensor and surface: the interface of a device package, and the registry that looks it up by name.
 
 A URL names its kind before the wire, `KIND+WIRE`: `s3+serial:///dev/ttyUSB0`, `jr3+can+socketcan://can0`.
 
-A package offers a kind through an entry point, by the name of the kind, as hil-bridge itself does:
+A package offers a kind through an entry point with the name of the kind, as hil-bridge itself does:
 
     [project.entry-points."hil_bridge.robots"]
     mydev = "mydev.room:ROBOT"
 
-Groups are `hil_bridge.robots`, `hil_bridge.sensors` and `hil_bridge.surfaces`; the objects are a `RobotKind`, a
-`SensorKind` and a `SurfaceKind`. Settings of a kind are a frozen dataclass of `protocol.marks.setting` fields. They
-stand in the configuration's sections `[robot.NAME]` or `[sensor.NAME]`, and `[cell.NAME]` for the emulated device.
-Kinds of one device behind several receivers may share their sections.
+The groups are `hil_bridge.robots`, `hil_bridge.sensors` and `hil_bridge.surfaces`; the objects are a `RobotKind`, a
+`SensorKind` and a `SurfaceKind`. The settings of a kind are a frozen dataclass of `protocol.marks.setting` fields. They
+belong to the configuration sections `[robot.NAME]` or `[sensor.NAME]`, and `[cell.NAME]` for the emulated device. Kinds
+of one device behind several receivers may share their sections.
 """
 
 from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
@@ -51,190 +51,194 @@ class KindSettings(Generic[_Client, _Emulated]):
     """Settings of one device, from a configuration."""
 
     client: _Client
-    """How the bridge talks to it: `[robot.NAME]` or `[sensor.NAME]`."""
+    """Settings of the bridge's client: `[robot.NAME]` or `[sensor.NAME]`."""
     emulated: _Emulated
-    """How its emulator behaves: `[cell.NAME]`."""
+    """Settings of the emulator: `[cell.NAME]`."""
 
 
 def _any_wire(url: str, settings: KindSettings[Any, Any]) -> WireUrl:
     return parse_url(url, {**CONNECT_BYTES, **CONNECT_CAN, **LISTEN_DATAGRAMS, **CONNECT_DATAGRAMS})
 
 
-def _not_known(settings: KindSettings[Any, Any]) -> float | None:
+def _unknown_period(settings: KindSettings[Any, Any]) -> float | None:
     return None
 
 
 @dataclass(frozen=True, slots=True)
 class RobotEmulation(Generic[_Client, _Emulated]):
-    """The emulated robot of a kind."""
+    """Emulated robot of a kind."""
 
     settings: type[_Emulated]
     """Dataclass of its section `[cell.NAME]`."""
     make: Callable[[KindSettings[_Client, _Emulated]], RobotFactory]
-    """A factory of robots with these settings. Raises ConfigError for a file that they name."""
+    """Returns a factory of robots with these settings. Raises ConfigError for a file that they name."""
     serve: Callable[[str, Any, KindSettings[_Client, _Emulated], Serving], Awaitable[str]]
-    """Let the robot listen on a URL: from the URL, the robot, the settings and the wires. Gives the URL for
-    its client, without the kind.
+    """Serves the robot on a URL: from the URL, the robot, the settings and the wires. Returns the URL for its client,
+    without the kind.
     """
     usual: Callable[[KindSettings[_Client, _Emulated], bool], str]
-    """The URL to listen on where a configuration names none; the second argument says whether in virtual time."""
+    """Returns the default URL to listen on; the second argument is true in virtual time."""
     faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
-    """Its faults, in words, by target and name; its handlers carry them out."""
+    """Descriptions of its faults by target and name; its handlers execute them."""
     controls: Controls | None = None
-    """The panel of the emulated controller, for people; None for a kind without one."""
+    """Operator panel of the emulated controller; None for a kind without one."""
     mishaps: Mapping[str, str] = field(default_factory=dict)
-    """Faults of its target `robot` by which it refuses to move, by scenario of `hil-bridge conform`: refused, stopped.
-    The other scenarios inject faults that have the same name for every robot.
+    """Faults of its target `robot` that stop it, by scenario of `hil-bridge conform`: refused, stopped. The other
+    scenarios inject faults that have the same name for every robot.
     """
     late_ms: float = 20.0
-    """How late what it says comes in the scenario `late`, ms."""
+    """Delay of its messages in the scenario `late`, ms."""
     play: PlayTrajectory | None = None
-    """Plays a course of orders to the emulated robot over its protocol, for `identify fidelity`; None: it cannot."""
+    """Runs a trajectory on the emulated robot over its protocol, for `identify fidelity`; None: not supported."""
     match: MatchRobot | None = None
-    """Settings under which the emulated robot shows measured figures, for `identify cell`; None: none."""
+    """Returns settings with which the emulated robot has the measured figures, for `identify cell`; None: not
+    supported.
+    """
     late: LateRobot | None = None
-    """Settings under which the emulated robot is as late as a recorded one, for `hil-bridge latency -o`; None: none."""
+    """Returns settings with which the emulated robot has the latency of a recorded one, for `hil-bridge latency -o`;
+    None: not supported.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class RobotKind(Generic[_Client, _Emulated]):
-    """A kind of robot controller."""
+    """Kind of robot controller."""
 
     name: str
     """Prefix of its URLs, and name of its sections."""
     summary: str
-    """One line for people."""
+    """One-line description."""
     settings: type[_Client]
     """Dataclass of its section `[robot.NAME]`."""
     connect: Callable[[str, KindSettings[_Client, _Emulated], Wiring], Awaitable[Any]]
-    """The robot behind a wire's URL: from the URL, the settings and its wires. Gives a
-    `robots.seam.RobotLink`, not started. Raises ConfigError for the URL, TransportUnavailable for the wire.
+    """Connects to the robot behind a wire's URL: from the URL, the settings and its wires. Returns a
+    `robots.seam.RobotLink` that is not started. Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
     facts: Callable[[str, KindSettings[_Client, _Emulated]], RobotFacts]
-    """Facts of the robot behind a wire's URL, "" for the emulated one, before a wire is opened."""
+    """Returns the facts of the robot behind a wire's URL, "" for the emulated one, before a wire is opened."""
     emulation: RobotEmulation[_Client, _Emulated] | None = None
     check: Callable[[KindSettings[_Client, _Emulated]], object] | None = None
-    """Raises ConfigError for settings that no run can have, before anything is opened."""
+    """Raises ConfigError for settings that no run can use, before anything is opened."""
     parse: Callable[[str, KindSettings[_Client, _Emulated]], WireUrl] = _any_wire
-    """A wire's URL in its parts, for those that look at the wire alone. Raises ConfigError for one that cannot be of
-    this kind.
-    """
+    """Parses a wire's URL, without the robot or sensor. Raises ConfigError if it cannot belong to this kind."""
     describe: Callable[[bytes], list[dict[str, object]]] | None = None
-    """Bytes of its wire of either direction, item by item with fields and problems, for people; None without words. It
-    is given one datagram, a piece of a line, or a CAN frame as candump writes it, in ASCII: `201#C800`.
+    """Decodes bytes of its wire in either direction, item by item, with fields and problems; None: not supported. It
+    receives one datagram, a piece of a byte stream, or a CAN frame as candump prints it, in ASCII: `201#C800`.
     """
     probe: Callable[[str, KindSettings[_Client, _Emulated], Wiring], Awaitable[Any]] | None = None
-    """Probe the robot for `hil-bridge probe robot`: from the wire's URL, the settings and the wires. Returns a
-    `robots.probe.ProbeResult`, and orders nothing. Errors as of `connect`, and DeviceError if nothing answers. None:
+    """Probes the robot for `hil-bridge probe robot`: from the wire's URL, the settings and the wires. Returns a
+    `robots.probe.ProbeResult`, and orders nothing. Errors as for `connect`, and DeviceError if nothing answers. None:
     no probe.
     """
     read_side_channel: Callable[[str], Awaitable[Any]] | None = None
-    """Facts that the robot tells over another channel of its URL, a `ProbeResult` without rows where it names none. It
-    reads only. Raises DeviceError where nothing answers. None: there is no such channel.
+    """Reads facts of the robot over another channel of its URL, and changes nothing. Returns a `ProbeResult`, without
+    rows if the URL names no such channel. Raises DeviceError if nothing answers. None: no such channel.
     """
     compare_file: Callable[[bytes, str, KindSettings[_Client, _Emulated]], Any] | None = None
-    """Compare a file of the controller with the wire's URL and the settings, for `hil-bridge doctor`. Returns a
+    """Compares a file of the controller with the wire's URL and the settings, for `hil-bridge doctor`. Returns a
     `ProbeResult`: the file's content and each difference. Raises ValueError for any other file. None: no such file is
     read.
     """
     usual_wire: str = ""
-    """A wire's URL of a real robot, `{host}` in the place of its address: for a URL that has no wire."""
+    """Wire URL of a real robot with `{host}` as its address, suggested for a URL without a wire."""
     ruling: Mapping[Cause, Sequence[str]] = field(default_factory=dict)
-    """Settings of its section that rule a cause, beside those that the table of causes names for every robot."""
+    """Settings of its section that govern a cause, in addition to those that the table of causes lists for every robot.
+    """
     largest_turn: Callable[[KindSettings[_Client, _Emulated]], float] | None = None
-    """Largest angle, rad, by which the client turns the tool away from where the robot's program began; None where it
-    has no such limit.
+    """Returns the largest angle, rad, by which the client rotates the tool away from where the robot's program began;
+    None: no such limit.
     """
 
 
 @dataclass(frozen=True, slots=True)
 class SensorEmulation(Generic[_Client, _Emulated]):
-    """The emulated sensor of a kind."""
+    """Emulated sensor of a kind."""
 
     settings: type[_Emulated]
     """Dataclass of its section `[cell.NAME]`."""
     make: Callable[[KindSettings[_Client, _Emulated]], SensorFactory]
-    """A factory of sensors with these settings."""
+    """Returns a factory of sensors with these settings."""
     serve: Callable[[str, Any, KindSettings[_Client, _Emulated], Serving], Awaitable[str]]
-    """As of a `RobotEmulation`."""
+    """As for a `RobotEmulation`."""
     usual: Callable[[KindSettings[_Client, _Emulated], bool], str]
-    """As of a `RobotEmulation`."""
+    """As for a `RobotEmulation`."""
     faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
-    """As of a `RobotEmulation`."""
+    """As for a `RobotEmulation`."""
     mishaps: Mapping[str, str] = field(default_factory=dict)
-    """Faults of its target `sensor`, by scenario of `hil-bridge conform`: status. In them it says that its values are
-    wrong or not new.
+    """Faults of its target `sensor`, by scenario of `hil-bridge conform`: status. With them, it reports that its values
+    are wrong or not new.
     """
     match: MatchSensor | None = None
-    """As of a `RobotEmulation`."""
+    """As for a `RobotEmulation`."""
     packets_per_frame: int = 1
-    """Packets on its wire that make a frame: each of them may be lost."""
+    """Packets of its wire per frame, each of which may be lost."""
     late: LateSensor | None = None
-    """As of a `RobotEmulation`."""
+    """As for a `RobotEmulation`."""
 
 
 class CanBus(NamedTuple):
-    """The CAN bus of a device."""
+    """CAN bus of a device."""
 
     device: str
-    """For people."""
+    """Name of the device in messages."""
     bitrate: int
     """bit/s"""
     messages: Callable[[Iterable[int]], Sequence[CanMessage]] | None = None
-    """Its frames as field tables, for a DBC file, from identifiers of frames of this device; None without tables."""
+    """Returns its frames as field tables, for a DBC file, from the identifiers of the device's frames; None without
+    tables.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class SensorKind(Generic[_Client, _Emulated]):
-    """A kind of force/torque sensor, with the device that stands before it."""
+    """Kind of force/torque sensor, including the gateway or receiver in front of it."""
 
     name: str
     """Prefix of its URLs, and name of its sections unless `section` names them."""
     summary: str
-    """One line for people."""
+    """One-line description."""
     settings: type[_Client]
     """Dataclass of its section `[sensor.NAME]`."""
     connect: Callable[
         [str, KindSettings[_Client, _Emulated], Wiring], Awaitable[tuple[Transport[Any], SensorClient[Any]]]
     ]
-    """The sensor behind a wire's URL: from the URL, the settings and its wires. Gives the wire and the
-    client that speaks over it. Errors as of `RobotKind.connect`.
+    """Connects to the sensor behind a wire's URL: from the URL, the settings and its wires. Returns the wire and the
+    client for it. Errors as for `RobotKind.connect`.
     """
     emulation: SensorEmulation[_Client, _Emulated] | None = None
     check: Callable[[KindSettings[_Client, _Emulated]], object] | None = None
-    """Raises ConfigError for settings that no run can have, before anything is opened."""
+    """Raises ConfigError for settings that no run can use, before anything is opened."""
     parse: Callable[[str, KindSettings[_Client, _Emulated]], WireUrl] = _any_wire
-    """A wire's URL in its parts, for those that look at the wire alone. Raises ConfigError for one that cannot be of
-    this kind.
-    """
+    """Parses a wire's URL, without the robot or sensor. Raises ConfigError if it cannot belong to this kind."""
     describe: Callable[[bytes], list[dict[str, object]]] | None = None
-    """Bytes of its wire of either direction, item by item with fields and problems, for people; None without words. It
-    is given one datagram, a piece of a line, or a CAN frame as candump writes it, in ASCII: `201#C800`.
+    """Decodes bytes of its wire in either direction, item by item, with fields and problems; None: not supported. It
+    receives one datagram, a piece of a byte stream, or a CAN frame as candump prints it, in ASCII: `201#C800`.
     """
-    period: Callable[[KindSettings[_Client, _Emulated]], float | None] = _not_known
-    """Time between two frames with these settings, s; None where it is shorter than a cycle of any robot, or not known
-    before the sensor streams.
+    period: Callable[[KindSettings[_Client, _Emulated]], float | None] = _unknown_period
+    """Returns the time between two frames with these settings, s; None if it is shorter than a cycle of any robot, or
+    unknown before the sensor streams.
     """
     bus: CanBus | None = None
-    """Bus of a device on CAN, which alone can have faults of a bus; an interface with another rate cannot reach it."""
+    """Bus of a device on CAN, which can have bus faults. An interface with another bit rate cannot communicate with it.
+    """
     section: str = ""
-    """Name of its sections, where kinds with the same settings share them; empty: its own name."""
+    """Name of its sections, if kinds with the same settings share them; empty: its own name."""
 
 
 @dataclass(frozen=True, slots=True)
 class SurfaceKind:
-    """A kind of contact between tool and surface."""
+    """Kind of contact between tool and surface."""
 
     name: str
     """Name of its section `[cell.NAME]`."""
     summary: str
-    """One line for people."""
+    """One-line description."""
     settings: type[Any]
     """Dataclass of that section."""
     make: Callable[[Any], SurfaceFactory]
-    """A factory of surfaces with these settings."""
+    """Returns a factory of surfaces with these settings."""
     faults: Mapping[str, Fault] = field(default_factory=dict)
-    """Faults of the surface, in words, by name; its handlers carry them out."""
+    """Descriptions of the surface's faults by name; its handlers execute them."""
 
 
 DeviceKind: TypeAlias = RobotKind[Any, Any] | SensorKind[Any, Any]
@@ -243,7 +247,9 @@ _Kind = TypeVar("_Kind", RobotKind[Any, Any], SensorKind[Any, Any], SurfaceKind)
 
 @dataclass(frozen=True, slots=True)
 class Registry(Generic[_Kind]):
-    """All kinds of one thing that installed packages offer. A room is imported when its kind is chosen."""
+    """All kinds of robot, sensor or surface that installed packages offer. A package is imported when its kind is
+    selected.
+    """
 
     thing: str
     group: str
@@ -260,68 +266,70 @@ class Registry(Generic[_Kind]):
         return own_names(self.group)
 
     def kind(self, name: str) -> _Kind:
-        """Return the kind of a name. Raises ConfigError for an unknown name, and for a kind that cannot be used."""
+        """Return the kind of a name. Raises ConfigError for an unknown name and for an invalid kind."""
         found = find_plugin(self.group, self.thing, name)
         if found is None:
             known = (
-                f"choose one of {', '.join(self.names)}" if self.names else "no installed package offers one"
+                f"choose one of {', '.join(self.names)}"
+                if self.names
+                else "no installed package provides one"
             )
             raise ConfigError(f"there is no {self.thing} {name!r}; {known}")
         if not (isinstance(found.value, self.type) and found.value.name == name):
-            raise ConfigError(f"{found.where}: {found.source} must be a {self.type.__name__} of that name")
+            raise ConfigError(f"{found.where}: {found.source} must be a {self.type.__name__} with that name")
         if fault := fault_of(found.value, _SECTIONS):
-            raise ConfigError(f"{found.where}: {found.source} cannot be used: {fault}")
+            raise ConfigError(f"{found.where}: {found.source} is invalid: {fault}")
         return found.value
 
     def split(self, url: str) -> tuple[str, str]:
-        """The kind that a URL names, and the wire's URL; "" where it names none."""
+        """Split a URL into its kind, "" if it names none, and the wire's URL."""
         name, plus, wire = url.partition("+")
         return (name, wire) if plus and name in self.names else ("", url)
 
 
 @dataclass(frozen=True)
 class CellSection(CellProfile):
-    """Settings of every emulated cell, whatever its devices: the base of the section `[cell]`."""
+    """Settings of every emulated cell, independent of its devices: base of the section `[cell]`."""
 
     surface_kind: str = setting(
         "",
         Mark.CHOSEN,
-        "kind of surface: soft-body, or one that a plug-in offers; empty: by [cell.surface]",
+        "kind of surface: soft-body, or one from a plug-in; empty: by [cell.surface]",
     )
 
 
 _SECTIONS = frozenset(field.name for field in fields(CellSection))
-"""Names in the section of the cell that no kind may have."""
+"""Field names of the section `[cell]`, which no kind may use."""
 ROBOTS: Registry[RobotKind[Any, Any]] = Registry("robot", "hil_bridge.robots", RobotKind)
 SENSORS: Registry[SensorKind[Any, Any]] = Registry("sensor", "hil_bridge.sensors", SensorKind)
 SURFACES: Registry[SurfaceKind] = Registry("surface", "hil_bridge.surfaces", SurfaceKind)
 
 
 def section_of(kind: DeviceKind | SurfaceKind) -> str:
-    """Name of a kind's sections in a configuration."""
+    """Return the name of a kind's sections in a configuration."""
     name = kind.section if isinstance(kind, SensorKind) and kind.section else kind.name
     return field_name(name)
 
 
 def field_name(kind: str) -> str:
-    """A kind's name as that of a field."""
+    """Return a kind's name as a field name."""
     return kind.replace("-", "_")
 
 
 def default_settings(
     kind: RobotKind[_Client, _Emulated] | SensorKind[_Client, _Emulated],
 ) -> KindSettings[Any, Any]:
-    """The settings of a device of which a configuration says nothing."""
+    """Return the default settings of a device."""
     return KindSettings(kind.settings(), None if kind.emulation is None else kind.emulation.settings())
 
 
 def robot_of(url: str) -> tuple[RobotKind[Any, Any], str]:
-    """The kind of robot that a URL names, and the wire's URL. Raises ConfigError."""
+    """Return the kind of robot that a URL names, and the wire's URL. Raises ConfigError."""
     return _kind_of(url, ROBOTS)
 
 
 def sensor_of(url: str) -> tuple[SensorKind[Any, Any], str]:
-    """The kind of sensor that a URL names, and the wire's URL. Raises ConfigError."""
+    """Return the kind of sensor that a URL names, and the wire's URL. Raises ConfigError."""
     return _kind_of(url, SENSORS)
 
 
@@ -329,8 +337,8 @@ def _kind_of(url: str, registry: Registry[Any]) -> tuple[Any, str]:
     name, wire = registry.split(url)
     if name:
         return registry.kind(name), wire
-    if meant := _meant(f"serial://{url}" if url.startswith("/") else url, registry):
-        raise ConfigError(f"{url!r} names no kind of {registry.thing}; did you mean {meant}?")
+    if suggestions := _suggestions(f"serial://{url}" if url.startswith("/") else url, registry):
+        raise ConfigError(f"{url!r} names no kind of {registry.thing}; did you mean {suggestions}?")
     head = url.partition(":")[0]
     if examples := _with_usual_wires(url, registry):
         raise ConfigError(f"{url!r} names no wire; write {examples}")
@@ -339,7 +347,7 @@ def _kind_of(url: str, registry: Registry[Any]) -> tuple[Any, str]:
 
 
 def _with_usual_wires(url: str, registry: Registry[Any]) -> str:
-    """URLs to write instead of `KIND://HOST`, or of an address alone; empty for another URL."""
+    """Return complete URLs to suggest for `KIND://HOST` or for an address alone; "" for any other URL."""
     name, colon, rest = url.partition("://")
     host = (rest if colon else url).partition("/")[0]
     plain = host.replace(".", "").replace("-", "")
@@ -352,19 +360,19 @@ def _with_usual_wires(url: str, registry: Registry[Any]) -> str:
     return " or ".join(f"{kind}+{wire.format(host=host)}" for kind, wire in wires if wire)
 
 
-def _meant(url: str, registry: Registry[Any]) -> str:
-    """Return the URLs of our kinds that take this wire, perhaps without one of its options; empty for none."""
+def _suggestions(url: str, registry: Registry[Any]) -> str:
+    """Return the URLs of our own kinds that accept this wire, perhaps without one of its options; "" for no match."""
     head, _, query = url.partition("?")
     options = [option for option in query.split("&") if option]
     for left in (options, *(options[:k] + options[k + 1 :] for k in range(len(options)))):
         wire = f"{head}?{'&'.join(left)}" if left else head
-        if taking := [kind.name for kind in map(registry.kind, registry.own) if _takes(kind, wire)]:
-            return " or ".join(f"{name}+{wire}" for name in taking)
+        if kinds := [kind.name for kind in map(registry.kind, registry.own) if _accepts(kind, wire)]:
+            return " or ".join(f"{name}+{wire}" for name in kinds)
     return ""
 
 
-def _takes(kind: DeviceKind, wire: str) -> bool:
-    """Return whether a wire's URL can be of this kind."""
+def _accepts(kind: DeviceKind, wire: str) -> bool:
+    """Return whether a wire's URL can belong to this kind."""
     try:
         kind.parse(wire, default_settings(kind))
     except ConfigError:
@@ -378,12 +386,14 @@ Describe: TypeAlias = Callable[[bytes], list[dict[str, object]]]
 
 
 def describer_of(kind: DeviceKind) -> Describe | None:
-    """The words for a kind's bytes. A plug-in's may raise anything: that is a problem of the bytes, in words."""
+    """Return the decoder of a kind's bytes, if it has one. Any exception of a plug-in's decoder is reported as a
+    problem of the bytes.
+    """
     describe = kind.describe
     if describe is None:
         return None
 
-    def words(raw: bytes) -> list[dict[str, object]]:
+    def decode(raw: bytes) -> list[dict[str, object]]:
         try:
             return describe(raw)
         except Exception as error:
@@ -391,11 +401,11 @@ def describer_of(kind: DeviceKind) -> Describe | None:
             problem = f"{type(error).__name__}: {lines[0]}"
             return [{"offset": 0, "size": len(raw), "kind": "noise", "fields": [], "problems": [problem]}]
 
-    return words
+    return decode
 
 
 class EmulatedKinds(NamedTuple):
-    """The kinds of a cell's emulated devices, and of its surface where that is a plug-in's."""
+    """Kinds of a cell's emulated devices, and of its surface if a plug-in provides that."""
 
     robot: RobotKind[Any, Any]
     sensor: SensorKind[Any, Any]
@@ -403,20 +413,20 @@ class EmulatedKinds(NamedTuple):
 
     @classmethod
     def named(cls, robot: str, sensor: str, surface: str = "") -> Self:
-        """The kinds with these names. Raises ConfigError."""
+        """Return the kinds with these names. Raises ConfigError."""
         return cls(ROBOTS.kind(robot), SENSORS.kind(sensor), SURFACES.kind(surface) if surface else None)
 
     @property
     def faults(self) -> Faults:
         """All faults that this cell can have, by target and name.
 
-        Raises ConfigError where both devices have faults of one target: a fault would be of the one or of the other.
+        Raises ConfigError if both devices have faults for one target, which would be ambiguous.
         """
         robot, sensor = _own_faults(self.robot), _own_faults(self.sensor)
         if shared := sorted(robot.keys() & sensor.keys()):
             raise ConfigError(
-                f"the emulated {self.robot.name} and {self.sensor.name} both have faults of the target {shared[0]}: "
-                "one of the two packages must call its target otherwise"
+                f"the emulated {self.robot.name} and {self.sensor.name} both define faults for the target {shared[0]}: "
+                "one of the two packages must rename its target"
             )
         own = dict(OWN_FAULTS)
         if self.surface is not None:
@@ -427,23 +437,23 @@ class EmulatedKinds(NamedTuple):
 
     @property
     def sensor_targets(self) -> Collection[str]:
-        """Targets whose faults have no effect but through the emulated sensor."""
+        """Targets whose faults act only through the emulated sensor."""
         return {"bus", "surface", "obstacle", *_own_faults(self.sensor)}
 
     def alternatives_for(self, on: str, fault: str, given: Mapping[str, object]) -> str:
-        """The kinds of our own to choose instead, for a fault that this cell cannot have; empty for none."""
+        """Return the kinds of our own that offer a fault which this cell cannot have; "" if there are none."""
         robots = [(kind.name, self._replace(robot=kind)) for kind in map(ROBOTS.kind, ROBOTS.own)]
         sensors = [(kind.name, self._replace(sensor=kind)) for kind in map(SENSORS.kind, SENSORS.own)]
         for key, now, cells in (
             ("robot.emulated", self.robot, robots),
             ("sensor.emulated", self.sensor, sensors),
         ):
-            if able := [name for name, cell in cells if cell.can_have(on, fault, given)]:
-                return f"{key} = {' or '.join(able)}, not {now.name}"
+            if names := [name for name, cell in cells if cell.can_have(on, fault, given)]:
+                return f"{key} = {' or '.join(names)}, not {now.name}"
         return ""
 
     def can_have(self, on: str, fault: str, given: Mapping[str, object]) -> bool:
-        """Whether this cell can have a fault with these parameters."""
+        """Return whether this cell can have a fault with these parameters."""
         try:
             find(self.faults, on, fault).values(fault, given)
         except ValueError:
@@ -452,7 +462,7 @@ class EmulatedKinds(NamedTuple):
 
 
 def fault_targets() -> Collection[str]:
-    """Return the targets of all faults of all devices and of every cell. A broken kind has none."""
+    """Return the fault targets of all devices and of every cell. An invalid kind has none."""
     targets = set(OWN_FAULTS)
     registries: Sequence[Registry[Any]] = (ROBOTS, SENSORS)
     for registry in registries:

@@ -1,7 +1,8 @@
-"""A course of orders for an emulated robot, and its reports meanwhile: the seam between a room and its judges.
+"""Trajectory of orders for an emulated robot, and the robot's reports during it.
 
-A room with a `RobotEmulation.play` plays a course over the bytes of its protocol. Time begins with the first order and
-is virtual: the player tells it to the robot. Names of columns are those of `FAMILIES`.
+This is the interface between a device package and the comparison with a real robot. A package with a
+`RobotEmulation.play` sends a trajectory over its own protocol. Time is virtual and begins with the first order. Column
+names are those of `FAMILIES`.
 """
 
 import math
@@ -29,16 +30,16 @@ FAMILIES: Mapping[str, tuple[str, ...]] = {
     "force": ("fx", "fy", "fz"),
     "moment": ("mx", "my", "mz"),
 }
-"""Columns of a robot by family. Order: what a client sends; target: the set point that the robot tells; else: what it
-is. Joints in rad and rad/s, places in m, forces in N, moments in N·m.
+"""Columns of a robot by family. Order: what a client sends; target: the set point that the robot reports; others: its
+actual state. Joints in rad and rad/s, positions in m, forces in N, moments in N·m.
 """
 _STALLED_S = 60.0
-"""Chosen: a robot that tells nothing for so long, or does not begin, is given up."""
+"""Chosen: time-out for a robot that reports nothing or does not start."""
 SETTLE_S = 0.5
-"""Chosen: a robot is held at its place for so long first. RSI drops the corrections of its first moments."""
+"""Chosen: time for which the robot is first held in place. RSI drops the corrections of its first cycles."""
 _ROUNDING_S = 1e-9
 _PERIODS = 4.0
-"""Chosen: periods of its orders for which a robot is listened to behind the last one."""
+"""Chosen: order periods for which reports are read after the last order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,13 +49,13 @@ class Trajectory:
     family: str
     """`order_q`, `order_qd` or `order_position`."""
     times: Sequence[float]
-    """s, ascending from 0."""
+    """Times of the orders, s, ascending from 0."""
     values: Sequence[tuple[float, ...]]
-    """Parts of the family at each time, in its unit."""
+    """Values of the family at each time, in its unit."""
     start: tuple[float, ...] = ()
-    """Joints at which a course of speeds begins, rad; empty where the robot stands."""
+    """Joint positions at which a trajectory of speeds begins, rad; empty for the robot's present position."""
     at_arrival: bool = False
-    """Reports are wanted with the times at which they come, and not with those of the robot's own clock."""
+    """Whether reports are stamped with their arrival instead of the robot's own clock."""
 
     @property
     def end(self) -> float:
@@ -67,7 +68,9 @@ class Trajectory:
         return self.end / (len(self.times) - 1)
 
     def at(self, time: float) -> tuple[float, ...]:
-        """The order at a time, s: on the straight line between two; the first before, the last behind."""
+        """Return the order at a time, s, linearly interpolated; the first one before the start, the last one after the
+        end.
+        """
         place = bisect_right(self.times, time)
         if place == 0:
             return self.values[0]
@@ -79,17 +82,17 @@ class Trajectory:
 
 
 class TrajectoryResult(NamedTuple):
-    """Reports of a robot while a course was played."""
+    """Reports of a robot during a trajectory."""
 
     times: list[float]
-    """s since the first order: by the robot's own clock where it tells one, unless arrivals are wanted."""
+    """Time since the first order, s: by the robot's own clock if it reports one, unless arrival times are requested."""
     columns: dict[str, list[float]]
-    """Places count from where the course begins, wherever the emulated arm stands."""
+    """Values by column. Positions are relative to the start of the trajectory, wherever the emulated arm is."""
 
 
 PlayTrajectory = Callable[[Any, Trajectory, Any, float], TrajectoryResult]
-"""Plays a course: from the emulated robot, the course, the `KindSettings` and the time at which the robot was powered
-up, s. Raises ConfigError for a family that the protocol cannot order, and where the robot stops.
+"""Runs a trajectory: from the emulated robot, the trajectory, the `KindSettings` and the time at which the robot was
+powered up, s. Raises ConfigError for a family that the protocol cannot order, and if the robot stops.
 """
 
 
@@ -97,20 +100,20 @@ up, s. Raises ConfigError for a family that the protocol cannot order, and where
 class _Log:
     times: list[float] = field(default_factory=list)
     orders: list[tuple[float, ...]] = field(default_factory=list)
-    """Answers to the reports."""
+    """Orders sent in answer to the reports."""
     targets: list[tuple[float, ...]] = field(default_factory=list)
-    """Orders that the robot had when it reported: those before."""
+    """Orders in effect at each report: those of the report before."""
     places: list[Vector] = field(default_factory=list)
 
     def note(self, time: float, order: tuple[float, ...], place: Vector) -> None:
-        """A report and its answer."""
+        """Record a report and its answer."""
         self.times.append(time)
         self.targets.append(self.orders[-1] if self.orders else order)
         self.orders.append(order)
         self.places.append(place)
 
-    def played(self) -> TrajectoryResult:
-        """All of it."""
+    def result(self) -> TrajectoryResult:
+        """Return all records."""
         families: dict[str, Sequence[tuple[float, ...]]] = {
             "order_position": self.orders,
             "target_position": self.targets,
@@ -125,22 +128,22 @@ class _Log:
 
 
 def stream_trajectory(
-    endpoint: Any, client: StreamClient[Any], course: Trajectory, now: float
+    endpoint: Any, client: StreamClient[Any], trajectory: Trajectory, now: float
 ) -> TrajectoryResult:
-    """PlayTrajectory places to a robot that speaks first and is answered each time, with the client of a run.
+    """Run positions on a robot that sends first and is answered each time, using the client of a run.
 
-    The course begins where the robot stands. Errors as of `PlayTrajectory`.
+    The trajectory begins at the robot's present position. Errors as for `PlayTrajectory`.
     """
-    if course.family != "order_position":
-        raise ConfigError(f"this robot is played order_position or target_position, not {course.family}")
+    if trajectory.family != "order_position":
+        raise ConfigError(f"this robot accepts order_position or target_position, not {trajectory.family}")
     log = _Log()
     start: Pose | None = None
     settled = began = math.nan
     patience = now + _STALLED_S
-    while math.isnan(began) or now - began <= course.end + _PERIODS * course.period:
+    while math.isnan(began) or now - began <= trajectory.end + _PERIODS * trajectory.period:
         due = endpoint.next_deadline()
         if due is None or due > patience:
-            raise ConfigError("the emulated robot has ended the conversation")
+            raise ConfigError("the emulated robot has ended the connection")
         now = max(now, due)
         endpoint.handle_deadline(now)
         client.receive(endpoint.data_to_send(now), now)
@@ -158,15 +161,15 @@ def stream_trajectory(
             if math.isnan(began):
                 client.target(start, now)
                 continue
-            order = course.at(now - began)
-            client.target(Pose(_moved(order, course.values[0], start.position), start.quaternion), now)
-            log.note(now - began, order, _moved(report.pose.position, start.position, course.values[0]))
+            order = trajectory.at(now - began)
+            client.target(Pose(_moved(order, trajectory.values[0], start.position), start.quaternion), now)
+            log.note(now - began, order, _moved(report.pose.position, start.position, trajectory.values[0]))
         endpoint.receive(client.data_to_send(now), now)
-    return log.played()
+    return log.result()
 
 
 def _reports(client: StreamClient[Any]) -> Iterator[RobotReport]:
-    """The reports that came. Raises ConfigError where the movement has ended."""
+    """Yield the reports received. Raises ConfigError if the movement has ended."""
     while (event := client.next_event()) is not None:
         if isinstance(event, StreamLost):
             raise ConfigError(f"the emulated robot has stopped: {event.text}")
@@ -175,6 +178,6 @@ def _reports(client: StreamClient[Any]) -> Iterator[RobotReport]:
 
 
 def _moved(place: Sequence[float], source: Sequence[float], goal: Sequence[float]) -> Vector:
-    """A place as far from `goal` as it was from `source`."""
+    """Return the position that is offset from `goal` as `place` is from `source`."""
     x, y, z = (part - begin + end for part, begin, end in zip(place, source, goal, strict=True))
     return x, y, z

@@ -1,6 +1,6 @@
-"""Wires for the rooms of devices: opened by URL, shown to a log, served by an emulated device.
+"""Wires for the device packages: opened by URL, logged, and served by emulated devices.
 
-A room says which kind of wire its device has; a tap and a test's own wrapper come to it here.
+A device package chooses the type of wire; the tap for the log and a test's own wrapper are added here.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,60 +19,62 @@ from protocol.can.frame import CanFilter
 
 _Data = TypeVar("_Data")
 Wrap = Callable[[str, Transport[Any]], Transport[Any]]
-"""Puts something of a test between a wire and its client: from the device, "robot" or "sensor", and the wire."""
+"""Wrapper that a test puts between a wire and its client: from the device, "robot" or "sensor", and the wire."""
 
 
 def unwrapped(device: str, wire: Transport[Any]) -> Transport[Any]:
-    """The wire as it is."""
+    """Return the wire unchanged."""
     return wire
 
 
 @dataclass(frozen=True, slots=True)
 class Wiring:
-    """The wires of one device, for its client."""
+    """Wires of one device, for its client."""
 
     device: str
-    """"robot" or "sensor": under that name the log is shown what goes over them."""
+    """"robot" or "sensor": the name under which the log receives the traffic."""
     clock: Clock
     log: DeviceLog
     wrap: Wrap = unwrapped
 
     async def bytes(self, url: str) -> Transport[bytes]:
-        """A byte wire. Raises ConfigError for the URL, TransportUnavailable for the wire."""
+        """Open a byte wire. Raises ConfigError for the URL, TransportUnavailable for the wire."""
         return self.tap(await opening.connect_bytes(url, self.clock, self.log.notice))
 
     async def can(self, url: str, accept: Sequence[CanFilter] = ()) -> Transport[Frames]:
-        """A wire of CAN frames, of those that one of the filters accepts; of all without filters. Errors as `bytes`."""
+        """Open a wire of CAN frames that match one of the filters, or of all frames without filters. Errors as for
+        `bytes`.
+        """
         return self.tap(await opening.connect_can(url, self.clock, accept))
 
     async def datagrams(self, url: str, speak_first: bool = True) -> Transport[Datagrams]:
-        """A wire of datagrams, on which the client speaks first, or the device does. Errors as `bytes`."""
+        """Open a wire of datagrams; `speak_first` says whether the client sends first. Errors as for `bytes`."""
         if speak_first:
             return self.tap(await opening.connect_datagrams(url, self.clock, self.log.notice))
         return self.tap((await opening.listen_datagrams(url, self.clock, self.log.notice)).transport)
 
     def tap(self, wire: Transport[_Data]) -> Transport[_Data]:
-        """A wire that the room has opened itself, shown to the log like every other."""
+        """Add the log to a wire that the device package has opened itself."""
         return Tap(self.wrap(self.device, wire), partial(self.log.traffic, self.device))
 
 
 @dataclass(frozen=True, slots=True)
 class Serving:
-    """The wires of the emulated devices, for the devices. All that is opened is closed with `stack`."""
+    """Wires of the emulated devices. Everything that is opened is closed with `stack`."""
 
     clock: Clock
     stack: AsyncExitStack
     on_failure: Callable[[BaseException], object]
     """Called with the reason when a device can no longer be served."""
     say: Callable[[str], None]
-    """Called with a line for each connection that ended badly."""
+    """Called with one line for each connection that ended with an error."""
     pumps: list[Pump[Any, Any]] = field(default_factory=list)
-    """Pumps of all devices: to be woken when a fault begins or ends."""
+    """Pumps of all devices, which are woken when a fault begins or ends."""
     _announced: set[str] = field(default_factory=set)
-    """Kinds of notices of datagram wires that were told."""
+    """Kinds of datagram notices that have been reported."""
 
     async def serve_bytes(self, url: str, endpoint: Any) -> str:
-        """Let an endpoint speak over a byte wire that listens; the URL for its client. Raises ConfigError for the URL,
+        """Serve an endpoint on a listening byte wire and return the URL for its client. Raises ConfigError for the URL,
         TransportUnavailable for the wire.
         """
         listening = await self.listen_bytes(url)
@@ -80,13 +82,13 @@ class Serving:
         return listening.address
 
     async def listen_bytes(self, url: str) -> Listening[Transport[bytes]]:
-        """A byte wire that listens, for a room that puts something between the wire and its device. Errors as
+        """Open a listening byte wire, for a device package that adds a converter before its device. Errors as for
         `serve_bytes`.
         """
         return await opening.listen_bytes(url, self.clock)
 
     async def serve_can(self, url: str, endpoint: Any, accept: Sequence[CanFilter] = ()) -> str:
-        """The same with CAN frames, of those that one of the filters accepts; of all without filters."""
+        """Serve an endpoint on CAN frames that match one of the filters, or on all frames without filters."""
         listening = await opening.listen_can(url, self.clock, accept)
         self.attach(endpoint, listening.transport)
         return listening.address
@@ -94,8 +96,8 @@ class Serving:
     async def serve_datagrams(
         self, url: str, endpoint: Any, speak_first: bool = False, counts_late: bool = False
     ) -> str:
-        """The same with datagrams, on which the client speaks first, or the device does. One that `counts_late` answers
-        reads those that have come before it ends a cycle.
+        """Serve an endpoint on datagrams; `speak_first` says whether the device sends first. A device that counts late
+        answers (`counts_late`) reads the answers that have arrived before it ends a cycle.
         """
         if speak_first:
             wire = await opening.connect_datagrams(url, self.clock, partial(self._say_once, url))
@@ -106,16 +108,16 @@ class Serving:
         return listening.address
 
     def _say_once(self, url: str, kind: str, text: str) -> None:
-        """A device that speaks first continues speaking where no program listens: one line is enough. Each client that
-        leaves has a line.
+        """Report a notice of a datagram wire: each client that leaves, and anything else once. A device that sends
+        first continues while no program listens.
         """
         if kind == EventKind.LEFT or kind not in self._announced:
             self._announced.add(kind)
-            waits = f"{url}: waits for its client; no program listens there yet"
+            waits = f"{url}: waiting for its client; no program is listening there yet"
             self.say(waits if kind == EventKind.ABSENT else text)
 
     def attach(self, endpoint: Any, wire: Transport[Any]) -> Pump[Any, Any]:
-        """Let an endpoint speak over a wire that the room has opened itself."""
+        """Serve an endpoint on a wire that the device package has opened itself."""
         self.stack.push_async_callback(wire.aclose)
         pump: Pump[Any, Any] = Pump(endpoint, wire, self.clock, _ignore, self.ended)
         pump.start()
@@ -123,20 +125,21 @@ class Serving:
         return pump
 
     def wake(self) -> None:
-        """Ask every device whether it has something to say."""
+        """Let every device send what it has to send."""
         for pump in self.pumps:
             pump.kick()
 
     def ended(self, cause: BaseException) -> None:
-        """A device's wire has ended: told, unless it was closed."""
+        """Report that a device's wire has ended, unless this side closed it."""
         if not isinstance(cause, TransportClosed):
             self.on_failure(cause)
 
 
 class _CountsLate:
-    """A device that speaks first, and counts answers that have not come before its next beat.
+    """Endpoint of a device that sends first and counts the answers that are missing at its next cycle.
 
-    A beat may wait for this computer for long. An answer that lies in the system's buffer meanwhile has come before it.
+    The cycle's deadline may be handled late on this computer. Answers that are in the system's receive buffer by then
+    arrived in time, so they are read first.
     """
 
     __slots__ = ("_endpoint", "_take_in", "data_to_send", "next_deadline", "next_event", "receive")
@@ -152,4 +155,4 @@ class _CountsLate:
 
 
 def _ignore(event: object) -> None:
-    """An emulated device tells its events to its wire alone."""
+    """Ignore an event: emulated devices report their events on the wire only."""

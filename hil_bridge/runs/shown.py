@@ -58,7 +58,7 @@ def scene_of(setup: Setup, facts: RobotFacts, legs: Sequence[Leg], record: str) 
         limits=config.limits,
         approach=config.frame.approach,
         record=record,
-        keys=keys.can_be_heard(),
+        keys=keys.is_interactive(),
     )
 
 

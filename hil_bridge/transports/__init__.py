@@ -1,4 +1,4 @@
-"""Wires: bytes, CAN frames and datagrams over memory, serial ports, TCP, UDP, python-can; opened by URL."""
+"""Wires for bytes, CAN frames and datagrams over memory, serial ports, TCP, UDP and python-can, opened by URL."""
 
 from hil_bridge.transports.back_off import Reconnecting
 from hil_bridge.transports.base import Datagrams, Frames, Transport

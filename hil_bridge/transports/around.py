@@ -1,4 +1,4 @@
-"""The base of transports that keep data for a while on their way to and from the transport that they hold."""
+"""Base of transports that delay data on the way to and from an inner transport."""
 
 from collections.abc import Callable
 from typing import Generic
@@ -9,7 +9,7 @@ from hil_bridge.transports.delivery import QUEUE_BYTES, Data, Delivery
 
 
 class Around(Generic[Data]):
-    """A transport around another one."""
+    """Transport around another one."""
 
     __slots__ = ("_delivery", "_inner")
 
@@ -19,24 +19,24 @@ class Around(Generic[Data]):
 
     @property
     def name(self) -> str:
-        """That of the wire."""
+        """Name of the wire."""
         return self._inner.name
 
     def start(self, on_data: Callable[[Data], None], on_end: Callable[[TransportError], None]) -> None:
-        """Listen, at both."""
+        """Start both."""
         self._delivery.start(on_data, on_end)
         self._inner.start(self._arrived, self._inner_ended)
 
     def _arrived(self, data: Data) -> None:
-        """Note that the inner transport has data."""
+        """Handle data of the inner transport."""
         raise NotImplementedError
 
     def _inner_ended(self, error: TransportError) -> None:
-        """Note that the inner transport has ended."""
+        """Handle the end of the inner transport."""
         raise NotImplementedError
 
     def _leave(self, data: Data) -> None:
-        """Hand data to the inner transport, whose failure ends it."""
+        """Send data to the inner transport, whose failure ends it."""
         try:
             self._inner.send(data)
         except TransportError as error:

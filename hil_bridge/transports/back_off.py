@@ -1,4 +1,4 @@
-"""Trying again: at growing intervals, for a named time; and a wire that is opened again when it breaks."""
+"""Retries at growing intervals, for a given time; and a wire that is reopened when it breaks."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator
@@ -12,16 +12,17 @@ from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery
 
 FIRST_WAIT_S = 0.1
 LONGEST_WAIT_S = 2.0
-"""First and longest time between two tries, s; each wait is twice the one before. Chosen: a device server takes
-some seconds to start, and a refused connection costs it nothing. Without jitter: there is one client."""
+"""First and longest time between two attempts, s; each is twice the one before. Chosen: a device server takes some
+seconds to start, and a refused connection costs it nothing. Without jitter: there is one client.
+"""
 
 Opened = TypeVar("Opened")
 Notice = Callable[[str, str], None]
-"""Called with kind and text of an event that is worth a line in the record."""
+"""Called with kind and text of an event that is relevant for the recording."""
 
 
 def waits() -> Iterator[float]:
-    """Return times to wait before each further try, s; without end."""
+    """Yield the times to wait before each further attempt, s, endlessly."""
     wait = FIRST_WAIT_S
     while True:
         yield wait
@@ -29,7 +30,7 @@ def waits() -> Iterator[float]:
 
 
 async def persistent(open_it: Callable[[], Awaitable[Opened]], patience_s: float, clock: Clock) -> Opened:
-    """Open something; while it is unavailable try again for `patience_s`, 0 for one try.
+    """Open something; while it is unavailable, retry for `patience_s`, or never if 0.
 
     Raises the last TransportUnavailable.
     """
@@ -46,10 +47,10 @@ async def persistent(open_it: Callable[[], Awaitable[Opened]], patience_s: float
 
 
 class Reconnecting:
-    """A byte wire that is opened again when it breaks or the other side ends it.
+    """Byte wire that is reopened when it breaks or the other side ends it.
 
-    Bytes under way are lost, and so are bytes sent meanwhile: a link that repeats gets over it. `on_notice` is
-    told of every loss and return. When the wire is not back after `patience_s` it ends with TransportBroken.
+    Bytes in transit are lost, and so are bytes sent meanwhile: a link with repeats recovers. `on_notice` receives every
+    loss and return. If the wire is not back after `patience_s`, it ends with TransportBroken.
     """
 
     __slots__ = ("_clock", "_delivery", "_inner", "_on_notice", "_open", "_patience", "_task", "lost")
@@ -87,7 +88,7 @@ class Reconnecting:
             try:
                 self._inner.send(data)
             except TransportError as error:
-                if type(error) is TransportError:  # a full queue is the sender's matter
+                if type(error) is TransportError:  # a full queue is for the sender to handle
                     raise
             else:
                 return

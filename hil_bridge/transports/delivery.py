@@ -1,4 +1,4 @@
-"""Parts that every transport needs inside: a place for arrivals until the client listens, and a queue with times."""
+"""Parts of every transport: a buffer for arrivals until the client starts it, and a queue with times."""
 
 import asyncio
 import inspect
@@ -13,17 +13,17 @@ from hil_bridge.errors import TransportClosed, TransportError
 Data = TypeVar("Data", bound=Sized)
 
 QUEUE_BYTES = 65536
-"""Bound of every queue of bytes. Chosen: a minute of a 9600-baud line."""
+"""Limit of every queue of bytes. Chosen: a minute of a 9600-baud line."""
 
 QUEUE_FRAMES = 1024
-"""Bound of every queue of CAN frames. Chosen: an eighth of a second of a full bus at 1 Mbit/s."""
+"""Limit of every queue of CAN frames. Chosen: an eighth of a second of a full bus at 1 Mbit/s."""
 
 FLUSH_S = 1.0
-"""Longest time for which `aclose` hands over queued data, s. Part of the transport contract."""
+"""Longest time for which `aclose` sends queued data, s. Part of the transport contract."""
 
 
 class Delivery(Generic[Data]):
-    """The receiving side of a transport: keeps arrivals until `start`, ends once, after the last data."""
+    """Receiving side of a transport: buffers arrivals until `start`, ends once, after the last data."""
 
     __slots__ = (
         "_closing",
@@ -49,12 +49,12 @@ class Delivery(Generic[Data]):
         self.overruns = 0
         """Bytes or frames lost because the client had not started the transport."""
         self.ended: TransportError | None = None
-        """Why nothing comes any more."""
+        """Reason why the transport has ended."""
 
     def start(self, on_data: Callable[[Data], None], on_end: Callable[[TransportError], None]) -> None:
-        """Listen; hands over what came before."""
+        """Start delivery, beginning with the buffered data."""
         if self._on_end is not None:
-            raise RuntimeError(f"{self.name} was started before")
+            raise RuntimeError(f"{self.name} was already started")
         self._on_end = on_end
         while self._early:
             data = self._early.popleft()
@@ -65,7 +65,7 @@ class Delivery(Generic[Data]):
             on_end(self.ended)
 
     def data(self, data: Data) -> None:
-        """Hand over an arrival, or keep it until `start`."""
+        """Deliver an arrival, or buffer it until `start`."""
         if self.ended is not None:
             return
         if self._on_data is not None:
@@ -84,21 +84,21 @@ class Delivery(Generic[Data]):
                 self._on_end(error)
 
     def check(self) -> None:
-        """Raise TransportError when it has ended or is being closed; for `send`."""
+        """Raise TransportError if it has ended or is being closed; for `send`."""
         if self.ended is not None:
             raise type(self.ended)(*self.ended.args) from self.ended
         if self._closing:
             raise TransportClosed(f"{self.name}: it is being closed")
 
     def begin_close(self) -> bool:
-        """Whether there is anything to close; from now on nothing more can be sent."""
+        """Return whether there is anything to close; from now on nothing more can be sent."""
         if self._closing or self.ended is not None:
             return False
         self._closing = True
         return True
 
     async def close(self, drained: Callable[[], Awaitable[None]], close: Callable[[], object]) -> None:
-        """Hand over what is queued, then close, which may take time. Harmless when it has ended."""
+        """Send what is queued, then close, which may take time. Idempotent."""
         if not self.begin_close():
             return
         try:
@@ -109,12 +109,12 @@ class Delivery(Generic[Data]):
             self.closed()
 
     def closed(self) -> None:
-        """End because we wanted it."""
+        """End because this side closed it."""
         self.end(TransportClosed(f"{self.name}: closed"))
 
 
 class TimedQueue:
-    """Actions that are done in order, each at its own time; one timer for all."""
+    """Actions that are executed in order, each at its own time, with one timer for all."""
 
     __slots__ = ("_actions", "_armed", "_clock", "weight")
 
@@ -123,10 +123,10 @@ class TimedQueue:
         self._actions: deque[tuple[float, int, Callable[[], None]]] = deque()
         self._armed = False
         self.weight = 0
-        """Bytes or frames under way."""
+        """Bytes or frames in transit."""
 
     def put(self, action: Callable[[], None], weight: int, delay: float) -> None:
-        """Act after `delay`, s, but not before what was put before; 0 means on the loop's next turn."""
+        """Execute `action` after `delay`, s, but not before earlier ones; 0 means on the loop's next turn."""
         when = self._clock.now() + delay
         if self._actions:
             when = max(when, self._actions[-1][0])
@@ -136,12 +136,12 @@ class TimedQueue:
             self._arm(at_once=delay <= 0.0)
 
     async def drained(self) -> None:
-        """Return when everything was done."""
+        """Return when everything has been executed."""
         while self._actions:
             await self._clock.sleep_until(self._actions[-1][0])
 
     def clear(self) -> None:
-        """Lose what is under way."""
+        """Discard what is in transit."""
         self._actions.clear()
         self.weight = 0
 
@@ -156,7 +156,7 @@ class TimedQueue:
         self._armed = False
         now = self._clock.now()
         try:
-            # data put meanwhile wait for the next turn: else two ends that answer each other never return
+            # data queued meanwhile wait for the next turn: otherwise two ends that answer each other never return
             for _ in range(len(self._actions)):
                 if not self._actions or self._actions[0][0] > now:
                     break
@@ -169,7 +169,7 @@ class TimedQueue:
 
 
 async def flush(drained: Awaitable[None]) -> None:
-    """Wait until it is drained, for the time that a transport may take to close."""
+    """Wait until it is drained, for at most the time that a transport may take to close."""
     with suppress(TimeoutError):
         async with asyncio.timeout(FLUSH_S):
             await drained

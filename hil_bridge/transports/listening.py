@@ -1,4 +1,4 @@
-"""The listening side of wires to which clients come and go."""
+"""Listening side of wires whose clients come and go."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,18 +14,18 @@ Wire = TypeVar("Wire", covariant=True)
 
 @dataclass(frozen=True, slots=True)
 class Listening(Generic[Wire]):
-    """A wire that waits for the other side."""
+    """Wire that waits for the other side."""
 
     transport: Wire
-    """Lives as long as we want: clients may come and go. Closing it ends the listening."""
+    """Transport that lives until it is closed, which stops listening; clients may come and go."""
     address: str
-    """The URL that a client connects to."""
+    """URL for a client."""
 
 
 class Exchange:
-    """The transport of a listener: connected to the one client that is there.
+    """Transport of a listener, connected to the present client.
 
-    Bytes sent while no client is there are lost, as on an unplugged cable; `lost` counts them.
+    Bytes sent without a client are lost, as on an unplugged cable; `lost` counts them.
     """
 
     def __init__(self, name: str, free: Callable[[], None], stop: Callable[[], None]) -> None:
@@ -44,11 +44,11 @@ class Exchange:
 
     @property
     def busy(self) -> bool:
-        """Whether a client is there."""
+        """Whether a client is connected."""
         return self._client is not None
 
     def attach(self, client: Transport[bytes]) -> None:
-        """Attach a client."""
+        """Add a client."""
         self._client = client
         if self._started:
             client.start(self._delivery.data, self._left)

@@ -1,4 +1,4 @@
-"""A byte wire inside one event loop, with latency and without jitter."""
+"""Byte wire inside one event loop, with latency and without jitter."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from hil_bridge.transports.serial.line import Uart
 
 @dataclass(frozen=True, slots=True)
 class _Listener:
-    exchange: "Exchange | _Door"
+    exchange: "Exchange | _Acceptor"
     end: Uart | None
 
 
-class _Door:
-    """Lets any number of clients in at a time."""
+class _Acceptor:
+    """Accepts any number of clients at a time."""
 
     busy = False
 
@@ -29,17 +29,17 @@ class _Door:
 
 
 def _listeners(clock: Clock) -> dict[str, _Listener]:
-    """Return the listeners of this loop by their names."""
+    """Return the listeners of this loop by name."""
     return of_loop(clock.loop, dict, "listeners of byte wires")
 
 
 def memory_pair(
     clock: Clock, latency_s: float = 0.0, name: str = "memory:pair", line: bool = False
 ) -> tuple[Transport[bytes], Transport[bytes]]:
-    """Two ends of a wire. What one sends reaches the other whole after the latency, never within `send`.
+    """Return the two ends of a wire. Data reaches the other end unsplit after the latency, never within `send`.
 
     `line` promises that one of the two is given to a serial line, which takes time itself. So without latency the wire
-    hands on within `send`, and no byte arrives earlier for it.
+    delivers within `send`, and no byte arrives earlier because of that.
     """
     at_once = line and latency_s <= 0.0
     here = _MemoryEnd(clock, latency_s, name, at_once)
@@ -49,15 +49,13 @@ def memory_pair(
 
 
 def listen_memory(name: str, clock: Clock, end: Uart | None = None) -> Transport[bytes]:
-    """Wait for clients of this name in this loop, one at a time. Raises TransportUnavailable if taken.
+    """Wait for clients of this name in this loop, one at a time. Raises TransportUnavailable if the name is in use.
 
     `end` is the listener's UART; the line itself is at the client's side of the wire.
     """
     listeners = _listeners(clock)
     if name in listeners:
-        raise TransportUnavailable(
-            f"memory:{name}: another listens under this name already", remedy="choose another"
-        )
+        raise TransportUnavailable(f"memory:{name}: the name is already in use", remedy="choose another")
     exchange = Exchange(f"memory:{name}", free=lambda: None, stop=lambda: _forget(clock, name))
     listeners[name] = _Listener(exchange, end)
     return exchange
@@ -66,31 +64,29 @@ def listen_memory(name: str, clock: Clock, end: Uart | None = None) -> Transport
 def listen_memory_clients(
     name: str, clock: Clock, on_client: Callable[[Transport[bytes]], object]
 ) -> Callable[[], None]:
-    """Wait for clients of this name in this loop, any number at a time: `on_client` is given the transport of each, and
-    closes it. Gives a function that ends the waiting. Raises TransportUnavailable if the name is taken.
+    """Wait for clients of this name in this loop, any number at a time: `on_client` receives the transport of each, and
+    closes it. Returns a function that stops listening. Raises TransportUnavailable if the name is in use.
     """
     listeners = _listeners(clock)
     if name in listeners:
-        raise TransportUnavailable(
-            f"memory:{name}: another listens under this name already", remedy="choose another"
-        )
-    listeners[name] = _Listener(_Door(on_client), None)
+        raise TransportUnavailable(f"memory:{name}: the name is already in use", remedy="choose another")
+    listeners[name] = _Listener(_Acceptor(on_client), None)
     return lambda: _forget(clock, name)
 
 
 def connect_memory(
     name: str, latency_s: float, clock: Clock, line: bool = False
 ) -> tuple[Transport[bytes], Uart | None]:
-    """Connect to the listener under this name; gives the wire and the listener's UART, if it has one.
+    """Connect to the listener with this name; return the wire and the listener's UART, if it has one.
 
-    The wire is to be given to a serial line where the listener has a UART, or where `line` says so.
+    The wire must be given to a serial line if the listener has a UART, or if `line` is true.
 
-    Raises TransportUnavailable without a listener, or when another client is there.
+    Raises TransportUnavailable without a listener, or if another client is connected.
     """
     listener = _listeners(clock).get(name)
     if listener is None:
         raise TransportUnavailable(
-            f"memory:{name}: no program listens under this name", remedy="start the other side first"
+            f"memory:{name}: no program listens with this name", remedy="start the other side first"
         )
     if listener.exchange.busy:
         raise TransportUnavailable(

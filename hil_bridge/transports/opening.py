@@ -1,6 +1,6 @@
-"""Opens what a URL names: the connecting and the listening side of byte wires, CAN buses and datagram wires.
+"""Opening of wires by URL: the connecting and the listening side of byte wires, CAN buses and datagram wires.
 
-pyserial and python-can take their time to import, so that only a wire of theirs imports them.
+pyserial and python-can are slow to import, so they are imported only for wires that need them.
 """
 
 import logging
@@ -49,7 +49,7 @@ def _log(kind: str, text: str) -> None:
 async def connect_bytes(url: str, clock: Clock, on_notice: Notice = _log) -> Transport[bytes]:
     """Open a byte wire. Raises ConfigError for the URL, TransportUnavailable for the wire.
 
-    `on_notice(kind, text)` is told of damaged characters and lost connections.
+    `on_notice(kind, text)` receives damaged characters and lost connections.
     """
     parsed = parse_url(url, CONNECT_BYTES)
     match parsed.scheme:
@@ -91,10 +91,10 @@ async def _connect_host(parsed: WireUrl, clock: Clock, on_notice: Notice) -> Tra
 
 
 async def connect_can(url: str, clock: Clock, accept: Sequence[CanFilter] = ()) -> Transport[Frames]:
-    """Open a CAN wire that receives what one of the filters accepts; everything without filters.
+    """Open a CAN wire that receives frames matching one of the filters, or all frames without filters.
 
-    Errors on the bus arrive in band, as error frames that `protocol.can.error` reads. Raises ConfigError
-    for the URL, TransportUnavailable for the wire.
+    Errors on the bus arrive in band, as error frames that `protocol.can.error` decodes. Raises ConfigError for the URL,
+    TransportUnavailable for the wire.
     """
     return await _open_can(parse_url(url, CONNECT_CAN), clock, accept)
 
@@ -150,7 +150,7 @@ async def _listen_rfc2217(parsed: WireUrl, line: LineSettings, clock: Clock) -> 
 def _device_line(
     wire: Transport[bytes], parsed: WireUrl, line: LineSettings, clock: Clock, far: Uart | None
 ) -> PacedLine:
-    """Return the line between an emulated device and what leads to its client."""
+    """Return the line between an emulated device and its client."""
     adapted = _with_adapter(wire, parsed, clock, Direction.SENT)
     return PacedLine(adapted, Uart(lambda: line, _damaged(parsed)), clock, _fifo(parsed), far)
 
@@ -165,7 +165,7 @@ def _with_adapter(
 
 
 def _fifo(parsed: WireUrl) -> int:
-    """Return the size of the receive buffer: an adapter accepts every character as it comes."""
+    """Return the FIFO size: an adapter takes every character as it arrives."""
     return 1 if "usb_latency_ms" in parsed.options else FIFO
 
 
@@ -181,9 +181,9 @@ def _authority(host: str, port: int) -> str:
 async def listen_can(
     url: str, clock: Clock, accept: Sequence[CanFilter] = ()
 ) -> Listening[Transport[Frames]]:
-    """Open the other side of a CAN wire; all nodes are alike, so the address is the URL itself.
+    """Open the other side of a CAN wire. All nodes are equal, so the address is the URL itself.
 
-    As `connect_can`. Raises ConfigError for the URL, TransportUnavailable for the wire.
+    As for `connect_can`. Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
     return Listening(await _open_can(parse_url(url, LISTEN_CAN), clock, accept), url)
 
@@ -199,7 +199,7 @@ async def _open_can(parsed: WireUrl, clock: Clock, accept: Sequence[CanFilter]) 
 
 
 async def _adapter_line(parsed: WireUrl, clock: Clock) -> Transport[bytes]:
-    """Return the byte wire to an slcan adapter."""
+    """Open the byte wire to an slcan adapter."""
     if parsed.scheme in HOST_PORTS:
         return await connect_tcp(*parsed.host_port, clock, parsed.name)
     from hil_bridge.transports.serial.serial_port import open_serial_port
@@ -209,10 +209,10 @@ async def _adapter_line(parsed: WireUrl, clock: Clock) -> Transport[bytes]:
 
 
 async def connect_datagrams(url: str, clock: Clock, on_notice: Notice = _log) -> DatagramWire:
-    """Open a datagram wire on which we speak first. The other side need not be there yet.
+    """Open a datagram wire on which this side sends first. The other side may appear later.
 
-    `on_notice(kind, text)` is told of strangers and of a destination that cannot be reached. Raises ConfigError for
-    the URL, TransportUnavailable for the wire.
+    `on_notice(kind, text)` receives strangers and an unreachable destination. Raises ConfigError for the URL,
+    TransportUnavailable for the wire.
     """
     parsed = parse_url(url, CONNECT_DATAGRAMS)
     if parsed.scheme == "udp":
@@ -221,9 +221,9 @@ async def connect_datagrams(url: str, clock: Clock, on_notice: Notice = _log) ->
 
 
 async def listen_datagrams(url: str, clock: Clock, on_notice: Notice = _log) -> Listening[DatagramWire]:
-    """Open a datagram wire on which the other side speaks first. It ends by our close alone.
+    """Open a datagram wire on which the other side sends first. Only closing it ends it.
 
-    As `connect_datagrams`. Raises ConfigError for the URL, TransportUnavailable for the wire.
+    As for `connect_datagrams`. Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
     parsed = parse_url(url, LISTEN_DATAGRAMS)
     refuse = parsed.options.get("strangers") == "refuse"

@@ -1,4 +1,4 @@
-"""The pump: drives a protocol state machine over a wire and gives it its deadlines."""
+"""Pump, which drives a protocol state machine over a wire and handles its deadlines."""
 
 from collections.abc import Callable, Sized
 from typing import Generic, TypeVar
@@ -13,18 +13,19 @@ Event = TypeVar("Event")
 
 
 STALL_S = 0.02
-"""Chosen: a timer that is later shows that this process stood still."""
-_HEAR_S = 0.001
-"""Chosen: time in which what came during a stall is received before a deadline is judged, also from a device that is
-emulated in this process."""
+"""Chosen: delay of a timer from which this process counts as stalled."""
+_RECEIVE_S = 0.001
+"""Chosen: time in which data that arrived during a stall is received before a deadline is judged, also from a device
+that is emulated in this process.
+"""
 
 
 class Pump(Generic[Data, Event]):
     """Moves data, events and time between one endpoint and one transport, by callbacks, without a task.
 
-    `on_event` is called with every event in order. `on_end` is called exactly once with the cause: the
-    transport's end, or whatever the endpoint or `on_event` raised; after that the endpoint is left alone. The
-    transport stays its opener's to close.
+    `on_event` is called with every event in order. `on_end` is called exactly once with the cause: the transport's end,
+    or an exception of the endpoint or `on_event`; the endpoint is not used afterwards. The opener of the transport
+    closes it.
     """
 
     __slots__ = (
@@ -36,7 +37,7 @@ class Pump(Generic[Data, Event]):
         "_endpoint",
         "_on_end",
         "_on_event",
-        "_put_off",
+        "_postponed",
         "_timer",
         "_transport",
         "_turning",
@@ -57,25 +58,25 @@ class Pump(Generic[Data, Event]):
         self._on_end = on_end
         self._timer: Timer | None = None
         self._armed = 0.0
-        """When the timer comes, if there is one."""
+        """Time of the timer, if there is one."""
         self._armed_at = 0.0
-        """When it was set."""
+        """Time at which it was set."""
         self._deadline: float | None = None
-        """The endpoint's, never before that."""
-        self._put_off: float | None = None
-        """The deadline that was put off after a stall, once."""
+        """Deadline of the endpoint."""
+        self._postponed: float | None = None
+        """Deadline that was postponed after a stall, once."""
         self._turning = False
         self._ended = False
 
     def start(self) -> None:
-        """Begin, once. What the transport received already is pumped before this returns."""
+        """Start, once. Data that the transport has already received is processed before this returns."""
         self._transport.start(self._received, self._end)
         self.kick()
 
     def kick(self) -> None:
-        """To be called after the endpoint was given something to do; also from within `on_event`."""
+        """Process the endpoint after it was given something to do; may be called from within `on_event`."""
         if self._turning or self._ended:
-            return  # the turn that is under way asks the endpoint again before it ends
+            return  # the present turn checks the endpoint again before it ends
         self._turning = True
         try:
             self._turn()
@@ -93,7 +94,7 @@ class Pump(Generic[Data, Event]):
                 self._on_event(event)
                 if self._ended:
                     return
-            # read again: a callback may have told the endpoint a later time
+            # read again: a callback may have given the endpoint a later time
             data = endpoint.data_to_send(clock.now())
             if not len(data):
                 break
@@ -101,7 +102,7 @@ class Pump(Generic[Data, Event]):
             if self._ended:
                 return
         deadline = self._deadline = endpoint.next_deadline()
-        # a deadline that is put off, as a time-out is by every answer, is looked at when the timer comes
+        # a deadline that is postponed, as a time-out is by every answer, is checked when the timer expires
         if deadline is not None and (self._timer is None or deadline < self._armed):
             self._arm(deadline)
 
@@ -130,9 +131,9 @@ class Pump(Generic[Data, Event]):
             self._arm(deadline)
             return
         now = self._clock.now()
-        if now - max(self._armed, self._armed_at) > STALL_S and deadline != self._put_off:
-            self._put_off = deadline
-            self._arm(now + _HEAR_S)
+        if now - max(self._armed, self._armed_at) > STALL_S and deadline != self._postponed:
+            self._postponed = deadline
+            self._arm(now + _RECEIVE_S)
             return
         try:
             # a timer may come a rounding step early

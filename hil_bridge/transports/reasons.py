@@ -1,4 +1,4 @@
-"""Foreign exceptions as one line for an operator: what, where, what to do."""
+"""One-line messages for exceptions of libraries and the system: what, where, what to do."""
 
 import errno
 import socket
@@ -12,14 +12,17 @@ _PORT_ADVICE = {
     errno.EIO: ("the port does not answer", "unplug the adapter and plug it in again"),
     errno.EACCES: ("no permission", "add yourself to the group dialout and log in again"),
     errno.EPERM: ("no permission", "add yourself to the group dialout and log in again"),
-    errno.EBUSY: ("another program holds the port", "`fuser -v {target}` tells which"),
-    errno.EAGAIN: ("another program holds the port", "`fuser -v {target}` tells which"),
+    errno.EBUSY: ("another program holds the port", "`fuser -v {target}` shows which"),
+    errno.EAGAIN: ("another program holds the port", "`fuser -v {target}` shows which"),
     errno.ENOTTY: ("this is not a serial port", "check the path"),
 }
 _CAN_ADVICE = {
-    errno.ENODEV: ("there is no such CAN interface", "`ip -details link show` lists what there is"),
-    errno.ENXIO: ("there is no such CAN interface", "`ip -details link show` lists what there is"),
-    errno.ENETDOWN: ("the CAN interface is down", "`sudo ip link set {target} up` (set its bitrate before)"),
+    errno.ENODEV: ("there is no such CAN interface", "`ip -details link show` lists the interfaces"),
+    errno.ENXIO: ("there is no such CAN interface", "`ip -details link show` lists the interfaces"),
+    errno.ENETDOWN: (
+        "the CAN interface is down",
+        "`sudo ip link set {target} up` (after setting its bitrate)",
+    ),
     errno.EAFNOSUPPORT: ("this system has no SocketCAN", "load the kernel module `can_raw`"),
     errno.EPROTONOSUPPORT: ("this system has no SocketCAN", "load the kernel module `can_raw`"),
     errno.EPERM: ("no permission to open the CAN interface", ""),
@@ -32,22 +35,25 @@ _NET_ADVICE = {
     errno.ETIMEDOUT: ("no answer", "check the address and the cable"),
     errno.ECONNRESET: ("the other side dropped the connection", ""),
     errno.EPIPE: ("the other side dropped the connection", ""),
-    socket.EAI_NONAME: ("there is no host of this name", "check the spelling"),
+    socket.EAI_NONAME: ("there is no host with this name", "check the spelling"),
     errno.EADDRINUSE: (
-        "another program listens on this port already",
-        "`ss -lnp` names it: end it, or choose another port",
+        "another program already listens on this port",
+        "`ss -lnp` lists it: stop it, or choose another port",
     ),
     errno.EADDRNOTAVAIL: ("this address is not one of this computer's", ""),
-    errno.EACCES: ("no permission", "ports below 1024 need it"),
+    errno.EACCES: ("no permission", "ports below 1024 need privileges"),
 }
 _UDP_ADVICE = {
     **_NET_ADVICE,
-    errno.EACCES: ("no permission: a port below 1024 needs it, and a broadcast address cannot be used", ""),
+    errno.EACCES: (
+        "no permission: a port below 1024 needs privileges, and a broadcast address cannot be used",
+        "",
+    ),
     errno.EINVAL: (
-        "this computer has not the address any more with which the wire was opened",
+        "this computer no longer has the address with which the wire was opened",
         "check its network",
     ),
-    errno.EMSGSIZE: ("the datagram is larger than this network carries", ""),
+    errno.EMSGSIZE: ("the datagram is too large for this network", ""),
 }
 ADVICE = {
     "serial": _PORT_ADVICE,
@@ -61,7 +67,7 @@ ADVICE = {
 
 
 class BusOff(Exception):
-    """The CAN controller left the bus because of its errors and did not come back."""
+    """CAN controller is bus-off because of its errors and did not recover."""
 
     def __init__(self) -> None:
         super().__init__("the CAN controller is bus-off")
@@ -73,19 +79,19 @@ _RESTART = (
 
 
 def unavailable(scheme: str, name: str, target: str, error: BaseException) -> TransportUnavailable:
-    """Why a wire could not be opened."""
+    """Return the error of a wire that could not be opened."""
     fact, remedy = meaning(scheme, target, error)
     return TransportUnavailable(f"{name}: cannot be opened: {fact}", remedy=remedy)
 
 
 def broken(scheme: str, name: str, target: str, error: BaseException) -> TransportBroken:
-    """Why an open wire broke."""
+    """Return the error of an open wire that failed."""
     fact, remedy = meaning(scheme, target, error)
     return TransportBroken(f"{name}: broke: {fact}", remedy=remedy)
 
 
 def error_number(error: BaseException | None) -> int | None:
-    """Return the operating system's error number, wherever a library has wrapped it."""
+    """Return the operating system's error number, even if a library has wrapped it."""
     while error is not None:
         for attribute in ("errno", "error_code"):
             if isinstance(number := getattr(error, attribute, None), int):
@@ -97,12 +103,12 @@ def error_number(error: BaseException | None) -> int | None:
 
 
 def reason(scheme: str, target: str, error: BaseException) -> str:
-    """Meaning of an error and a remedy, in one line."""
+    """Return the meaning of an error and a remedy, in one line."""
     return "; ".join(filter(None, meaning(scheme, target, error)))
 
 
 def meaning(scheme: str, target: str, error: BaseException) -> tuple[str, str]:
-    """Meaning of an error, and a remedy; empty without one."""
+    """Return the meaning of an error, and a remedy; "" without one."""
     number = error_number(error)
     if number == errno.EBADF:
         return "other code of this process has closed its file", ""

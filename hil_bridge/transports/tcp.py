@@ -1,8 +1,8 @@
 """Bytes over TCP: a client, and a server for one client at a time.
 
-No client holds the server's port for ever. One whose computer or cable is gone is found by TCP's own questions
-(`KEEPALIVE`). One that has not sent a single byte for `SILENT_S` makes room as soon as another comes. One that has
-spoken may be silent for as long as it likes: a robot's link has its pauses.
+No client holds the server's port forever. One whose computer or cable is gone is detected by TCP keep-alive
+(`KEEPALIVE`). One that has not sent a single byte for `SILENT_S` is replaced as soon as another connects. One that has
+sent data may be silent indefinitely: a robot's link has pauses.
 """
 
 import asyncio
@@ -19,30 +19,30 @@ from hil_bridge.transports.listening import Exchange
 from hil_bridge.transports.serial.files import FileWire
 
 CONNECT_TIMEOUT_S = 5.0
-"""Chosen: a host that is there answers sooner."""
+"""Chosen: a reachable host answers sooner."""
 
 KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 1, "TCP_KEEPCNT": 4}
-"""A peer that has said nothing for 5 s is asked, once a second, and is gone after four questions. Chosen: a pulled
-cable is noticed within 10 s even on a wire that only listens.
+"""A peer that has been silent for 5 s is probed once a second, and counts as gone after four probes. Chosen: an
+unplugged cable is detected within 10 s even on a wire that only receives.
 """
 
 BACKLOG = 64
-"""Clients that wait to be accepted, when many begin at once. Chosen: with 1, a third one tries again after 1 s."""
+"""Clients that wait to be accepted, if many connect at once. Chosen: with 1, a third one retries after 1 s."""
 
 _UNREAD_BYTES = 1 << 16
-"""Chosen: what the operating system keeps for one of many clients, so that one that does not read is soon noticed; by
-default it keeps millions of bytes.
+"""Chosen: send buffer of the operating system for one of many clients, so that one that does not read is soon detected;
+the default is millions of bytes.
 """
 
 SILENT_S = 5.0
-"""For how long a client that has not said anything has the port to itself. Chosen: what uses a link speaks at once."""
+"""Time for which a client without data has the port to itself. Chosen: users of a link send at once."""
 
 
 def keep_alive(connection: socket.socket) -> None:
-    """Let the system find out that the peer is gone, as `KEEPALIVE` says."""
+    """Let the system detect that the peer is gone, see `KEEPALIVE`."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for option, value in KEEPALIVE.items():
-        if hasattr(socket, option):  # not every system lets a program choose
+        if hasattr(socket, option):  # not every system has these options
             connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
 
@@ -50,8 +50,8 @@ async def connect_tcp(host: str, port: int, clock: Clock, name: str) -> Transpor
     """Connect to a server, without Nagle's delay. Raises TransportUnavailable."""
     try:
         async with asyncio.timeout(CONNECT_TIMEOUT_S):
-            found = await clock.loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-            family, kind, protocol, _, address = found[0]
+            resolved = await clock.loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+            family, kind, protocol, _, address = resolved[0]
             connection = socket.socket(family, kind, protocol)
             try:
                 connection.setblocking(False)
@@ -64,7 +64,7 @@ async def connect_tcp(host: str, port: int, clock: Clock, name: str) -> Transpor
     return FileWire(name, _Connection(connection, name), clock)
 
 
-def _as_it_is(wire: Transport[bytes]) -> Transport[bytes]:
+def _unwrapped(wire: Transport[bytes]) -> Transport[bytes]:
     return wire
 
 
@@ -73,23 +73,23 @@ async def listen_tcp(
     port: int,
     clock: Clock,
     name: str,
-    around: Callable[[Transport[bytes]], Transport[bytes]] = _as_it_is,
+    around: Callable[[Transport[bytes]], Transport[bytes]] = _unwrapped,
 ) -> tuple[Transport[bytes], str, int]:
-    """Wait for clients, one at a time. A client that comes while another is there waits until that one has left. It
-    takes that one's place where that one has been silent since it came.
+    """Wait for clients, one at a time. A client that connects while another is there waits until that one has left. It
+    replaces that one if that one has been silent since it connected.
 
-    `around` makes the transport of a client out of its connection. Gives the transport, and the address and port
-    that it really has. Raises TransportUnavailable.
+    `around` wraps the connection of a client. Returns the transport, and the actual address and port. Raises
+    TransportUnavailable.
     """
     server, here = await _listen(host, port, clock, name)
     return _Server(server, name, clock, around).exchange, here[0], here[1]
 
 
 async def _listen(host: str, port: int, clock: Clock, name: str) -> tuple[socket.socket, Any]:
-    """Return the listening socket and its address. Raises TransportUnavailable."""
+    """Open the listening socket and return it with its address. Raises TransportUnavailable."""
     try:
-        found = await clock.loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-        server = _listening(found[0])
+        resolved = await clock.loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        server = _open_listener(resolved[0])
     except OSError as error:
         raise reasons.unavailable("tcp-listen", name, f"{host}:{port}", error) from error
     return server, server.getsockname()
@@ -98,9 +98,9 @@ async def _listen(host: str, port: int, clock: Clock, name: str) -> tuple[socket
 async def listen_tcp_clients(
     host: str, port: int, clock: Clock, name: str, on_client: Callable[[Transport[bytes]], object]
 ) -> tuple[Callable[[], None], str, int]:
-    """Wait for clients, any number at a time: `on_client` is given the transport of each, and closes it.
+    """Wait for clients, any number at a time: `on_client` receives the transport of each, and closes it.
 
-    Gives a function that ends the waiting, and the address and port that it really has. Raises TransportUnavailable.
+    Returns a function that stops listening, and the actual address and port. Raises TransportUnavailable.
     """
     server, here = await _listen(host, port, clock, name)
 
@@ -108,7 +108,7 @@ async def listen_tcp_clients(
         try:
             connection, address = server.accept()
         except OSError:
-            return  # it has gone again before we came to it
+            return  # it disconnected before it was accepted
         connection.setblocking(False)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _UNREAD_BYTES)
         on_client(FileWire(name, _Connection(connection, f"{address[0]}:{address[1]}"), clock))
@@ -122,9 +122,9 @@ async def listen_tcp_clients(
     return stop, here[0], here[1]
 
 
-def _listening(found: Any) -> socket.socket:
-    """Return a socket that listens on one of the resolved addresses. Raises OSError."""
-    family, kind, protocol, _, address = found
+def _open_listener(resolved: Any) -> socket.socket:
+    """Open a socket that listens on a resolved address. Raises OSError."""
+    family, kind, protocol, _, address = resolved
     server = socket.socket(family, kind, protocol)
     try:
         server.setblocking(False)
@@ -152,7 +152,7 @@ class _Server:
         self._clock = clock
         self._name = name
         self._silent: socket.socket | None = None
-        """The client that is there, as long as it has not said anything."""
+        """Present client, while it has not sent anything."""
         self._timer: Timer | None = None
         self.exchange = Exchange(name, self._wait, self._stop)
         self._wait()
@@ -165,7 +165,7 @@ class _Server:
         try:
             connection, address = self._server.accept()
         except OSError:
-            return  # it has gone again before we came to it
+            return  # it disconnected before it was accepted
         self._clock.loop.remove_reader(self._server.fileno())
         connection.setblocking(False)
         self._silent = connection
@@ -174,7 +174,7 @@ class _Server:
         self.exchange.attach(self._around(_FirstByteWatch(wire, self._settle)))
 
     def _settle(self) -> None:
-        """Settle the port: it is the client's, or there is none any more."""
+        """Stop waiting: the client keeps the port, or there is none."""
         self._silent = None
         if (listening := self._server.fileno()) >= 0:
             self._clock.loop.remove_reader(listening)
@@ -183,14 +183,14 @@ class _Server:
             self._timer = None
 
     def _yield(self) -> None:
-        """Let the next client take the place of the silent one, from now on."""
+        """Let the next client replace the silent one, from now on."""
         self._clock.loop.add_reader(self._server.fileno(), self._make_room)
 
     def _make_room(self) -> None:
         self._clock.loop.remove_reader(self._server.fileno())
         if self._silent is not None:
             with suppress(OSError):
-                self._silent.shutdown(socket.SHUT_RDWR)  # its wire sees the end of the stream, and leaves
+                self._silent.shutdown(socket.SHUT_RDWR)  # its wire receives the end of the stream, and ends
 
     def _stop(self) -> None:
         self._settle()
@@ -198,7 +198,7 @@ class _Server:
 
 
 class _FirstByteWatch:
-    """A client's wire as it is, but that `on_first` is told of the first data."""
+    """Wire of a client, with a callback for its first data."""
 
     __slots__ = ("_inner", "_on_first", "aclose", "name", "send")
 
@@ -208,19 +208,19 @@ class _FirstByteWatch:
         self._on_first: Callable[[], None] | None = on_first
 
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
-        """As the wire does."""
+        """As for the wire."""
 
-        def heard(data: bytes) -> None:
+        def received(data: bytes) -> None:
             if self._on_first is not None:
                 first, self._on_first = self._on_first, None
                 first()
             on_data(data)
 
-        self._inner.start(heard, on_end)
+        self._inner.start(received, on_end)
 
 
 class _Connection:
-    """The file behind a TCP connection."""
+    """File of a TCP connection."""
 
     def __init__(self, connection: socket.socket, name: str) -> None:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

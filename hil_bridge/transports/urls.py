@@ -64,7 +64,7 @@ SERIAL_PORTS = ("serial", "rfc2217", "rfc2217-listen")
 
 @dataclass(frozen=True, slots=True)
 class WireUrl:
-    """A URL that was found in order."""
+    """Valid URL of a wire."""
 
     text: str
     scheme: str
@@ -74,12 +74,12 @@ class WireUrl:
 
     @property
     def name(self) -> str:
-        """The URL without its options: it names the wire in messages, which the options would drown."""
+        """URL without its options, which would clutter messages."""
         return self.text.partition("?")[0]
 
     @property
     def line(self) -> LineSettings | None:
-        """The serial line it speaks of, or None when it does not name a baud rate."""
+        """Serial line settings of the URL, or None if it contains no baud rate."""
         settings = {key: self.options[key] for key in _LINE if key in self.options}
         return LineSettings(**settings) if "baudrate" in settings or self.scheme in SERIAL_PORTS else None
 
@@ -162,7 +162,7 @@ def _path(text: str) -> Path:
 @dataclass(frozen=True, slots=True)
 class _Scheme:
     target: str
-    """Address after the colon, as an example for messages; empty when there must be none."""
+    """Address after the colon, as an example for messages; empty if there must be none."""
     options: Mapping[str, Callable[[str], Any]]
 
 
@@ -231,13 +231,13 @@ HOST_PORTS = {
 
 
 def parse_url(url: str, schemes: Mapping[str, _Scheme], given: str = "") -> WireUrl:
-    """Check a URL against one of the tables above. Raises ConfigError naming the part that is wrong.
+    """Parse a URL by one of the tables above. Raises ConfigError that names the invalid part.
 
-    `given` is the URL that an operator gave, where `url` was made from it.
+    `given` is the URL of the user, if `url` was derived from it.
     """
     named = given or url
     if not unquote(url).isprintable():
-        raise ConfigError(f"{named!r}: a URL holds no characters that cannot be printed")
+        raise ConfigError(f"{named!r}: a URL must not contain unprintable characters")
     try:
         parts = urlsplit(url)
     except ValueError as error:
@@ -250,11 +250,11 @@ def parse_url(url: str, schemes: Mapping[str, _Scheme], given: str = "") -> Wire
         )
     target = unquote(parts.netloc + parts.path)
     if not scheme.target and target:
-        raise ConfigError(f"{named!r}: nothing may stand between {parts.scheme}: and ?, got {target!r}")
+        raise ConfigError(f"{named!r}: nothing is allowed between {parts.scheme}: and ?, got {target!r}")
     if scheme.target and not target:
         raise ConfigError(f"{named!r}: the target is missing; for example {parts.scheme}:{scheme.target}")
     if parts.fragment:
-        raise ConfigError(f"{named!r}: the part after # means nothing here")
+        raise ConfigError(f"{named!r}: the part after # is not supported; remove it")
     if parts.scheme in HOST_PORTS:
         _check_host_port(named, target, HOST_PORTS[parts.scheme])
     options: dict[str, Any] = {}
@@ -272,12 +272,12 @@ def parse_url(url: str, schemes: Mapping[str, _Scheme], given: str = "") -> Wire
     if parts.scheme not in SERIAL_PORTS and "baudrate" in scheme.options and "baudrate" not in options:
         for key in ("parity", "stopbits", "damaged"):
             if key in options:
-                raise ConfigError(f"{named!r}: {key} means nothing without a baudrate")
+                raise ConfigError(f"{named!r}: {key} needs a baudrate")
     return WireUrl(url, parts.scheme, target, options)
 
 
 def split_option(url: str, name: str) -> tuple[str, str | None]:
-    """Split one option from a URL: the rest, and the text of that option; None if the URL has none.
+    """Split off one of a URL's options; return the URL without it, and its text or None.
 
     Raises ConfigError for an option that is given twice.
     """
@@ -293,12 +293,12 @@ def split_option(url: str, name: str) -> tuple[str, str | None]:
 
 
 def with_option(url: str, name: str, text: str) -> str:
-    """Add an option to a URL."""
+    """Return the URL with an additional option."""
     return f"{url}{'&' if '?' in url else '?'}{name}={text}"
 
 
 def with_line(url: str, line: LineSettings) -> str:
-    """Add the missing settings of a serial line to a URL."""
+    """Return the URL with the line settings that it does not contain."""
     head, _, query = url.partition("?")
     options = [option for option in query.split("&") if option]
     named = {option.partition("=")[0] for option in options}
@@ -308,7 +308,7 @@ def with_line(url: str, line: LineSettings) -> str:
 
 
 def with_baudrate(url: str, baudrate: int, schemes: Mapping[str, _Scheme]) -> str:
-    """Add a device's own baud rate, bit/s, to a URL that can have one and names none."""
+    """Return the URL with a device's default baud rate, bit/s, if its wire can have one and the URL contains none."""
     scheme = schemes.get(url.partition(":")[0])
     if scheme is None or "baudrate" not in scheme.options or split_option(url, "baudrate")[1] is not None:
         return url
@@ -319,4 +319,4 @@ def _check_host_port(url: str, target: str, lowest: int) -> None:
     host, _, port = target.rpartition(":")
     numeric = port.isascii() and port.isdigit() and len(port) <= _DIGITS
     if not host or not (numeric and lowest <= int(port) <= 65535):
-        raise ConfigError(f"{url!r}: host and port must be like 127.0.0.1:4000, got {target!r}")
+        raise ConfigError(f"{url!r}: host and port must be such as 127.0.0.1:4000, got {target!r}")

@@ -100,7 +100,7 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
         (["emulate", "cell", "--sensor-port", "jr3+can+foo:"], "unknown scheme 'can+foo'; allowed: can+"),
         (
             ["emulate", "robot", "--robot-port", "s3+tcp-listen://h"],
-            "host and port must be like 127.0.0.1:4000",
+            "host and port must be such as 127.0.0.1:4000",
         ),
         (["emulate", "robot", "--sensor", "netft"], "No such option '--sensor'"),
         (["emulate", "sensor", "--robot", "egm"], "No such option '--robot'"),
@@ -124,7 +124,7 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
         (["config", "init", "none/c.toml"], "cannot write none/c.toml: there is no such folder"),
         (["decode"], "Missing command; see `hil-bridge decode --help`"),
         (["decode", "computer-link", ""], "nothing to decode"),
-        (["decode", "computer-link", "10", "0"], "3 digits are no whole bytes"),
+        (["decode", "computer-link", "10", "0"], "3 digits are not complete bytes"),
         (["decode", "computer-link", "1g"], "'g' at digit 2 is no hexadecimal digit"),
         (["decode", "jr3-can", "201"], "a # between identifier and data is missing"),
         (["decode", "jr3-can", "xyz#00"], "'x' is no hexadecimal digit"),

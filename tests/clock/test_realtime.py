@@ -13,7 +13,7 @@ import pytest
 
 from hil_bridge.clock import realtime
 from hil_bridge.clock.realtime import (
-    GIVE_WAY_S,
+    SWITCH_INTERVAL_S,
     RealTime,
     collect_generation_1,
     gc_frozen,
@@ -52,7 +52,7 @@ def test_nothing_changes_where_nothing_is_wanted() -> None:
 def test_a_computing_thread_gives_way_soon() -> None:
     before = sys.getswitchinterval()
     with short_switch_interval():
-        assert sys.getswitchinterval() == pytest.approx(GIVE_WAY_S)
+        assert sys.getswitchinterval() == pytest.approx(SWITCH_INTERVAL_S)
     assert sys.getswitchinterval() == before
 
 

@@ -17,7 +17,7 @@ from hil_bridge.console.printing import Printer
 from hil_bridge.device_commands.s3.capture import Piece, Sender, link_pieces, parse_capture
 from hil_bridge.device_commands.s3.link_monitor import Line, LinkMonitor
 from hil_bridge.device_commands.s3.monitor import listen
-from hil_bridge.device_commands.s3.wording import telegram_text
+from hil_bridge.device_commands.s3.telegram_text import telegram_text
 from hil_bridge.devices.sensors.jr3.monitor import frame_text, listen_can
 from hil_bridge.errors import ConfigError, TransportEnded
 from hil_bridge.record import LinkLog, LinkRecord, read, read_link
@@ -332,9 +332,9 @@ def test_the_command_reads_text_captures_and_names_what_is_wrong(tmp_path: Path)
         (["nothing.mcap"], "cannot read nothing.mcap: No such file or directory"),
         (["nothing"], "it names no kind"),
         (["tcp://a:1", "tcp://a:2"], "did you mean rtde+tcp://a:1 or s3+tcp://a:1?"),
-        (["egm+udp-bind://0.0.0.0:1"], "a link is heard of an s3, not of a egm"),
+        (["egm+udp-bind://0.0.0.0:1"], "only the link of an s3 can be monitored, not of a egm"),
         (["s3+tcp://a:1", "s3+tcp://a:2", "s3+tcp://a:3"], "two URLs at most"),
-        (["jr3+can+socketcan://can0", "s3+tcp://a:1"], "one CAN bus at a time"),
+        (["jr3+can+socketcan://can0", "s3+tcp://a:1"], "only one CAN bus can be monitored"),
     ],
 )
 def test_wrong_sources_are_named(arguments: list[str], words: str) -> None:

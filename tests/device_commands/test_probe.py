@@ -18,7 +18,7 @@ from hil_bridge.device_commands.s3.probe import (
     try_text,
     url_with_line,
 )
-from hil_bridge.device_commands.s3.prober import Prober, Said, profile_of
+from hil_bridge.device_commands.s3.prober import Prober, UnsolicitedMessage, profile_of
 from hil_bridge.device_commands.s3.search import Finding, Outcome, Query, Reply, Search, Try, likely_lines
 from hil_bridge.devices.robots.s3.room import ROBOT as S3
 from hil_bridge.errors import ConfigError, TransportUnavailable
@@ -137,7 +137,7 @@ def test_the_set_that_answers_is_named_and_written(
     finding = probed(LinkProfile(accepted_lengths=accepted, dle_stuffing=stuffing)).finding
     assert finding is not None
     assert (finding.profile, finding.length_style) == (profile, style)
-    moved = "" if profile == "default" else "; with this set a real S3 has been moved"
+    moved = "" if profile == "default" else "; with this profile a real S3 has been moved"
     lengths = "whole and data" if accepted == "both" else accepted
     assert profile_evidence(finding) == f"length {lengths} answered{moved}"
     assert ("profile", f"{profile} ({profile_evidence(finding)})") in finding_rows("memory:robot", finding)
@@ -327,7 +327,7 @@ def test_prober_tells_what_the_robot_says_and_how_a_query_ended() -> None:
     assert prober.data_to_send(0.0) == b"\x06"
     prober.receive(encode_block(bytes.fromhex("000C00007F03001100050003")), 0.1)
     prober.receive(b"\x04", 0.2)
-    assert isinstance(said := prober.next_event(), Said)
+    assert isinstance(said := prober.next_event(), UnsolicitedMessage)
     assert "5.3" in said.text
     attempt = Try(LineSettings(), "whole", "off", Query.PLAIN)
     prober.ask(attempt.query, profile_of(attempt, 0.5, 1.0))

@@ -192,7 +192,7 @@ def test_a_value_that_is_no_number_ends_the_sensor(value: float) -> None:
         await sensor.ready()
         await tell(0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
         await tell(0.0, 0.0, value, 0.0, 0.0, 0.0)
-        with pytest.raises(DeviceError, match="told a value that is not a number"):
+        with pytest.raises(DeviceError, match="reported a value that is not a number"):
             sensor.check()
 
     log = with_sensor(script)

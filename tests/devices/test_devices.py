@@ -377,7 +377,10 @@ def test_a_program_comes_over_many_blocks_at_the_lines_pace() -> None:
     [
         (ProgramAnswer(7, b"", 5).to_telegram(), "did not send program 7: error 5"),
         (ProgramAnswer(8, b"").to_telegram(), "sent program 8, not 7"),
-        (Telegram(29, 2, 0, b"\0", True), "cannot be read: program answer needs 4 bytes of data, got 1"),
+        (
+            Telegram(29, 2, 0, b"\0", True),
+            "sent an invalid answer: program answer needs 4 bytes of data, got 1",
+        ),
     ],
 )
 def test_a_program_that_is_not_sent_or_another_one_is_an_error(answer: Telegram, message: str) -> None:
@@ -389,7 +392,9 @@ def test_a_program_that_is_not_sent_or_another_one_is_an_error(answer: Telegram,
 def test_an_answer_too_short_is_the_devices_error() -> None:
     short = Telegram(19, 2, 0, bytes(20), True)
     for ask in (S3Link.read_status, lambda robot: robot.order("read_status")):
-        with pytest.raises(DeviceError, match="cannot be read: status needs 24 bytes of data, got 20"):
+        with pytest.raises(
+            DeviceError, match="sent an invalid answer: status needs 24 bytes of data, got 20"
+        ):
             answered(short, ask)
     assert answered(short, lambda robot: robot.order(read_status())) == short
 

@@ -122,7 +122,7 @@ REFUSALS: dict[str, tuple[str, str, str]] = {
     "nothing comes": (
         fault("wire", "mute"),
         "",
-        "sent nothing for 0.5 s; see whether its program still runs",
+        "sent nothing for 0.5 s; check that its program still runs",
     ),
     "other numbers": (
         fault("wire", "wrong-seqno", "with = {count = 50}"),
@@ -199,5 +199,5 @@ def test_joints_in_radians_are_read_where_they_are_set(
 
 
 def test_a_robot_that_is_guided_by_joints_is_refused_before_anything_moves(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r'cell\.egm\.mode = "joint": a run guides by poses'):
+    with pytest.raises(ConfigError, match=r'cell\.egm\.mode = "joint": a run sends poses'):
         run(tmp_path, egm='mode = "joint"')

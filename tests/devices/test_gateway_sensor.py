@@ -110,7 +110,7 @@ def test_a_reboot_while_running_ends_the_sensor() -> None:
         await sensor.ready()
         say("701#")
         await clock.sleep_until(clock.now() + 0.01)
-        with pytest.raises(DeviceError, match="restarted in mid-run, its zero is lost"):
+        with pytest.raises(DeviceError, match="restarted in mid-run; its zero is lost"):
             sensor.check()
 
     with_sensor(script, SCALES)

@@ -196,7 +196,7 @@ def test_toys_close_the_loop_and_the_record_tells_their_facts(tmp_path: Path) ->
     assert devices.sensor.kind == "toyload"
     assert devices.sensor.facts is not None
     assert devices.sensor.facts.scales[0] == 1e-3
-    assert "robot's packet, interpolator and way to the loops" in run("latency", record)
+    assert "robot's packet, interpolator and path to the loops" in run("latency", record)
     assert "every command identical" in run("replay", record)
     assert run("report", record).strip().endswith("report.html")
 
@@ -294,7 +294,7 @@ def test_an_option_without_a_colon_is_the_name_of_a_kind() -> None:
 @pytest.mark.parametrize(
     ("point", "words"),
     [
-        ("toy_sensor.room:SENSOR", "toy_sensor.room:SENSOR must be a RobotKind of that name"),
+        ("toy_sensor.room:SENSOR", "toy_sensor.room:SENSOR must be a RobotKind with that name"),
         ("toy_robot.room:NOTHING", "cannot be loaded: AttributeError"),
         ("toy_robot.nowhere:ROBOT", "cannot be loaded: the module toy_robot.nowhere is missing"),
     ],

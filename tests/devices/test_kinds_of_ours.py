@@ -104,7 +104,7 @@ def test_a_sensor_whose_faults_would_hide_the_robot_s_is_refused() -> None:
     assert emulation is not None
     faults = {**emulation.faults, WIRE: DATAGRAMS.faults}
     sensor = dataclasses.replace(cell.sensor, emulation=dataclasses.replace(emulation, faults=faults))
-    with pytest.raises(ConfigError, match="egm and netft both have faults of the target wire"):
+    with pytest.raises(ConfigError, match="egm and netft both define faults for the target wire"):
         _ = cell._replace(sensor=sensor).faults
 
 

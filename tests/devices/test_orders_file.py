@@ -129,7 +129,7 @@ def test_the_example_in_the_readers_own_words_can_be_read() -> None:
         (
             "scale = 0.1\n",
             "scal = 0.1\n",
-            ": write_register.order.value.scal: there is no such entry; known here: name, byte, type, ",
+            ": write_register.order.value.scal: unknown entry; known: name, byte, type, ",
         ),
         (
             "answer_length = 8",
@@ -139,7 +139,7 @@ def test_the_example_in_the_readers_own_words_can_be_read() -> None:
         (
             "answer_length = 8",
             "lenght = 8",
-            ": write_register.lenght: there is no such entry; known here: fun",
+            ": write_register.lenght: unknown entry; known: fun",
         ),
         ("answer_length = 8", "order = 3", " is no TOML: "),
         (
@@ -151,7 +151,7 @@ def test_the_example_in_the_readers_own_words_can_be_read() -> None:
         (
             "initial = { value",
             "inital = { value",
-            ": read_register.emulator.inital: there is no such entry; known here: memory, key, initial",
+            ": read_register.emulator.inital: unknown entry; known: memory, key, initial",
         ),
         (
             'key = ["number"] }\n\n[[',
@@ -161,14 +161,14 @@ def test_the_example_in_the_readers_own_words_can_be_read() -> None:
         (
             '{ 0 = "one register" }',
             '{ one = "" }',
-            ": read_register.suffixes.one: a suffix is a whole number",
+            ": read_register.suffixes.one: a suffix must be a whole number",
         ),
         ('{ 0 = "one register" }', "{}", ": read_register.suffixes: "),
         ('blocks = "several"', 'blocks = "many"', ": send_program.blocks: must be 'one' or 'several'"),
         (
             'blocks = "several"',
             "order_length = 12",
-            ": send_program.order_length: the field of type bytes says",
+            ": send_program.order_length: a field of type bytes sets",
         ),
         (
             'type = "bytes"',
@@ -216,7 +216,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     [
         (["main.prg"], "name it by its program number"),
         (["65536"], "0 to 65535"),
-        (["7", "07.prg"], "program 7 is there twice"),
+        (["7", "07.prg"], "program 7 has two files"),
     ],
 )
 def test_program_files_are_named_by_their_number(tmp_path: Path, names: list[str], message: str) -> None:

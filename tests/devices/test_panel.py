@@ -101,11 +101,11 @@ def test_a_request_may_come_in_pieces() -> None:
 @pytest.mark.parametrize(
     ("line", "text"),
     [
-        (b"GET / HTTP/1.1\r\n", "no line of JSON"),
-        (b"[" * 1000 + b"\n", "no line of JSON"),
-        (b"\xff\n", "no line of JSON"),
-        (b"9" * 1000 + b"\n", "no JSON object"),
-        (b'["show"]\n', "no JSON object"),
+        (b"GET / HTTP/1.1\r\n", "not a line of JSON"),
+        (b"[" * 1000 + b"\n", "not a line of JSON"),
+        (b"\xff\n", "not a line of JSON"),
+        (b"9" * 1000 + b"\n", "not a JSON object"),
+        (b'["show"]\n', "not a JSON object"),
         (b"x" * (REQUEST_LIMIT + 1), "at most 1024 bytes"),
         (b"x" * 100_000 + b"\n", "at most 1024 bytes"),
     ],
@@ -230,7 +230,7 @@ def test_loopback_has_several_names() -> None:
 def test_a_port_that_is_taken_is_named() -> None:
     async def use(url: str) -> None:
         taken = url.replace("tcp:", "tcp-listen:")
-        with pytest.raises(TransportUnavailable, match="another program listens on this port"):
+        with pytest.raises(TransportUnavailable, match="another program already listens on this port"):
             await PanelServer(dict, Clock.running()).listen(taken)
 
     on_a_server(use)
@@ -248,7 +248,7 @@ def test_an_answer_of_another_program_is_no_answer() -> None:
 
             asking = asyncio.create_task(asyncio.to_thread(ask, url, {"do": "show"}))
             await answer()
-            with pytest.raises(DeviceError, match="answers like no panel"):
+            with pytest.raises(DeviceError, match="is not a panel"):
                 await asking
 
         asyncio.run(main())

@@ -104,7 +104,7 @@ def test_a_client_s_program_goes_where_the_board_s_own_does(sysfs: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("text", "says"), [(None, "cannot read"), ("0002 0000 1 2", "is no board program: it has no end mark")]
+    ("text", "says"), [(None, "cannot read"), ("0002 0000 1 2", "is not a board program: it has no end mark")]
 )
 def test_a_run_with_a_wrong_program_is_refused_in_one_line(
     tmp_path: Path, text: str | None, says: str
@@ -173,18 +173,28 @@ def change(name: str, text: str) -> Callable[[Path], object]:
             None,
             {"address": "3:0"},
             ConfigError,
-            "an address is like 0000:03:00.0, got '3:0'; `lspci -d 1762:`",
+            "must be an address such as 0000:03:00.0, got '3:0'; `lspci -d 1762:`",
         ),
-        (None, {"address": "03:00.9"}, ConfigError, "an address is like"),
-        (None, {"address": "../../x"}, ConfigError, "an address is like"),
+        (None, {"address": "03:00.9"}, ConfigError, "must be an address such as"),
+        (None, {"address": "../../x"}, ConfigError, "must be an address such as"),
         (None, {"address": "04:00.0"}, TransportUnavailable, "PCI device 0000:04:00.0: there is none"),
-        (None, {"channel": 2}, ConfigError, r"--channel: this board \(1762:3112\) has 0, 1, got 2"),
+        (
+            None,
+            {"channel": 2},
+            ConfigError,
+            r"--channel: must be one of 0, 1 on this board \(1762:3112\), got 2",
+        ),
         (None, {"channel": -1}, ConfigError, "--channel"),
-        (None, {"offset": 0x18001}, ConfigError, "--offset: a multiple of 4 below 0x40000, got 0x18001"),
+        (
+            None,
+            {"offset": 0x18001},
+            ConfigError,
+            "--offset: must be a multiple of 4 below 0x40000, got 0x18001",
+        ),
         (None, {"offset": 0x40000}, ConfigError, "--offset"),
         (change("vendor", "0x8086\n"), {}, DeviceError, "0000:03:00.0 is 8086:3112, not a JR3 board"),
         (change("device", "0x1112\n"), {}, DeviceError, "is 1762:1112, not a JR3 board"),
-        (change("device", "?\n"), {}, TransportUnavailable, "cannot tell what it is from"),
+        (change("device", "?\n"), {}, TransportUnavailable, "cannot read its type from"),
         (change("enable", "0\n"), {}, DeviceError, "is switched off"),
         (change("resource0", "x"), {}, DeviceError, "has 1 bytes, channel 0 needs 524288"),
         (lambda folder: (folder / "resource0").unlink(), {}, TransportUnavailable, "it has no memory to map"),
@@ -235,6 +245,8 @@ def test_the_command_says_what_is_wrong(sysfs: Path) -> None:
         return str(result.exception) if isinstance(result.exception, BridgeError) else result.output
 
     assert "not a JR3" not in says("--pci", "03:00.0", "--sysfs", str(sysfs), "--channel", "2")
-    assert "a number like 0x18000, got 'x'" in says("--pci", "03:00.0", "--offset", "x")
+    assert "must be a number such as 0x18000, got 'x'" in says("--pci", "03:00.0", "--offset", "x")
     assert "there is none" in says("--pci", "09:00.0", "--sysfs", str(sysfs))
-    assert "host and port must be like" in says("--pci", "03:00.0", "--sysfs", str(sysfs), "--listen", "here")
+    assert "host and port must be such as" in says(
+        "--pci", "03:00.0", "--sysfs", str(sysfs), "--listen", "here"
+    )

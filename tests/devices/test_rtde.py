@@ -257,7 +257,7 @@ def test_too_large_a_force_ends_the_source() -> None:
     deep = read_config({"cell": {"surface": {"height_mm": 650.0}}})
 
     async def act(robot: RtdeRobot, clock: Clock, wiring: Callable[[], Wiring]) -> None:
-        with pytest.raises(DeviceError, match="the surface pushes with 250 N, allowed are 200 N"):
+        with pytest.raises(DeviceError, match="the surface force is 250 N, allowed are 200 N"):
             await feed("rtde+memory:ur", deep, ForceOptions(), wiring(), asyncio.Event())
 
     run_virtual(lambda: with_robot(act))

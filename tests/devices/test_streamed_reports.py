@@ -76,9 +76,9 @@ def test_a_robot_that_does_not_speak_says_what_to_do() -> None:
         async with cell.link.motion(LIMITS) as motion:
             cell.robot.silent = True
             await cell.wait(SILENT_S + CYCLE)
-            with pytest.raises(DeviceError, match=r"sent nothing for 0\.5 s; see whether its program"):
+            with pytest.raises(DeviceError, match=r"sent nothing for 0\.5 s; check that its program"):
                 await motion.to(moved(1.0))
-            with pytest.raises(DeviceError, match=r"sent nothing for 0\.5 s; see whether its program"):
+            with pytest.raises(DeviceError, match=r"sent nothing for 0\.5 s; check that its program"):
                 await cell.link.report()
             assert not motion.ordered
             cell.robot.silent = False
@@ -200,7 +200,7 @@ def test_a_robot_without_a_cycle_cannot_stream() -> None:
     async def main() -> None:
         clock = Clock.running()
         wire = (await listen_datagrams("udp+memory:robot", clock)).transport
-        with pytest.raises(ValueError, match="toy: a robot that streams has a cycle"):
+        with pytest.raises(ValueError, match="toy: a streaming robot needs a cycle"):
             StreamedLink(wire, ToyClient(), RobotFacts("toy", Pacing.STREAMED), clock, NullLog())
         await wire.aclose()
 

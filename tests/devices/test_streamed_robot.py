@@ -166,7 +166,7 @@ def test_a_silent_controller_has_the_robot_held_on_its_way() -> None:
 
     cell = run_cell(script)
     assert cell.link.counters["holds"] == 1
-    assert cell.notices == ["no new target for 0.1 s: the robot is held on its way"]
+    assert cell.notices == ["no new target for 0.1 s: the robot is held on its path"]
     check_bounded(cell.robot.setpoints)
 
 
@@ -340,7 +340,7 @@ def test_no_movement_begins_during_a_fault_or_another_movement() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(LIMITS):
-            with pytest.raises(OrderRefused, match="a movement is under way"):
+            with pytest.raises(OrderRefused, match="a movement is in progress"):
                 async with cell.link.motion(LIMITS):
                     pytest.fail("two at a time")
         cell.robot.stopped = True

@@ -14,11 +14,11 @@ Bench = Any
 HANDS: dict[str, tuple[Callable[[Any, float], object], str]] = {
     "power cycle": (
         lambda robot, now: robot.inject("power-cycle", now),
-        "its status now shows: in standby, as after a restart",
+        "its status is now: in standby, as after a restart",
     ),
     "power cycle in mid-message": (
         lambda robot, now: robot.inject("power-cycle", now, after_bytes=20),
-        "its status now shows: in standby, as after a restart",
+        "its status is now: in standby, as after a restart",
     ),
     "work stop": (lambda robot, now: robot.set_work_stop(True, now), "16 work stop"),
     "work stop that is over": (
@@ -27,16 +27,16 @@ HANDS: dict[str, tuple[Callable[[Any, float], object], str]] = {
     ),
     "emergency stop": (
         lambda robot, now: robot.press_emergency_stop(now),
-        "its status now shows: emergency stop, in standby",
+        "its status is now: emergency stop, in standby",
     ),
     "emergency stop that is over": (
         lambda robot, now: (robot.press_emergency_stop(now), robot.release_emergency_stop(now)),
         "in standby, as after a restart or by hand",
     ),
-    "key": (lambda robot, now: robot.set_key(False, now), "its status now shows: key not in AUTO"),
+    "key": (lambda robot, now: robot.set_key(False, now), "its status is now: key not in AUTO"),
     "link control": (
         lambda robot, now: robot.set_link_control(False, now),
-        "its status now shows: link control taken back",
+        "its status is now: link control taken back",
     ),
     "damaged answers": (
         lambda robot, now: robot.inject("corrupt-block", now, count=20),
@@ -44,7 +44,7 @@ HANDS: dict[str, tuple[Callable[[Any, float], object], str]] = {
     ),
     "a break of the line": (
         lambda robot, now: robot.inject("line-break", now, for_s=5.0),
-        "now it answers again, and its status shows no stop",
+        "it answers again, and its status shows no stop",
     ),
 }
 
@@ -78,5 +78,5 @@ def test_a_robot_that_fell_silent_is_not_told_to_have_a_wrong_line(bench: Callab
             run.cell.robot.inject("off", run.clock.now(), for_s=60.0)
 
     cause = bench(silence, run={"period_ms": 250.0}).result.text
-    assert "nothing came after 3 bids (ENQ); it has answered before, so the line is set right" in cause
+    assert "nothing came after 3 bids (ENQ); it answered before, so the line settings are correct" in cause
     assert "9600 8E1" not in cause

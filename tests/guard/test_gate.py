@@ -251,13 +251,13 @@ def turned(degrees: float) -> Pose:
         (deeper(0.0, 500.0), "100.0 mm outside the workspace"),
         (turned(7.0), "2.0 ° tilted more"),
         (turned(4.9), "0.7 ° turned faster"),
-        (Pose((math.nan, 0.0, 0.0), UPRIGHT), "the position (nan, 0.0, 0.0), which no arm can reach"),
-        (Pose((1e300, 0.0, 0.0), UPRIGHT), "which no arm can reach"),
+        (Pose((math.nan, 0.0, 0.0), UPRIGHT), "the position (nan, 0.0, 0.0), which is out of range"),
+        (Pose((1e300, 0.0, 0.0), UPRIGHT), "which is out of range"),
         (
             Pose(START.position, (0.0, 1.1, 0.0, 0.0)),
             "the orientation (0.0, 1.1, 0.0, 0.0), which is invalid",
         ),
-        (Pose(START.position, (math.nan,) * 4), "which is none"),
+        (Pose(START.position, (math.nan,) * 4), "which is invalid"),
     ],
 )
 def test_each_bound_stops_a_pose(pose: Pose, words: str) -> None:

@@ -59,8 +59,8 @@ def without_notices(errors: str) -> str:
     notices = (
         "this process was late",
         "cannot be reached: no program listens there",
-        "has left; it was heard before",
-        "waits for its client",
+        "has left; it had sent datagrams before",
+        "waiting for its client",
         "robot: ",
     )
     lines = errors.splitlines(keepends=True)

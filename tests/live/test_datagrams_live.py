@@ -201,7 +201,7 @@ async def test_an_emulated_robot_without_a_client_says_so_once() -> None:
         async with emulated_cell(Setup(read_config({}), listen), clock, lambda cause: None, said.append):
             await asyncio.sleep(1.3)  # longer than the least time between two notices of a wire
     (line,) = said
-    assert line == f"{gone.address}: waits for its client; no program listens there yet"
+    assert line == f"{gone.address}: waiting for its client; no program is listening there yet"
 
 
 async def test_an_emulated_robot_tells_the_end_of_a_session_as_that() -> None:
@@ -222,9 +222,9 @@ async def test_an_emulated_robot_tells_the_end_of_a_session_as_that() -> None:
                 await _settled(partial(has_said, said, session))
                 await asyncio.sleep(1.1)  # longer than the least time between two notices of a wire
     place = free.address.removeprefix("udp://")
-    left = f"udp://{place}: the program at {place} has left; it was heard before"
-    assert [line for line in said if "waits for its client" not in line] == [left, left]
-    assert sum("waits for its client" in line for line in said) <= 1, "before the first client came"
+    left = f"udp://{place}: the program at {place} has left; it had sent datagrams before"
+    assert [line for line in said if "waiting for its client" not in line] == [left, left]
+    assert sum("waiting for its client" in line for line in said) <= 1, "before the first client came"
 
 
 async def test_the_error_queue_does_not_keep_the_loop_busy() -> None:
@@ -272,7 +272,7 @@ async def test_a_port_in_use_and_a_host_that_is_none_are_said_in_one_line() -> N
     with closing(Clock.running()) as clock:
         listening = await listen_datagrams("udp-bind://127.0.0.1:0", clock)
         taken = listening.address.replace("udp:", "udp-bind:")
-        with pytest.raises(TransportUnavailable, match="listens on this port already"):
+        with pytest.raises(TransportUnavailable, match="already listens on this port"):
             await listen_datagrams(taken, clock)
         with pytest.raises(TransportUnavailable, match="cannot be opened"):
             await connect_datagrams("udp://no-such-host.invalid:4000", clock)

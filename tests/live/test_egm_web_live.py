@@ -183,7 +183,7 @@ VALUES = {
     "opmode": "MANR",
     "ctrlexecstate": "stopped",
 }
-NEWER = "are those of RobotWare 7 (RWS 2.0), and only those of RobotWare 6 are read"
+NEWER = "are those of RobotWare 7 (RWS 2.0); only RobotWare 6 is supported"
 
 
 async def read_from(answer: Answers) -> WebState:
@@ -244,12 +244,12 @@ def entities(request: web.Request) -> web.Response:
         (version_2, NEWER),
         (not_acceptable, NEWER),
         (moved, NEWER),
-        (entities, "tell no rwversion"),
-        (lambda request: xhtml({"rwversion": ""}), "tell no rwversion"),
-        (lambda request: xhtml({"rwversion": "6\n"}), "tell no rwversion"),
-        (lambda request: web.Response(body=b"<html><unclosed"), "tell no rwversion"),
-        (lambda request: web.Response(body=b"[" * 100_000), "tell no rwversion"),
-        (lambda request: web.Response(body=b"<a>" * 60_000), "tell no rwversion"),
+        (entities, "report no rwversion"),
+        (lambda request: xhtml({"rwversion": ""}), "report no rwversion"),
+        (lambda request: xhtml({"rwversion": "6\n"}), "report no rwversion"),
+        (lambda request: web.Response(body=b"<html><unclosed"), "report no rwversion"),
+        (lambda request: web.Response(body=b"[" * 100_000), "report no rwversion"),
+        (lambda request: web.Response(body=b"<a>" * 60_000), "report no rwversion"),
         (lambda request: web.Response(status=404), r"answer /rw/system\?json=1 with 404; is it a controller"),
     ],
 )

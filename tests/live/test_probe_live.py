@@ -185,7 +185,7 @@ def test_a_port_that_another_program_holds(kind: str) -> None:
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as held:
         held.bind((HOST, 0))
         text = told(f"{kind}+udp-bind://{HOST}:{held.getsockname()[1]}")
-    assert "another program listens on this port already" in text
+    assert "another program already listens on this port" in text
 
 
 def test_a_serial_port_that_another_program_holds() -> None:

@@ -140,7 +140,7 @@ def test_ten_clients_of_whom_eight_are_served() -> None:
             assert (told.op, told.status) == (Op.CONNECTION, Status.TOO_MANY_CLIENTS)
             assert await late.response() is None
         assert len(logged) == 1  # one line for both
-        assert "sent away, 8 clients are here already" in logged[0]
+        assert "rejected, 8 clients are connected" in logged[0]
         await clients[0].aclose()
         while not await serves(clients[1]):
             pass
@@ -160,7 +160,7 @@ def test_clients_that_never_asked_make_room_for_the_next() -> None:
         assert (told.op, told.status) == (Op.CONNECTION, Status.TOO_MANY_CLIENTS)
         assert await silent[0].response() is None
         assert await serves(silent[1])
-        assert logged == [text for text in logged if "had not said anything" in text]
+        assert logged == [text for text in logged if "had not sent anything" in text]
         assert len(logged) == 1
 
     on_tcp(test)
@@ -244,7 +244,7 @@ def test_a_stream_that_is_not_read_is_cut_off() -> None:
         slow.send(Request(Op.STREAM, 1, 0, 256, period_us=250))
         while not logged:
             assert await serves(friend)
-        assert "cut off: it does not read" in logged[0]
+        assert "disconnected: it does not read" in logged[0]
 
     on_tcp(test)
 
@@ -259,7 +259,7 @@ def test_a_taken_port_is_one_clear_line() -> None:
             finally:
                 clock.close()
 
-    with pytest.raises(TransportUnavailable, match="another program listens on this port already"):
+    with pytest.raises(TransportUnavailable, match="another program already listens on this port"):
         run_real(main)
 
 

@@ -55,7 +55,7 @@ def test_a_force_source_ends_at_its_time_and_with_its_robot() -> None:
             url = json.loads(serving.stdout.readline())["robot"]
             feed = command("emulate", "force-source", url, "--duration")
             told = subprocess.run([*feed, "1"], capture_output=True, text=True, timeout=30, check=True).stdout
-            assert told.startswith("gave the force to ")
+            assert told.startswith("sent the force for ")
             assert int(told.split()[4]) > 10  # 100 on a machine with nothing else to do
             with subprocess.Popen([*feed, "60"], stderr=subprocess.PIPE, text=True) as until:
                 host, _, port = url.partition("//")[2].partition("?")[0].partition(":")

@@ -222,7 +222,7 @@ async def test_a_reset_connection_is_broken() -> None:
 
 async def test_a_port_in_use_and_a_host_that_is_none_are_said_in_one_line() -> None:
     with closing(Clock.running()) as clock, socket.create_server(("127.0.0.1", 0)) as server:
-        with pytest.raises(TransportUnavailable, match="listens on this port already"):
+        with pytest.raises(TransportUnavailable, match="already listens on this port"):
             await listen_bytes(f"tcp-listen://127.0.0.1:{server.getsockname()[1]}", clock)
         with pytest.raises(TransportUnavailable, match="cannot be opened"):
             await connect_bytes("tcp://no-such-host.invalid:4000", clock)

@@ -206,7 +206,7 @@ def test_too_much_force_stops_retracts_and_keeps_the_cause(bench: RunBench) -> N
 def test_an_emergency_stop_in_mid_track_ends_the_run_with_its_name(bench: RunBench) -> None:
     run = bench(after(5, lambda bench: bench.cell.robot.press_emergency_stop(bench.clock.now())))
     assert run.result.outcome is Outcome.STOPPED
-    assert "its status now shows: emergency stop, in standby" in run.result.text
+    assert "its status is now: emergency stop, in standby" in run.result.text
     assert "13 stop or emergency stop" in run.result.followed[0].text
     assert run.result.left.startswith("NOT retracted: left at ")
     assert run.true_force > 5.0, "the robot took no order to pull back"

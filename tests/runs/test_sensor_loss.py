@@ -88,7 +88,7 @@ def test_a_sensor_unplugged_from_its_gateway_stops_the_run_and_the_tool_retracts
     result, force = run_until_lost(URLS[device], unplug)
     assert result.outcome is Outcome.STOPPED
     assert "the newest force is" in result.text
-    assert "frames continue, but their counter stands still, as after the sensor is unplugged" in result.text
+    assert "frames arrive, but their counter does not change, as after the sensor is unplugged" in result.text
     assert "\n" not in result.text
     assert force == 0.0
 

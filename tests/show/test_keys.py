@@ -41,7 +41,7 @@ def test_keys_come_at_once_and_the_terminal_is_what_it_was(typed: int) -> None:
         heard.append(key)
         came.set()
 
-    with keys.hearing(react):
+    with keys.listen_for_keys(react):
         assert modes(sys.stdin.fileno()) == 0
         os.write(typed, b"p")
         assert came.wait(DEADLINE_S)
@@ -59,7 +59,7 @@ def test_a_process_in_the_background_takes_no_key_and_leaves_the_terminal_alone(
         asked.release()
         return os.getpgrp() + 1
 
-    with keys.hearing(heard.append):
+    with keys.listen_for_keys(heard.append):
         monkeypatch.setattr(os, "tcgetpgrp", another)
         os.write(typed, b"r")
         for _ in range(2):  # looked at, and once more: a read would have come between
@@ -75,7 +75,7 @@ def test_a_process_that_ends_in_the_background_leaves_no_terminal_without_echo(
     typed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = modes(sys.stdin.fileno())
-    with keys.hearing(lambda key: None):
+    with keys.listen_for_keys(lambda key: None):
         monkeypatch.setattr(os, "tcgetpgrp", lambda source: os.getpgrp() + 1)
     assert modes(sys.stdin.fileno()) == before
 
@@ -89,6 +89,6 @@ def test_a_paused_terminal_is_not_waited_for(typed: int, monkeypatch: pytest.Mon
         change(source, when, attributes)
 
     monkeypatch.setattr(termios, "tcsetattr", changed)
-    with keys.hearing(lambda key: None):
+    with keys.listen_for_keys(lambda key: None):
         pass
     assert ways == [termios.TCSANOW] * 2

@@ -79,7 +79,7 @@ FAULTS = [
     ("egm", "wire", "malformed", "a datagram is not heeded"),
     ("egm", "wire", "twice", "stale packets"),
     ("egm", "wire", "wrong-seqno", "is not heeded"),
-    ("egm", "pose", "nan", "position none"),
+    ("egm", "pose", "nan", "position invalid"),
     ("egm", "pose", "missing", "tells no pose"),
     ("rtde", "robot", "protective-stop", "PROTECTIVE_STOP"),
     ("rtde", "robot", "emergency-stop", "ROBOT_EMERGENCY_STOP"),

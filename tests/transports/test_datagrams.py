@@ -194,7 +194,7 @@ def test_a_client_may_come_before_the_listener() -> None:
         left.send([b"hello"])
         await pass_time(0.1)
         assert there.datagrams == [b"hello"]
-        with pytest.raises(TransportUnavailable, match="another listens under this name already"):
+        with pytest.raises(TransportUnavailable, match="the name is already in use"):
             await listen_datagrams("udp+memory:robot", clock)
         await listening.transport.aclose()
         await (await listen_datagrams("udp+memory:robot", clock)).transport.aclose()

@@ -390,7 +390,7 @@ def test_nodes_of_a_bus_must_agree_on_the_bitrate() -> None:
 
 def test_the_bus_behind_a_url_can_be_had() -> None:
     async def main(clock: Clock) -> None:
-        with pytest.raises(ConfigError, match="no node is on this bus"):
+        with pytest.raises(ConfigError, match="this bus has no nodes"):
             memory_can_bus("sensor", clock)
         node = await connect_can("can+memory:sensor", clock, accept=[CanFilter(0x601)])
         assert isinstance(node, MemoryCanNode)

@@ -156,7 +156,7 @@ def test_an_interface_that_stays_away_ends_the_wire_with_one_line(
         (cause,) = node.ends
         assert isinstance(cause, TransportBroken)
         assert str(cause) == (
-            f"{vcan.url}: broke: there is no such CAN interface; `ip -details link show` lists what there is"
+            f"{vcan.url}: broke: there is no such CAN interface; `ip -details link show` lists the interfaces"
         )
         with pytest.raises(TransportBroken):
             node.wire.send(FRAMES)

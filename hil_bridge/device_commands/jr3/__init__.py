@@ -1,1 +1,1 @@
-"""Commands of the JR3: `decode jr3-can` and `decode jr3-uart`, and the monitor of its CAN bus."""
+"""Commands for the JR3: `decode jr3-can` and `decode jr3-uart`, and the monitor of its CAN bus."""

@@ -1,6 +1,6 @@
-"""Commands of the JR3: `hil-bridge emulate jr3-pci`, `decode jr3-can` and `decode jr3-uart`.
+"""Commands for the JR3: `hil-bridge emulate jr3-pci`, `decode jr3-can` and `decode jr3-uart`.
 
-`emulate jr3-pci` serves a real board of this computer for a bridge on this or another one.
+`emulate jr3-pci` serves a real board of this computer to a bridge on this or another one.
 """
 
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from hil_bridge.console.pasted import print_items, read_bytes, read_frames
+from hil_bridge.console.decode_arguments import print_items, read_bytes, read_frames
 from hil_bridge.console.paths import FILE
 
 
@@ -17,17 +17,23 @@ def _number(context: click.Context, parameter: click.Parameter, text: str) -> in
     try:
         return int(text, 0)
     except ValueError:
-        raise click.BadParameter(f"a number like 0x18000, got {text!r}") from None
+        raise click.BadParameter(f"must be a number such as 0x18000, got {text!r}") from None
 
 
 @click.command("jr3-pci", short_help="Serve the registers of a real JR3 PCI board.")
-@click.option("--pci", "address", required=True, metavar="ADDRESS", help="The board, like 0000:03:00.0.")
+@click.option(
+    "--pci",
+    "address",
+    required=True,
+    metavar="ADDRESS",
+    help="PCI address, such as 0000:03:00.0.",
+)
 @click.option(
     "--listen",
     metavar="HOST:PORT",
     default="127.0.0.1:1762",
     show_default=True,
-    help="Where clients connect. There is no password: beyond this computer, use a network of your own.",
+    help="Address for clients. There is no password: beyond this computer, use an isolated network.",
 )
 @click.option(
     "--offset",
@@ -35,16 +41,16 @@ def _number(context: click.Context, parameter: click.Parameter, text: str) -> in
     default="0x18000",
     show_default=True,
     callback=_number,
-    help="Where a channel's words begin; some boards want 0x10000.",
+    help="Byte at which a channel's words begin; some boards need 0x10000.",
 )
-@click.option("--channel", type=int, default=0, show_default=True, help="Which of the board's sensors.")
+@click.option("--channel", type=int, default=0, show_default=True, help="Channel of the board.")
 @click.option(
     "--program",
     type=FILE,
     metavar="FILE",
     help="JR3's jr3pci.idm: allows clients to reset the board, which loses its program.",
 )
-@click.option("--sysfs", type=FILE, metavar="DIR", help="Where the PCI devices are shown.")
+@click.option("--sysfs", type=FILE, metavar="DIR", help="Folder of the PCI devices in sysfs.")
 def jr3_pci(
     address: str, listen: str, offset: int, channel: int, program: Path | None, sysfs: Path | None
 ) -> None:
@@ -64,7 +70,7 @@ def jr3_pci(
 def jr3_can(frames: tuple[str, ...]) -> None:
     """Decode frames of the JR3 CAN gateway, 201#C80010270000, or lines of candump, each quoted.
 
-    Ends with exit code 2 when anything in it is wrong.
+    Exits with code 2 if any of them is invalid.
     """
     from hil_bridge.errors import ConfigError
     from protocol.devices.jr3 import describe, parse_frame
@@ -83,7 +89,7 @@ def jr3_can(frames: tuple[str, ...]) -> None:
 def jr3_uart(hex_bytes: tuple[str, ...]) -> None:
     """Decode bytes of the JR3 UART gateway's line, of either direction or both: "3C 30 36 3E".
 
-    Ends with exit code 2 when anything in it is wrong.
+    Exits with code 2 if any of them is invalid.
     """
     from protocol.devices.jr3.uart_gateway import describe
 
@@ -91,7 +97,7 @@ def jr3_uart(hex_bytes: tuple[str, ...]) -> None:
 
 
 def monitor(sources: Sequence[str], options: Any) -> None:
-    """Show the frames of a CAN bus, as the extension `monitor-jr3` of `hil-bridge monitor`.
+    """Print the frames of a CAN bus, as the extension `monitor-jr3` of `hil-bridge monitor`.
 
     `options` are `hil_bridge.site.monitoring.MonitorOptions`. Raises ConfigError.
     """
@@ -100,5 +106,5 @@ def monitor(sources: Sequence[str], options: Any) -> None:
     from hil_bridge.errors import ConfigError
 
     if len(sources) > 1:
-        raise ConfigError("one CAN bus at a time: give one URL")
+        raise ConfigError("only one CAN bus can be monitored: give one URL")
     monitor_can(SENSORS.split(sources[0])[1], options.raw)

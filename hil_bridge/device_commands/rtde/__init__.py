@@ -1,1 +1,1 @@
-"""Commands for controllers of Universal Robots: `force-source`."""
+"""Commands for Universal Robots controllers: `force-source`."""

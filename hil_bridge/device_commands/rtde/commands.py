@@ -24,10 +24,10 @@ from hil_bridge.console.paths import FILE
     default=200.0,
     show_default=True,
     metavar="F",
-    help="A larger force ends it.",
+    help="Stop at a larger force.",
 )
 @click.option(
-    "--keep-program", is_flag=True, help="Upload no program: the controller takes the force already."
+    "--keep-program", is_flag=True, help="Upload no program: the controller already accepts the force."
 )
 def force_source(
     url: str,
@@ -37,11 +37,11 @@ def force_source(
     limit_n: float,
     keep_program: bool,
 ) -> None:
-    """Read the pose of a controller of Universal Robots and write the force of the surface to it.
+    """Read the pose of a Universal Robots controller and write the force of the surface to it.
 
     The surface is that of [cell.surface] in CONFIG.toml. The controller may be a real one, its maker's simulator, or
-    `hil-bridge emulate robot --robot rtde`. Its program that plays is ended at the start, unless --keep-program is
-    given. Ctrl-C takes the force away and ends.
+    `hil-bridge emulate robot --robot rtde`. Its running program is stopped at the start, unless --keep-program is
+    given. Ctrl-C resets the force and exits.
     """
     from hil_bridge.device_commands.rtde.force_source import ForceOptions
     from hil_bridge.device_commands.rtde.force_source_run import run_source
@@ -51,6 +51,6 @@ def force_source(
 
     kind, _ = robot_of(url)
     if kind.name != "rtde":
-        raise ConfigError(f"{url!r}: a {kind.name} takes no external force; give rtde+tcp://HOST")
+        raise ConfigError(f"{url!r}: a {kind.name} accepts no external force; give rtde+tcp://HOST")
     config = load_config(config_file, {"cell.surface_kind": surface})
     click.echo(run_source(url, config, ForceOptions(limit_n, not keep_program), duration_s))

@@ -1,8 +1,8 @@
-"""The contact model as the force sensor of a controller of Universal Robots: real, simulated by its maker, or ours.
+"""Contact model as the force sensor of a Universal Robots controller: real, simulated by its maker, or emulated.
 
 It reads the pose of the tool in each cycle, computes the force of the surface, and writes `external_force_torque`. So
-a force that programs of the controller see belongs to a pose that is some cycles old. A stiff surface in a force loop
-of the controller may swing for that reason.
+the force that programs of the controller read belongs to a pose that is some cycles old. With a stiff surface, a force
+loop of the controller may oscillate for that reason.
 """
 
 import asyncio
@@ -28,23 +28,23 @@ from protocol.devices.rtde.wires import Pieces
 from protocol.geometry import Wrench, inverse, rotate
 
 _RATE_HZ = 8000
-"""A surface with memory is shown at least so many samples a second."""
+"""Lowest sample rate at which a surface with memory is computed."""
 _GAP_S = 0.1
-"""Chosen: after a longer gap between two packets, the way between them is not known."""
+"""Chosen: longest gap between two packets across which the path is interpolated."""
 
 
 @dataclass(frozen=True, slots=True)
 class ForceOptions:
-    """How the force is given."""
+    """Options of the force source."""
 
     limit_n: float = 200.0
-    """A larger force ends the source: the tool is deep in the surface."""
+    """Force at which the source stops, because the tool is deep in the surface."""
     enable: bool = True
-    """Upload the program that lets the controller take the force."""
+    """Upload the program by which the controller accepts the force."""
 
 
 def make_surface(config: Config) -> Surface:
-    """Make the surface of a configuration. Raises ConfigError for an unknown kind, and for impossible settings."""
+    """Return the surface of a configuration. Raises ConfigError for an unknown kind and for invalid settings."""
     name = config.cell.surface_kind
     if name:
         kind = SURFACES.kind(name)
@@ -56,24 +56,24 @@ def make_surface(config: Config) -> Surface:
 
 
 class ForceSource:
-    """Feeds one controller until it is closed, or fails."""
+    """Computes the force for one controller."""
 
     def __init__(self, surface: Surface, limit_n: float) -> None:
         self._surface, self._limit = surface, limit_n
         self._last: Seen | None = None
         self.counts: Counter[str] = Counter()
         self.newest_n = 0.0
-        """Length of the force that was given last, N."""
+        """Magnitude of the newest force, N."""
         self.largest_n = 0.0
 
     def wrench(self, seen: Seen) -> Wrench:
-        """Return the wrench about the flange, along its axes, N and N·m, for the observed tool.
+        """Return the wrench about the flange, along its axes, N and N·m, for a reported tool.
 
         Raises DeviceError for a force that is too large, and for a clock that goes back.
         """
         last = self._last
         if last is not None and seen.stamp <= last.stamp:
-            raise DeviceError("the controller's clock went back: it was restarted; begin again")
+            raise DeviceError("the controller's clock went back, as after a restart; start again")
         if last is None or seen.stamp - last.stamp > _GAP_S:
             last = seen
             self.counts["gaps"] += 1
@@ -89,8 +89,8 @@ class ForceSource:
         self.largest_n = max(self.largest_n, self.newest_n)
         if not self.newest_n <= self._limit:
             raise DeviceError(
-                f"the surface pushes with {self.newest_n:.0f} N, allowed are {self._limit:g} N: "
-                "lift the tool, or give --limit-n"
+                f"the surface force is {self.newest_n:.0f} N, allowed are {self._limit:g} N: "
+                "lift the tool, or set --limit-n"
             )
         force = rotate(inverse(seen.pose.quaternion), (x, y, z))
         force = rotate(seen.tip.quaternion, force)
@@ -102,7 +102,7 @@ class ForceSource:
 async def feed(
     url: str, config: Config, options: ForceOptions, wiring: Wiring, stopped: asyncio.Event
 ) -> ForceSource:
-    """Feed the controller behind a URL until `stopped` is set; the force is taken away at the end.
+    """Send forces to the controller at a URL until `stopped` is set; the force is reset at the end.
 
     Raises ConfigError for the URL, DeviceError for what the controller refuses or a force that is too large, and
     TransportError for its wires.
@@ -134,7 +134,7 @@ async def feed(
     try:
         await stopped.wait()
     finally:
-        ended = failures[:1]  # our own closing is no failure
+        ended = failures[:1]  # our own closing is not a failure
         await bundle.aclose()
     if ended:
         raise ended[0]

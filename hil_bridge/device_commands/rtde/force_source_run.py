@@ -1,4 +1,4 @@
-"""The force source in real time, until an operator stops it."""
+"""Force source in real time, until it is stopped."""
 
 import asyncio
 import signal
@@ -13,7 +13,9 @@ from hil_bridge.settings.configuration import Config
 
 
 def run_source(url: str, config: Config, options: ForceOptions, duration_s: float | None) -> str:
-    """Feed a controller for so long, or until SIGINT or SIGTERM; a line for people. Raises as `feed`."""
+    """Send forces to a controller for `duration_s`, or until SIGINT or SIGTERM, and return a summary. Raises as
+    `feed`.
+    """
     with real_time_thread(config.realtime):
         return run_real(lambda: _run(url, config, options, duration_s), config.realtime.busy_poll_ms * 1e-3)
 
@@ -31,6 +33,6 @@ async def _run(url: str, config: Config, options: ForceOptions, duration_s: floa
     finally:
         clock.close()
     return (
-        f"gave the force to {source.counts['packets']} packets; the largest was {source.largest_n:.1f} N, "
+        f"sent the force for {source.counts['packets']} packets; the largest was {source.largest_n:.1f} N, "
         f"the last {source.newest_n:.1f} N"
     )

@@ -1,6 +1,16 @@
-"""Tools for the first hours at an S3 link: find its settings, watch it, capture it."""
+"""Tools for the commissioning of an S3 link: find its settings, monitor it, capture it."""
 
-from hil_bridge.device_commands.s3.prober import Prober, Said
+from hil_bridge.device_commands.s3.prober import Prober, UnsolicitedMessage
 from hil_bridge.device_commands.s3.search import Finding, Outcome, Query, Reply, Search, Try, likely_lines
 
-__all__ = ["Finding", "Outcome", "Prober", "Query", "Reply", "Said", "Search", "Try", "likely_lines"]
+__all__ = [
+    "Finding",
+    "Outcome",
+    "Prober",
+    "Query",
+    "Reply",
+    "Search",
+    "Try",
+    "UnsolicitedMessage",
+    "likely_lines",
+]

@@ -1,12 +1,12 @@
-"""Captures of a computer link as text, one piece a line, for people, scripts and the monitor.
+"""Text captures of a computer link, one piece per line, for users, scripts and the monitor.
 
-    # seconds  who sent it  bytes
+    # seconds  sender  bytes
     0.000000 PC 05
     0.013402 S3 06
     0.013410 PC 10 02 00 08 01 00 13 01 00 00 10 03 18
 
-The sender is `PC` or `S3`; `tx` and `rx` mean the same, seen from the PC; `?` is not known. Empty lines, and text
-after a #, mean nothing.
+The sender is `PC` or `S3`; `tx` and `rx` mean the same, from the PC's side; `?` is unknown. Empty lines, and text after
+a #, are ignored.
 """
 
 import re
@@ -21,12 +21,12 @@ from hil_bridge.record.pieces import not_readable, recorded_pieces
 
 
 class Sender(StrEnum):
-    """Which end of the link sent something."""
+    """End of the link that sent a piece."""
 
     PC = "PC"
     ROBOT = "S3"
     UNKNOWN = "?"
-    """Both directions on one wire."""
+    """Unknown: both directions on one wire."""
 
 
 _SENDERS = {
@@ -43,10 +43,10 @@ _LINE = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Bytes of one direction that were seen together."""
+    """Bytes of one direction that were received together."""
 
     at: float
-    """s, since whatever the capture counts from."""
+    """Time since the start of the capture, s."""
     sender: Sender
     data: bytes
 
@@ -55,7 +55,7 @@ class Piece:
 
 
 def parse_capture(text: str, name: str) -> Iterator[Piece]:
-    """Read the pieces of a text capture in order. Raises ConfigError with `name` and the line that is wrong."""
+    """Yield the pieces of a text capture in order. Raises ConfigError with `name` and the invalid line."""
     newest = 0.0
     for number, line in enumerate(text.splitlines(), 1):
         content = line.partition("#")[0].strip()
@@ -65,8 +65,8 @@ def parse_capture(text: str, name: str) -> Iterator[Piece]:
         if piece is None:
             refuse_known(name, text[:HEAD_BYTES].encode())
             raise ConfigError(
-                f"{name}: line {number}: {content[:40]!r} is no piece; write like 0.013402 S3 06, "
-                f"who sent it being one of {', '.join(_SENDERS)}"
+                f"{name}: line {number}: {content[:40]!r} is not a piece; write it like 0.013402 S3 06, "
+                f"with a sender of {', '.join(_SENDERS)}"
             )
         if piece.at < newest:
             raise ConfigError(
@@ -77,7 +77,7 @@ def parse_capture(text: str, name: str) -> Iterator[Piece]:
 
 
 def link_pieces(records: Iterable[LinkRecord], name: str) -> Iterator[Piece]:
-    """Read the pieces of a recording's raw traffic in order. Raises ConfigError for invalid ones."""
+    """Yield the pieces of a recording's raw traffic in order. Raises ConfigError if they are invalid."""
     for piece in recorded_pieces(records, name):
         if piece.is_event:
             continue

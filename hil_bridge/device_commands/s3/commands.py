@@ -1,11 +1,11 @@
-"""Commands of the S3: the subcommand `hil-bridge decode computer-link`, and the values of `--link-profile`."""
+"""Commands for the S3: `hil-bridge decode computer-link`, and the values of `--link-profile`."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
-from hil_bridge.console.pasted import print_items, read_bytes
+from hil_bridge.console.decode_arguments import print_items, read_bytes
 from hil_bridge.console.paths import FILE
 
 
@@ -16,13 +16,13 @@ from hil_bridge.console.paths import FILE
     "orders_file",
     type=FILE,
     metavar="FILE",
-    help="TOML file of orders that the site knows beside the usual ones.",
+    help="TOML file of the site's additional orders.",
 )
 def computer_link(hex_bytes: tuple[str, ...], orders_file: Path | None) -> None:
     """Decode bytes of the S3 computer link, control bytes and blocks mixed.
 
     HEX may be spaced as you like: "10 02 00 08 01 00 13 01 00 00 10 03 18" or 100200…
-    Ends with exit code 2 when anything in it is wrong.
+    Exits with code 2 if anything in it is invalid.
     """
     from protocol.devices.s3.adlp import LinkProfile
     from protocol.devices.s3.arap import KNOWN, describe
@@ -37,7 +37,7 @@ def computer_link(hex_bytes: tuple[str, ...], orders_file: Path | None) -> None:
 
 
 def link_profiles() -> Sequence[str]:
-    """Return the names of the settings that `--link-profile` takes."""
+    """Return the names of the settings that `--link-profile` accepts."""
     from protocol.devices.s3.adlp import PROFILES
 
     return tuple(PROFILES)

@@ -1,7 +1,7 @@
-"""A computer link heard from outside: pieces of both directions in, one line for each block and for each trouble out.
+"""Passive monitor of a computer link: pieces of both directions in, one line for each block and each problem out.
 
-Pure; told the time. ENQ, ACK and EOT in their usual order have no line of their own. A block's line tells how long its
-bid and its acknowledge took. A block's line comes when the answer to it is known.
+Pure; it is given the time. ENQ, ACK and EOT in their regular order have no line of their own. A block's line includes
+the times of its bid and its acknowledgement. It is output when the answer to the block is known.
 
 Source: computer-link specification, section 2.
 """
@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from hil_bridge.device_commands.s3.capture import Piece, Sender
-from hil_bridge.device_commands.s3.wording import telegram_text
+from hil_bridge.device_commands.s3.telegram_text import telegram_text
 from protocol.devices.s3.adlp import (
     BLOCK_OVERHEAD,
     CHUNK,
@@ -27,23 +27,23 @@ from protocol.devices.s3.adlp import (
 from protocol.devices.s3.arap import KNOWN, OrderBook
 
 GARBAGE_SIZE = 5
-"""After so many meaningless bytes in a row a control byte is taken for one more of them. Chosen, as in the link."""
+"""Number of consecutive meaningless bytes after which a control byte counts as one, too. Chosen, as in the link."""
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One line of the monitor."""
+    """Line of the monitor."""
 
     at: float
-    """s, when its last byte was seen."""
+    """Time of its last byte, s."""
     sender: Sender
     text: str
     line_time: float | None = None
     """Time of a block's characters on the line, s."""
     data: bytes = b""
-    """The bytes behind it; a block's telegram without its frame."""
+    """Bytes of the line; a block's telegram without its frame."""
     trouble: bool = False
-    """Something did not go as it should."""
+    """Whether it reports a problem."""
 
 
 @dataclass(slots=True)
@@ -55,7 +55,7 @@ class Counts:
     refusals: int = 0
     """NAK."""
     unanswered: int = 0
-    """Blocks and bids to which nothing was said."""
+    """Blocks and bids without an answer."""
     collisions: int = 0
     garbage: int = 0
     """Bytes without meaning."""
@@ -72,15 +72,15 @@ class _Bid:
 
 @dataclass(slots=True)
 class _Pending:
-    """A block that has no answer yet."""
+    """Block that has no answer yet."""
 
     sender: Sender
     at: float
     block: Block
     marks: list[str]
-    """Its oddity, or how long it waited, in words."""
+    """Descriptions of its anomalies and waiting times."""
     trouble: bool
-    """One of these marks tells of trouble."""
+    """Whether one of these marks is a problem."""
 
 
 @dataclass(slots=True)
@@ -92,20 +92,20 @@ class _Direction:
     garbage: bytearray = field(default_factory=bytearray)
     garbage_text: str = ""
     recent: bytes = b""
-    """Newest bytes, as many as a block may have."""
+    """Newest bytes, up to the longest block."""
     last: bytes = b""
-    """The newest telegram."""
+    """Newest telegram."""
     acknowledged: bool = True
-    """The block was acknowledged."""
+    """Whether the block was acknowledged."""
     repeats: int = 0
     open: bool = False
-    """A message has begun and its EOT has not come."""
+    """Whether a message has begun and its EOT has not arrived."""
     further: int | None = None
-    """Function of a telegram of which another block follows."""
+    """Function of a telegram that continues in another block."""
 
 
 class LinkMonitor:
-    """Takes pieces in the order of time; `next_line` gives what became of them."""
+    """Decodes pieces in the order of time; `next_line` returns the resulting lines."""
 
     def __init__(self, profile: LinkProfile, orders: OrderBook = KNOWN) -> None:
         self._profile = profile
@@ -130,11 +130,11 @@ class LinkMonitor:
         }
 
     def next_line(self) -> Line | None:
-        """Return the oldest line not yet taken, or None."""
+        """Return the oldest pending line, or None."""
         return self._lines.popleft() if self._lines else None
 
     def take(self, piece: Piece) -> None:
-        """Hear a piece."""
+        """Process a piece."""
         self.idle(piece.at)
         for sender in Sender:
             if sender is not piece.sender:
@@ -147,7 +147,7 @@ class LinkMonitor:
             self._token(piece.sender, token, piece.at)
 
     def idle(self, now: float) -> None:
-        """Nothing more came until now: end what has waited too long."""
+        """Advance to `now` without new bytes, and end what has waited too long."""
         for sender, direction in self._directions.items():
             if now - direction.newest > self._gap:
                 self._break_off(sender)
@@ -161,7 +161,7 @@ class LinkMonitor:
             self._unanswered_bid(bid)
 
     def finish(self) -> None:
-        """End the capture: report what is still open."""
+        """End the capture and output what is still open."""
         for sender in Sender:
             self._break_off(sender)
             self._end_garbage(sender)
@@ -194,8 +194,8 @@ class LinkMonitor:
                 direction.garbage += noise.data
 
     def _break_off(self, sender: Sender) -> None:
-        """Take the block as ended. It may be whole but for its check character: as long as the longer reading of
-        its length is possible, the scanner waits for more.
+        """End an incomplete block. It may be complete except for its check character: while the longer reading of its
+        length is possible, the scanner waits for more.
         """
         direction = self._directions[sender]
         if not (dropped := direction.scanner.drop()):
@@ -203,9 +203,9 @@ class LinkMonitor:
         raw = direction.recent[-dropped:]
         text = f"a block broke off after {dropped} bytes"
         for style in LENGTH_STYLES:
-            found = BlockFormat(self._profile.dle_stuffing, (style,), self._profile.max_telegram).decode(raw)
-            if isinstance(found, Flaw) and found.whole:
-                text = f"damaged block of {found.size} bytes: {found.text}"
+            block = BlockFormat(self._profile.dle_stuffing, (style,), self._profile.max_telegram).decode(raw)
+            if isinstance(block, Flaw) and block.whole:
+                text = f"damaged block of {block.size} bytes: {block.text}"
         self.counts.garbage += dropped
         self._trouble(direction.newest, sender, text, raw)
         self._damaged(direction)
@@ -249,7 +249,7 @@ class LinkMonitor:
         self._pending = _Pending(sender, at, block, marks, trouble)
 
     def _close(self, how: str, trouble: bool = False, acknowledged: bool = False) -> None:
-        """Report the line of the pending block, whose answer is known."""
+        """Output the line of the pending block, whose answer is known."""
         pending, self._pending = self._pending, None
         assert pending is not None
         direction = self._directions[pending.sender]
@@ -266,15 +266,15 @@ class LinkMonitor:
         self._lines.append(Line(pending.at, sender, text, line_time, telegram, trouble or pending.trouble))
 
     def _close_unanswered(self) -> None:
-        """Close the pending block without an answer, since the new bytes are none. On a wire of unknown directions
-        the monitor may not hear the answer.
+        """Close the pending block without an answer, because the new bytes are not one. If directions are unknown, the
+        monitor may not receive the answer.
         """
         if self._pending is not None:
             self.counts.unanswered += 1
             self._close("no answer", trouble=self._pending.sender is not Sender.UNKNOWN)
 
     def _stray(self, at: float, sender: Sender, text: str) -> None:
-        """Report a control byte out of place. Where directions are unknown, the monitor cannot tell."""
+        """Report a control byte out of place, unless directions are unknown."""
         if sender is not Sender.UNKNOWN:
             self._trouble(at, sender, text)
 
@@ -362,7 +362,7 @@ class LinkMonitor:
 
 
 def _faces(sender: Sender, other: Sender) -> bool:
-    """Whether one can answer the other."""
+    """Return whether one can answer the other."""
     return sender is not other or sender is Sender.UNKNOWN
 
 

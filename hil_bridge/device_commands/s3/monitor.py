@@ -1,4 +1,4 @@
-"""`hil-bridge monitor`: a link put into words, from a file or while it runs. It only listens."""
+"""`hil-bridge monitor`: decoded traffic of a link, from a file or live. It only receives."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -29,17 +29,17 @@ from protocol.devices.s3.arap import KNOWN, OrderBook
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 _TICK_S = 0.25
-"""How often a live link is asked what has waited too long. Chosen."""
+"""Time between checks of a live link for time-outs. Chosen."""
 
 
 def monitor_file(path: Path, link: LinkProfile | None, orders: OrderBook, raw: bool) -> None:
-    """Print what a recording or a text capture tells of the link, then what it adds up to.
+    """Print the decoded link traffic of a recording or a text capture, and its totals.
 
-    `link` holds the settings of the line; None takes those of the recorded run. Raises ConfigError for the file.
+    `link` holds the settings of the line; None uses those of the recorded run. Raises ConfigError for the file.
     """
     pieces, recorded = _pieces(path)
     if not pieces:
-        raise ConfigError(f"{path} holds no traffic of a computer link")
+        raise ConfigError(f"{path} contains no traffic of a computer link")
     monitor = LinkMonitor(link or recorded, orders)
     show = Printer(raw, pieces[0].at)
     for piece in pieces:
@@ -53,10 +53,10 @@ def monitor_file(path: Path, link: LinkProfile | None, orders: OrderBook, raw: b
 def monitor_link(
     urls: Sequence[str], link: LinkProfile, orders: OrderBook, raw: bool, save: Path | None
 ) -> None:
-    """Listen until Ctrl-C: to one wire with both directions on it, or to what the PC and what the robot sends.
+    """Monitor until Ctrl-C: one wire with both directions on it, or one for the PC and one for the robot.
 
-    `save` is a new file for a text capture. Raises ConfigError for a URL or the file, TransportError when a wire
-    cannot be opened or ends.
+    `save` is a new file for a text capture. Raises ConfigError for a URL or the file, TransportError if a wire cannot
+    be opened or ends.
     """
     with ExitStack() as stack:
         keep: Callable[[Piece], object] = _drop
@@ -64,7 +64,7 @@ def monitor_link(
             try:
                 file = stack.enter_context(save.open("x", encoding="utf-8", buffering=1))
             except FileExistsError as error:
-                raise ConfigError(f"{save} is there already; name another file or remove it") from error
+                raise ConfigError(f"{save} already exists; choose another file or remove it") from error
             except OSError as error:
                 raise ConfigError(f"cannot write {save}: {error.strerror}") from error
             print("# seconds, who sent it, bytes", file=file)
@@ -74,7 +74,7 @@ def monitor_link(
 
 
 def _drop(piece: Piece) -> None:
-    """Do nothing: no file was asked for."""
+    """Do nothing: no file was requested."""
 
 
 async def listen(
@@ -84,9 +84,9 @@ async def listen(
     show: Printer,
     keep: Callable[[Piece], object],
 ) -> tuple[Counts, float]:
-    """Hear the wires until a signal or the end of one: the totals, and for how long there was traffic, s.
+    """Monitor the wires until a signal or the end of one; return the totals and the duration of the traffic, s.
 
-    `keep` is given every piece. Raises as `monitor_link`.
+    `keep` receives every piece. Raises as `monitor_link`.
     """
     clock = Clock.running()
     senders = (Sender.UNKNOWN,) if len(urls) == 1 else (Sender.PC, Sender.ROBOT)
@@ -129,7 +129,7 @@ async def listen(
 
 
 def _pieces(path: Path) -> tuple[list[Piece], LinkProfile]:
-    """Read the pieces in a file and the link's settings that it contains."""
+    """Return the pieces in a file and its link settings."""
     with open_ordinary(path) as file:
         head = file.read(len(MCAP_MAGIC))
     if head == MCAP_MAGIC:
@@ -139,7 +139,7 @@ def _pieces(path: Path) -> tuple[list[Piece], LinkProfile]:
 
 
 def _recorded_link(config: str) -> LinkProfile:
-    """Return the settings of the robot's link in a recorded configuration; the defaults if it has none."""
+    """Return the settings of the robot's link in a recorded configuration; the defaults if it contains none."""
     try:
         robot = parse_json(config)["robot"]
         link = TypeAdapter(LinkProfile).validate_python(robot["link"])
@@ -149,7 +149,7 @@ def _recorded_link(config: str) -> LinkProfile:
 
 
 def monitor(sources: Sequence[str], options: MonitorOptions) -> None:
-    """Show a file, or the links at one or two URLs, as the extension `monitor-s3`. Raises ConfigError."""
+    """Print a file, or the links at one or two URLs, as the extension `monitor-s3`. Raises ConfigError."""
     first = sources[0]
     settings = settings_of(options.config, S3).client
     link, file = settings.link, settings.orders_file
@@ -159,10 +159,10 @@ def monitor(sources: Sequence[str], options: MonitorOptions) -> None:
         monitor_file(Path(first), link if options.is_configured else None, orders, options.raw)
         return
     if len(sources) > 2:
-        raise ConfigError("two URLs at most: what the PC sends and what the robot sends")
+        raise ConfigError("at most two URLs: one for the PC and one for the robot")
     wires = [robot_of(source) for source in sources]
     if other := next((kind for kind, _ in wires if kind is not S3), None):
         raise ConfigError(
-            f"a link is heard of an s3, not of a {other.name}; record a run, and name the recording"
+            f"only the link of an s3 can be monitored, not of a {other.name}; record a run, and give the recording"
         )
     monitor_link(tuple(wire for _, wire in wires), link, orders, options.raw, options.save)

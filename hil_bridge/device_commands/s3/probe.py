@@ -1,4 +1,4 @@
-"""`hil-bridge probe robot`: find the settings under which a controller answers, and write them down."""
+"""`hil-bridge probe robot`: find the settings under which a controller answers, and write them to a file."""
 
 import asyncio
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from urllib.parse import parse_qsl, quote, urlencode
 import click
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.device_commands.s3.prober import ProbeEvent, Prober, Said, profile_of
+from hil_bridge.device_commands.s3.prober import ProbeEvent, Prober, UnsolicitedMessage, profile_of
 from hil_bridge.device_commands.s3.search import (
     LINE_WRONG,
     Finding,
@@ -48,23 +48,23 @@ def probe_robot(
     overwrite: bool = False,
     say: Callable[[str], object] = click.echo,
 ) -> tuple[str, KindSettings[Any, Any]]:
-    """Probe in real time, one line a try to `say`; write what works to `out`, over a file there only with `overwrite`.
-    Gives the URL and the settings that work.
+    """Probe in real time, with one line per try to `say`, and write the result to `out`, which is replaced only with
+    `overwrite`. Return the URL and the settings that work.
 
-    Raises ConfigError for the URL or the file, TransportUnavailable for the wire, DeviceError when nothing works.
+    Raises ConfigError for the URL or the file, TransportUnavailable for the wire, DeviceError if nothing works.
     """
     if out is not None:
         check_place(out, overwrite)
     log: list[tuple[Try, Outcome]] = []
 
-    def tell(attempt: Try, outcome: Outcome) -> None:
+    def report_try(attempt: Try, outcome: Outcome) -> None:
         log.append((attempt, outcome))
         say(f"{try_text(attempt):<58} {outcome.reply}" + (f": {outcome.text}" if outcome.text else ""))
 
     async def main() -> Finding | None:
         clock = Clock.running()
         try:
-            return await probe(url, clock, patience, tell, lambda text: say(f"robot says: {text}"))
+            return await probe(url, clock, patience, report_try, lambda text: say(f"robot says: {text}"))
         finally:
             clock.close()
 
@@ -72,7 +72,7 @@ def probe_robot(
     if finding is None:
         trouble = find_trouble(url, log)
         raise DeviceError(trouble.fact, remedy=trouble.remedy)
-    if out is not None:  # before more is said: the reader may have gone
+    if out is not None:  # before more output: the reader may have closed the pipe
         write_whole(out, site_toml(url, finding).encode(), overwrite)
     say("\n" + "\n".join(f"{name:<14} {value}" for name, value in finding_rows(url, finding)))
     if out is not None:
@@ -82,7 +82,7 @@ def probe_robot(
 
 
 def link_settings(finding: Finding) -> KindSettings[Any, Any]:
-    """Return the settings of a robot whose link was found."""
+    """Return the settings of a robot with the link of a finding."""
     link = LinkProfile(
         **{
             **settings_of_profile(finding.profile),
@@ -99,12 +99,12 @@ async def probe(
     clock: Clock,
     patience: float,
     on_try: Callable[[Try, Outcome], object],
-    on_said: Callable[[str], object],
+    on_message: Callable[[str], object],
 ) -> Finding | None:
-    """Return the settings under which the robot behind a URL answers, or None.
+    """Find the settings under which the robot at a URL answers; None if there are none.
 
-    `on_try` is told of each try when it has ended, `on_said` what the robot says by itself. Raises ConfigError for
-    the URL, TransportUnavailable when the wire cannot be opened at all, TransportError when it breaks.
+    `on_try` is called after each try, `on_message` with unsolicited messages of the robot. Raises ConfigError for the
+    URL, TransportUnavailable if the wire cannot be opened at all, TransportError if it breaks.
     """
     _, link = robot_wire(url, LinkProfile())
     settable = "baudrate" in CONNECT_BYTES[parse_url(url, CONNECT_BYTES).scheme].options
@@ -114,7 +114,9 @@ async def probe(
     while (attempt := plan.attempt) is not None:
         line = attempt.line
         try:
-            session = await _Session.opened(url if line is None else url_with_line(url, line), clock, on_said)
+            session = await _Session.opened(
+                url if line is None else url_with_line(url, line), clock, on_message
+            )
         except TransportUnavailable as error:
             if not opened:
                 raise
@@ -135,12 +137,12 @@ async def probe(
 
 
 class _Session:
-    """An open wire on which one query after the other is asked."""
+    """Open wire on which queries are sent one after the other."""
 
-    def __init__(self, wire: Transport[bytes], clock: Clock, on_said: Callable[[str], object]) -> None:
+    def __init__(self, wire: Transport[bytes], clock: Clock, on_message: Callable[[str], object]) -> None:
         self._wire = wire
         self._loop = clock.loop
-        self._on_said = on_said
+        self._on_message = on_message
         self._prober = Prober()
         self._outcome: asyncio.Future[Outcome] = clock.loop.create_future()
         self._failure: BaseException | None = None
@@ -148,14 +150,14 @@ class _Session:
         self._pump.start()
 
     @classmethod
-    async def opened(cls, url: str, clock: Clock, on_said: Callable[[str], object]) -> "_Session":
-        return cls(await connect_bytes(url, clock), clock, on_said)
+    async def opened(cls, url: str, clock: Clock, on_message: Callable[[str], object]) -> "_Session":
+        return cls(await connect_bytes(url, clock), clock, on_message)
 
     async def aclose(self) -> None:
         await self._wire.aclose()
 
     async def ask(self, attempt: Try, patience: float) -> Outcome:
-        """Ask once, and wait for what comes of it. Raises TransportError when the wire ends."""
+        """Send one query and wait for its outcome. Raises TransportError if the wire ends."""
         if self._failure is not None:
             raise self._failure
         self._outcome = self._loop.create_future()
@@ -165,8 +167,8 @@ class _Session:
 
     def _take(self, event: ProbeEvent) -> None:
         match event:
-            case Said(text):
-                self._on_said(text)
+            case UnsolicitedMessage(text):
+                self._on_message(text)
             case Outcome() if not self._outcome.done():
                 self._outcome.set_result(event)
 
@@ -174,7 +176,7 @@ class _Session:
         self._failure = cause
         with suppress(asyncio.InvalidStateError):
             self._outcome.set_exception(cause)
-            self._outcome.exception()  # marks it as seen, also when the waiting task is gone
+            self._outcome.exception()  # marks it as retrieved, even if the waiting task is gone
 
 
 def url_with_line(url: str, line: LineSettings) -> str:
@@ -186,7 +188,7 @@ def url_with_line(url: str, line: LineSettings) -> str:
 
 
 def line_text(line: LineSettings | None) -> str:
-    """Rate and format as people write them."""
+    """Return rate and format in the usual notation."""
     return "line as it is" if line is None else f"{line.baudrate} 8{line.parity.value}{line.stopbits}"
 
 
@@ -198,7 +200,7 @@ def try_text(attempt: Try) -> str:
 
 
 def finding_rows(url: str, finding: Finding) -> list[tuple[str, str]]:
-    """Return the findings as a table of two columns."""
+    """Return a finding as a table of two columns."""
     stuffing = finding.dle_stuffing
     evidence = finding.stuffing_evidence or "not decided: a query with 10h was refused either way"
     return [
@@ -211,15 +213,15 @@ def finding_rows(url: str, finding: Finding) -> list[tuple[str, str]]:
 
 
 def profile_evidence(finding: Finding) -> str:
-    """Why this profile: which lengths the controller answered."""
+    """Return the evidence for the profile: the lengths that the controller answered."""
     answered = " and ".join(finding.answered)
     if finding.profile == DEFAULT_PROFILE:
         return f"length {answered} answered"
-    return f"length {answered} answered; with this set a real S3 has been moved"
+    return f"length {answered} answered; with this profile a real S3 has been moved"
 
 
 def site_toml(url: str, finding: Finding) -> str:
-    """Return a configuration file with the settings that work, and as comments those that an operator must know."""
+    """Return a configuration file with the settings that work, and comments for the user."""
     line, evidence = finding.line, finding.stuffing_evidence
     rows = [
         *FOUND,
@@ -228,7 +230,7 @@ def site_toml(url: str, finding: Finding) -> str:
         "[robot.s3.link]",
     ]
     rows += [
-        f"# {profile_evidence(finding)}; no probe can try STX and the length of moves",
+        f"# {profile_evidence(finding)}; a probe cannot test STX and the length of moves",
         toml_pair("profile", finding.profile),
     ]
     if line is not None:
@@ -246,13 +248,13 @@ def site_toml(url: str, finding: Finding) -> str:
 
 
 def find_trouble(url: str, log: list[tuple[Try, Outcome]]) -> Trouble:
-    """Why nothing was found, and what to do."""
+    """Return the reason why nothing was found, and the remedy."""
     replies = [outcome.reply for _, outcome in log]
     reached = next((attempt for attempt, outcome in log if outcome.reply not in LINE_WRONG), None)
     if reached is not None:
         return Trouble(
-            f"{url}: something acknowledges bids at {line_text(reached.line)} but takes no read status",
-            "`hil-bridge monitor` shows what goes over the line",
+            f"{url}: something acknowledges bids at {line_text(reached.line)} but does not accept read status",
+            "`hil-bridge monitor` prints the traffic on the line",
         )
     if Reply.BID_REFUSED in replies:
         return Trouble(

@@ -1,4 +1,4 @@
-"""The PC's end of a link whose settings are not known yet: one query after the other, each with its own settings."""
+"""PC's end of a link whose settings are unknown: one query after the other, each with its own settings."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -32,23 +32,23 @@ _REPLIES: dict[LinkFailure | OrderFailure, Reply] = {
 
 
 _PLAIN = (Reply.SILENCE, Reply.NOISE)
-"""Say all by themselves."""
+"""Replies that need no details."""
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
-    """The controller said something unasked; it was acknowledged."""
+class UnsolicitedMessage:
+    """Unsolicited message of the controller, which was acknowledged."""
 
     text: str
 
 
-ProbeEvent: TypeAlias = Outcome | Said
+ProbeEvent: TypeAlias = Outcome | UnsolicitedMessage
 
 
 class Prober:
-    """An endpoint for bytes: `ask` begins a query, an `Outcome` among its events ends it.
+    """Endpoint for bytes: `ask` begins a query, an `Outcome` among its events ends it.
 
-    Messages that the controller sends unasked are received and acknowledged under the settings of the newest query.
+    Unsolicited messages of the controller are received and acknowledged with the settings of the newest query.
     """
 
     def __init__(self) -> None:
@@ -56,21 +56,21 @@ class Prober:
         self._events: deque[ProbeEvent] = deque()
 
     def ask(self, query: Query, profile: LinkProfile) -> None:
-        """Ask under these settings; an earlier query is forgotten."""
+        """Send a query with these settings; an earlier query is discarded."""
         self._host = ArapHost(profile)
         self._host.order(query.value)
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes off the line."""
+        """Process received bytes."""
         self._host.receive(data, now)
         self._take()
 
     def next_event(self) -> ProbeEvent | None:
-        """Return the oldest event not yet taken, or None."""
+        """Return the oldest pending event, or None."""
         return self._events.popleft() if self._events else None
 
     def data_to_send(self, now: float) -> bytes:
-        """Bytes for the line."""
+        """Return bytes for the line."""
         return self._host.data_to_send(now)
 
     def next_deadline(self) -> float | None:
@@ -78,7 +78,7 @@ class Prober:
         return self._host.next_deadline()
 
     def handle_deadline(self, now: float) -> None:
-        """Act on the time-outs up to now."""
+        """Handle the time-outs up to now."""
         self._host.handle_deadline(now)
         self._take()
 
@@ -91,11 +91,11 @@ class Prober:
                 case Refused(refusal=refusal):
                     self._events.append(Outcome(Reply.REFUSED, f"{refusal.code} {refusal.text}"))
                 case OrderFailed(reason=reason, text=text):
-                    # an interrupted order is still waited for, so that this is never its reason
+                    # an interrupted order is still awaited, so this is never its reason
                     reply = _REPLIES[reason]
                     self._events.append(Outcome(reply, "" if reply in _PLAIN else text))
                 case SpontaneousReceived(spontaneous=spontaneous):
-                    self._events.append(Said(spontaneous.text))
+                    self._events.append(UnsolicitedMessage(spontaneous.text))
 
 
 def _status_text(answer: Telegram) -> str:
@@ -119,7 +119,7 @@ def _state(status: Status) -> str:
 
 
 def profile_of(attempt: Try, patience: float, answer_patience: float) -> LinkProfile:
-    """Return the link's settings for a try. One repeat, so that wrong settings fail fast.
+    """Return the link's settings for a try. They allow one repeat, so that wrong settings fail fast.
 
     `patience` is the longest wait for an ACK, `answer_patience` that for the answer telegram; both s.
     """

@@ -1,15 +1,15 @@
-"""The search for a robot's link settings, as a plan without I/O: what to try next, given what was answered.
+"""Search for a robot's link settings, as a plan without I/O: the next try, given the answers so far.
 
 Only read status is ever sent, which changes nothing in the controller. Each try is one such query. An acknowledged bid
 (ENQ) proves rate and parity. An acknowledged block proves how lengths are counted and whether a DLE (10h) inside a
 telegram is doubled. A readable answer proves that the controller counts and doubles as we do.
 
-A controller that takes the length of the whole telegram is asked once more with the length of the data alone: of the
-one client that is known to have moved a real S3, every move was counted so. Where it answers both, that is what is
-found, as the profile `observed-client`, for no probe can try a move.
+A controller that accepts the length of the complete telegram is queried once more with the length of the data alone:
+the only client that is known to have moved a real S3 counted every move that way. If it answers both, the result is
+that length, as the profile `observed-client`, because a probe cannot test a move.
 
-A plain read status holds no 10h, and its answer only by chance. So doubling is asked for with a function suffix of
-10h: Assumed: a controller answers it, or refuses it as a wrong suffix (code 2), and does nothing else.
+A plain read status contains no 10h, and its answer only by chance. So doubling is tested with a function suffix of 10h.
+Assumed: a controller answers it, or refuses it as a wrong suffix (code 2), and does nothing else.
 """
 
 from collections.abc import Generator, Sequence
@@ -30,12 +30,13 @@ from protocol.devices.s3.adlp import (
 from protocol.devices.s3.arap import FunctionCode, Telegram, TelegramType, read_status
 
 BAUDRATES = (9600, 19200, 4800, 2400, 1200, 600, 300)
-"""The likeliest first. Source: computer-link specification, section 1; all but 9600 assumed."""
+"""Baud rates, the likeliest first. Source: computer-link specification, section 1; all but 9600 assumed."""
 PARITIES = (Parity.EVEN, Parity.NONE)
-"""Tried at every rate before odd parity is tried at any."""
+"""Parities that are tried at every rate before odd parity is tried at any."""
 LIKELY, LIKELY_BIDS = 2, 3
-"""So many lines are bid for so often. Chosen: a controller that bids itself, to say something unasked, does not answer
-a bid before it has bid again, after 2 s (computer-link specification, section 2, assumed).
+"""Number of lines that get several bids, and number of these bids. Chosen: a controller that bids itself, for an
+unsolicited message, does not answer a bid before it has bid again, after 2 s (computer-link specification, section 2,
+assumed).
 """
 
 
@@ -44,13 +45,13 @@ class Query(Enum):
 
     PLAIN = read_status()
     MARKED = Telegram(FunctionCode.READ_STATUS, TelegramType.ORDER, suffix=int(Control.DLE))
-    """Holds a 10h."""
+    """Contains a 10h."""
 
 
 class Reply(StrEnum):
-    """Result of a try, for people to read."""
+    """Result of a try, for display."""
 
-    UNAVAILABLE = "line cannot be set so"
+    UNAVAILABLE = "line settings not supported"
     SILENCE = "silence"
     NOISE = "noise only"
     BID_REFUSED = "bid refused"
@@ -61,24 +62,24 @@ class Reply(StrEnum):
 
 
 LINE_WRONG = frozenset((Reply.UNAVAILABLE, Reply.SILENCE, Reply.NOISE, Reply.BID_REFUSED))
-"""Nothing shows that rate and parity are right."""
-BLOCK_TAKEN = frozenset((Reply.UNREADABLE, Reply.REFUSED, Reply.ANSWERED))
-"""The controller acknowledged our block."""
+"""Replies that do not prove rate and parity."""
+BLOCK_ACCEPTED = frozenset((Reply.UNREADABLE, Reply.REFUSED, Reply.ANSWERED))
+"""Replies after the controller acknowledged our block."""
 READABLE = frozenset((Reply.REFUSED, Reply.ANSWERED))
-"""We understood the controller's block."""
+"""Replies with a readable block of the controller."""
 
 
 @dataclass(frozen=True, slots=True)
 class Try:
-    """Settings under which something is asked."""
+    """Settings of one query."""
 
     line: LineSettings | None
-    """None for a wire whose line is set elsewhere."""
+    """Line settings; None for a wire whose line is set elsewhere."""
     length_style: LengthStyle
     dle_stuffing: DleStuffing
     query: Query
     bids: int = 1
-    """ENQ sent before the line is given up."""
+    """Number of ENQ sent before the line is abandoned."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,9 +88,9 @@ class Outcome:
 
     reply: Reply
     text: str = ""
-    """Details for people to read."""
+    """Details, for display."""
     holds_dle: bool = False
-    """The answer has a 10h in it: that it could be read tells whether the controller doubles it."""
+    """Whether the answer contains a 10h: then its readability proves whether the controller doubles it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,33 +99,33 @@ class Finding:
 
     line: LineSettings | None
     answered: tuple[LengthStyle, ...]
-    """The ways of counting a length under which read status was answered."""
+    """Length styles with which read status was answered."""
     dle_stuffing: DleStuffing
     stuffing_evidence: str
     """Evidence for the doubling; empty if there is none."""
 
     @property
     def profile(self) -> str:
-        """The named set of settings that answered."""
+        """Named set of settings that answered."""
         observed = settings_of_profile(OBSERVED_CLIENT)
         fits = observed["length_style"] in self.answered and observed["dle_stuffing"] == self.dle_stuffing
         return OBSERVED_CLIENT if fits else DEFAULT_PROFILE
 
     @property
     def length_style(self) -> LengthStyle:
-        """As the profile says, or what was answered first."""
+        """Length style of the profile, or the first one that was answered."""
         style: LengthStyle = settings_of_profile(self.profile).get("length_style", self.answered[0])
         return style
 
 
 _Steps: TypeAlias = Generator[Try, Outcome, Finding | None]
-"""Gives tries, takes their outcomes, returns what works or None."""
+"""Yields tries, receives their outcomes, returns what works or None."""
 _Doubling: TypeAlias = Generator[Try, Outcome, tuple[DleStuffing, str]]
-"""As `_Steps`, but that it returns the doubling and how it was told."""
+"""As `_Steps`, but returns the doubling and its evidence."""
 
 
 class Search:
-    """Tries the lines one after the other until the controller answers on one."""
+    """Tries the lines one after the other until the controller answers."""
 
     def __init__(self, lines: Sequence[LineSettings | None]) -> None:
         self._steps = _on_lines(lines)
@@ -134,7 +135,7 @@ class Search:
         """Settings that work, once they are known."""
 
     def take(self, outcome: Outcome) -> None:
-        """Go on to the next try, knowing what came of the present one."""
+        """Continue with the next try, given the outcome of the present one."""
         try:
             self.attempt = self._steps.send(outcome)
         except StopIteration as end:
@@ -142,7 +143,7 @@ class Search:
 
 
 def likely_lines(first: LineSettings) -> tuple[LineSettings, ...]:
-    """Rates and parities in the order in which they are tried, beginning with what a URL names."""
+    """Return the line settings in the order in which they are tried, beginning with those of a URL."""
     usual = (LineSettings(rate, parity) for rate in BAUDRATES for parity in PARITIES)
     odd = (LineSettings(rate, Parity.ODD) for rate in BAUDRATES)
     return tuple(dict.fromkeys((first, *usual, *odd)))
@@ -183,7 +184,7 @@ def _doubling(line: LineSettings | None, style: LengthStyle, bids: int) -> _Doub
     stuffings: tuple[DleStuffing, ...] = ("off", "double")
     for stuffing in stuffings:
         outcome = yield Try(line, style, stuffing, Query.MARKED, bids)
-        if outcome.reply in BLOCK_TAKEN:
+        if outcome.reply in BLOCK_ACCEPTED:
             how = "once" if stuffing == "off" else "twice"
             return stuffing, f"a query with 10h sent {how} was acknowledged"
     return "off", ""

@@ -1,4 +1,4 @@
-"""The control socket of an emulated controller's panel: its server, its client, and the panel as text."""
+"""Control socket of an emulated controller's panel: its server, its client, and the panel as text."""
 
 from hil_bridge.devices.panel.client import ask
 from hil_bridge.devices.panel.local_panel import LocalPanel, PanelView

@@ -1,4 +1,4 @@
-"""The panel's client: one request on a connection of its own."""
+"""Client of the panel: one request per connection."""
 
 import socket
 from collections.abc import Mapping
@@ -9,16 +9,16 @@ from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
 
 TIMEOUT_S = 5.0
-"""Chosen: the panel answers at once, also while its computer is busy."""
+"""Chosen: the panel answers at once, even if its computer is busy."""
 
 _SCHEMES = {"tcp": CONNECT_BYTES["tcp"]}
 
 
 def ask(url: str, request: Mapping[str, Any]) -> dict[str, Any]:
-    """Answer of the panel.
+    """Send a request and return the panel's answer.
 
-    Raises ConfigError for the URL and for an invalid request, TransportUnavailable where no panel listens,
-    DeviceError for an invalid answer.
+    Raises ConfigError for the URL and for an invalid request, TransportUnavailable if no panel listens, DeviceError for
+    an invalid answer.
     """
     address = parse_url(url, _SCHEMES).host_port
     try:
@@ -33,14 +33,14 @@ def ask(url: str, request: Mapping[str, Any]) -> dict[str, Any]:
     try:
         answer = decode(line)
     except ValueError as error:
-        raise DeviceError(f"{url} answers like no panel: {error}; check the URL") from error
+        raise DeviceError(f"{url} is not a panel: {error}; check the URL") from error
     if "error" in answer:
         raise ConfigError(f"{url}: {answer['error']}")
     return answer
 
 
 def _line(connection: socket.socket) -> bytes:
-    """Up to the end of a line, of the connection, or of what is read at most."""
+    """Read up to the end of the line or of the connection, or up to the limit."""
     data = b""
     while b"\n" not in data and len(data) < ANSWER_LIMIT:
         if not (more := connection.recv(4096)):

@@ -1,19 +1,19 @@
-"""The panel of an emulated controller that this process serves: its acts, for every interface to it."""
+"""Panel of an emulated controller in this process, for the socket and the page by which an operator uses it."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 
 class LocalPanel(NamedTuple):
-    """The controller's panel at the present time."""
+    """Panel of the controller."""
 
     robot: str
     """Kind of the robot."""
     perform: Callable[[Mapping[str, Any]], Mapping[str, Any]]
-    """Carries out a request of `emulators.panel` and gives its answer. Raises ValueError, in one line."""
+    """Executes a request of `emulators.panel` and returns its answer. Raises ValueError with a one-line message."""
 
     def view(self) -> "PanelView":
-        """The state for people. A panel that fails shows its failure."""
+        """Return the state for display. If the panel fails, the view contains the error."""
         try:
             answer = self.perform({"do": "show"})
         except ValueError as error:
@@ -22,7 +22,7 @@ class LocalPanel(NamedTuple):
 
 
 class PanelView(NamedTuple):
-    """A panel as people see it."""
+    """State of a panel for display."""
 
     rows: Mapping[str, str]
     """Text by heading."""

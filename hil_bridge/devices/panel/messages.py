@@ -1,6 +1,6 @@
-"""Messages on the control socket: one JSON object a line, a request and its answer in turn.
+"""Messages on the control socket: one JSON object per line, requests and answers alternating.
 
-An answer holds either what was asked for or `error`, one line for people.
+An answer contains either the requested values or `error`, a one-line message.
 """
 
 import json
@@ -8,22 +8,22 @@ from collections.abc import Mapping
 from typing import Any
 
 REQUEST_LIMIT = 1024
-"""Longest request in bytes. Mark: chosen."""
+"""Longest request in bytes. Chosen."""
 ANSWER_LIMIT = 65536
-"""Longest answer in bytes. Mark: chosen."""
+"""Longest answer in bytes. Chosen."""
 
 
 def encode(message: Mapping[str, Any]) -> bytes:
-    """The line, with its end."""
+    """Return the message as a line, including its end."""
     return json.dumps(message, separators=(",", ":")).encode() + b"\n"
 
 
 def decode(line: bytes) -> dict[str, Any]:
-    """Object in a line. Raises ValueError for a line that is no JSON object."""
+    """Return the object of a line. Raises ValueError for a line that is not a JSON object."""
     try:
         message = json.loads(line)
     except (ValueError, RecursionError):
-        raise ValueError("this is no line of JSON") from None
+        raise ValueError("this is not a line of JSON") from None
     if not isinstance(message, dict):
-        raise ValueError("this is no JSON object")
+        raise ValueError("this is not a JSON object")
     return message

@@ -1,8 +1,8 @@
-"""The panel's server on loopback: several clients, one request of one client a turn of the event loop.
+"""Server of the panel on loopback: several clients, one request of one client per turn of the event loop.
 
-There is no password, so it listens on this computer alone: from elsewhere one needs a tunnel. A client that says
-something that is no request is sent away, a browser that was lured here among them. No client holds a place for ever:
-where all places are taken, a new client gets that of the one that has been silent longest.
+There is no password, so it listens on this computer only; other computers need a tunnel. A client that sends anything
+but a request is disconnected, such as a browser that was directed here. No client blocks a place forever: if all places
+are taken, a new client replaces the one that has been silent longest.
 """
 
 import asyncio
@@ -17,22 +17,22 @@ from hil_bridge.transports import reasons
 from hil_bridge.transports.urls import LISTEN_BYTES, parse_url
 
 CLIENT_LIMIT = 8
-"""Clients at a time. Mark: chosen."""
+"""Clients at a time. Chosen."""
 _HIGH_BYTES = 65536
-"""Chosen: with so much unread by a client, nothing more is answered to it."""
+"""Chosen: unread bytes at which nothing more is sent to a client."""
 
 _SCHEMES = {"tcp-listen": LISTEN_BYTES["tcp-listen"]}
 
 
 def panel_address(url: str) -> tuple[str, int]:
-    """Host and port of a panel's URL. Raises ConfigError for all but tcp-listen on loopback."""
+    """Return host and port of a panel's URL. Raises ConfigError for anything but tcp-listen on loopback."""
     wire = parse_url(url, _SCHEMES)
     host, port = wire.host_port
     if wire.options:
         raise ConfigError(f"{url!r}: a panel's URL takes no options")
     if not _is_loopback(host):
         raise ConfigError(
-            f"{url!r}: the panel has no password and listens on this computer alone; use 127.0.0.1"
+            f"{url!r}: the panel has no password and listens on this computer only; use 127.0.0.1"
         )
     return host, port
 
@@ -45,7 +45,9 @@ def _is_loopback(host: str) -> bool:
 
 
 class PanelServer:
-    """Gives requests to `perform` and what it returns back; a ValueError of it is told to the client that asked."""
+    """Server that passes requests to `perform` and returns its answers; a ValueError is sent to the client as
+    an error.
+    """
 
     def __init__(self, perform: Callable[[Mapping[str, Any]], Mapping[str, Any]], clock: Clock) -> None:
         self._perform = perform
@@ -53,10 +55,12 @@ class PanelServer:
         self._server: asyncio.Server | None = None
         self._closed = False
         self._clients: dict[asyncio.StreamWriter, asyncio.Task[None]] = {}
-        """Present clients, the one that has been silent longest first."""
+        """Connected clients, the one that has been silent longest first."""
 
     async def listen(self, url: str) -> str:
-        """Begin; the URL that a client asks. Raises ConfigError for the URL, TransportUnavailable for the port."""
+        """Start to listen and return the URL for clients. Raises ConfigError for the URL, TransportUnavailable for the
+        port.
+        """
         host, port = panel_address(url)
         try:
             self._server = await asyncio.start_server(self._serve, host, port, limit=REQUEST_LIMIT)
@@ -66,7 +70,7 @@ class PanelServer:
         return f"tcp://[{at}]:{number}" if ":" in at else f"tcp://{at}:{number}"
 
     async def aclose(self) -> None:
-        """Stop listening and close all connections. Harmless when called again."""
+        """Stop listening and close all connections. Idempotent."""
         self._closed = True
         if self._server is not None:
             self._server.close()
@@ -76,23 +80,23 @@ class PanelServer:
         await asyncio.gather(*clients.values(), return_exceptions=True)
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """One connection, from its beginning to its end."""
+        """Serve one connection."""
         task = asyncio.current_task()
         assert task is not None
-        if self._closed:  # it came in the same turn
+        if self._closed:  # it connected in the same turn
             writer.transport.abort()
             return
         writer.transport.set_write_buffer_limits(high=_HIGH_BYTES)
         if len(self._clients) >= CLIENT_LIMIT:
             silent = next(iter(self._clients))
             del self._clients[silent]
-            _dismiss(silent, f"another client took the place; this one was silent longest of {CLIENT_LIMIT}")
+            _dismiss(silent, f"replaced by another client; this one was silent longest of {CLIENT_LIMIT}")
         self._clients[writer] = task
         try:
             understood = True
             while understood:
                 line = await reader.readuntil(b"\n")
-                if writer in self._clients:  # heard just now: behind all others
+                if writer in self._clients:  # just active: move behind all others
                     self._clients[writer] = self._clients.pop(writer)
                 answer, understood = self._answer(line)
                 writer.write(answer)
@@ -101,13 +105,13 @@ class PanelServer:
         except asyncio.LimitOverrunError:
             _dismiss(writer, f"a request has at most {REQUEST_LIMIT} bytes")
         except (asyncio.IncompleteReadError, ConnectionError):
-            pass  # it has left
+            pass  # it has disconnected
         finally:
             self._clients.pop(writer, None)
             _dismiss(writer)
 
     def _answer(self, line: bytes) -> tuple[bytes, bool]:
-        """The answer to a line, and whether it was a request at all."""
+        """Return the answer to a line, and whether it was a request at all."""
         try:
             request = decode(line)
         except ValueError as error:
@@ -119,7 +123,7 @@ class PanelServer:
 
 
 def _dismiss(writer: asyncio.StreamWriter, why: str = "") -> None:
-    """Close a connection and say why; at once where the client has not read what it was told before."""
+    """Close a connection and send the reason; abort it if the client has not read earlier data."""
     if why and not writer.is_closing():
         writer.write(encode({"error": why}))
     writer.close()

@@ -1,4 +1,4 @@
-"""A panel's answers for people to read. An answer without a state shows a dash."""
+"""Text form of a panel's answers. An answer without a state is a dash."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -7,14 +7,14 @@ from hil_bridge.errors.failures import one_line
 
 
 def state_text(answer: Mapping[str, Any]) -> str:
-    """The state in some lines."""
+    """Return the state as lines."""
     rows = answer.get("rows")
     known = rows if isinstance(rows, dict) else {}
     return "\n".join(f"{one_line(str(name)):<14}{one_line(str(text))}" for name, text in known.items()) or "–"
 
 
 def controls_text(controls: Mapping[str, Any]) -> str:
-    """Every control with its positions and what it does."""
+    """Return every control with its positions and its meaning."""
     calls = [
         (f"{one_line(name)} {'|'.join(map(str, _listed(control.get('to'))))}", control.get("meaning", ""))
         for name, control in _tables(controls)
@@ -28,7 +28,7 @@ def _listed(positions: object) -> Sequence[object]:
 
 
 def faults_text(targets: Mapping[str, Any]) -> str:
-    """Every fault of every target with its parameters, defaults and ranges."""
+    """Return every fault of every target with its parameters, defaults and ranges."""
     lines = []
     for target, faults in _tables(targets):
         lines.append(target)
@@ -42,7 +42,7 @@ def faults_text(targets: Mapping[str, Any]) -> str:
 
 
 def _tables(table: object) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """The items of a table that are tables themselves."""
+    """Yield the items of a table that are tables themselves."""
     if isinstance(table, Mapping):
         yield from ((str(name), item) for name, item in table.items() if isinstance(item, Mapping))
 

@@ -1,1 +1,1 @@
-"""The robots: one room per kind."""
+"""Robots: one package per kind."""

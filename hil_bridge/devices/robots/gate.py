@@ -1,11 +1,11 @@
-"""The last gate: a check of the very pose that goes to a robot, by arithmetic of its own.
+"""Last gate: an independent check of each pose that is sent to a robot.
 
-It stands behind all that decides and imports none of it, nor what that calculates with; a contract holds this. So it
-stops what a bug there lets through, and nothing else: its bounds are a little wider than what may be ordered. A pose
-that it stops is not sent.
+It runs after all decisions and imports neither their code nor the arithmetic that they use; an import contract ensures
+this. So it stops what a bug there lets through, and nothing else: its bounds are slightly wider than what may be
+ordered. A pose that it stops is not sent.
 
-Ways are counted against a credit. The credit grows with the time by the largest speed, and holds no more than some time
-of it. Deciding takes another time in every cycle, so two orders may come sooner one after the other than was decided.
+Distances are charged to a credit. The credit grows with time at the maximum speed, up to the amount for a fixed time.
+The time that a decision takes varies from cycle to cycle, so two orders may follow each other faster than was decided.
 """
 
 import math
@@ -32,49 +32,51 @@ class _Place(NamedTuple):
 
 
 REPORT = "this is a bug of the program: report it with the recording"
-"""Words at the end of each sentence of the gate."""
+"""Ending of each message of the gate."""
 FARTHEST_M = 100.0
-"""Coordinates beyond are none of an arm. Chosen: ten times the reach of the largest arms."""
+"""Largest coordinate of an arm. Chosen: ten times the reach of the largest arms."""
 UNIT = 0.02
-"""Chosen: how far the norm of an orientation may be from 1; twice what a robot's words are taken with."""
+"""Chosen: largest deviation of an orientation's norm from 1; twice what is accepted in a robot's reports."""
 TURN_SLACK_RAD = math.radians(0.2)
-"""Chosen: slack of a turn and of a tilt; some words of 1/16384."""
+"""Chosen: tolerance of a rotation and of a tilt; a few units of 1/16384."""
 SLACK_M = 1e-6
-"""Slack of a way and of a place beside the robot's words, m. Chosen: far above the error of the arithmetic."""
+"""Tolerance of a distance and a position, in addition to the robot's resolution, m. Chosen: far above the error of the
+arithmetic.
+"""
 CONTRADICTION_M = 1e-4
-"""Largest distance between the depth that was decided and that of the pose, m. Chosen: below one step of a coarse
-robot, and ten times what the guard allows.
+"""Largest difference between the decided depth and that of the pose, m. Chosen: below one step of a coarse robot, and
+ten times what the guard allows.
 """
 
 STANDS_M = 1e-4
-"""Farthest below the bounds that a tool may stand and be ordered to stay, m. Chosen: five times the noise of
-a Universal Robot's place, 0.02 mm, and a tenth of what the guard takes a reported place with.
+"""Farthest below the bounds that a tool may be and be ordered to stay, m. Chosen: five times the position noise of a
+Universal Robot, 0.02 mm, and a tenth of the guard's tolerance of a reported position.
 """
 
 OUTSIDE_M = 1e-3
-"""The same outside the box, m: the guard's tolerance of a reported place."""
+"""The same outside the box, m: the guard's tolerance of a reported position."""
 
 ANY = 1e9
-"""Chosen: a speed that bounds nothing; infinity times no time is not a number."""
+"""Chosen: a speed that limits nothing; infinity times zero would be NaN."""
 _ORIGIN = _Place((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Bounds of what may be ordered in one movement; without any given, only what is no pose is stopped."""
+    """Bounds of the orders of one movement; the defaults stop invalid poses only."""
 
     start: Pose = _ORIGIN
-    """Depth and tilt count from here."""
+    """Origin of depth and tilt."""
     approach: Vector = (0.0, 0.0, 1.0)
     """Unit vector into the surface, base frame."""
     deepest: float = math.inf
-    """Farthest from the start along the approach, m."""
+    """Largest distance from the start along the approach, m."""
     low: Vector = (-FARTHEST_M,) * 3
-    """Lowest corner of the box of the orders, base frame, m."""
+    """Lower corner of the box of the orders, base frame, m."""
     high: Vector = (FARTHEST_M,) * 3
-    """Its highest corner."""
+    """Its upper corner."""
     tilt: float = math.inf
-    """Largest angle of the tool's axis with that of the start, rad."""
+    """Largest angle of the tool's axis to that of the start, rad."""
     deeper: float = ANY
     """Largest speed into the surface, m/s."""
     across: float = ANY
@@ -82,21 +84,21 @@ class Bounds:
     away: float = ANY
     """Largest speed against the approach, m/s."""
     turn: float = ANY
-    """Largest speed of turning, rad/s."""
+    """Largest rotational speed, rad/s."""
     time: float = 1.0
-    """Time for which a credit of way is kept, s."""
+    """Time for which a distance credit accumulates, s."""
     slack: float = SLACK_M
-    """Slack of a place, m: what the robot's words round."""
+    """Tolerance of a position, m: the rounding of the robot's protocol."""
 
 
 class Gate:
-    """Judges the poses of one movement, one after the other."""
+    """Checks the poses of one movement in order."""
 
     def __init__(self, bounds: Bounds, now: float, pose: Pose | None = None) -> None:
-        """`pose` is where the tool stands, by default the start of the bounds; `now` is the time, s.
+        """`pose` is the tool's present pose, by default the start of the bounds; `now` is the time, s.
 
-        A robot that tells its place with noise may stand a little deeper than the bounds allow. It may be ordered to
-        stay there, and no deeper.
+        A robot whose reported position is noisy may be slightly deeper than the bounds allow. It may be ordered to stay
+        there, and no deeper.
         """
         self.bounds = bounds
         self._last, self._at = pose or bounds.start, now
@@ -106,25 +108,25 @@ class Gate:
         self._high = _reach(bounds.high, self._last.position, max)
         self._turned_at = now
         self._deeper = self._across = self._away = self._turned = 0.0
-        """Of each credit, what has been used and has not grown again, m and rad."""
+        """Used part of each credit that has not been restored, m and rad."""
         self._before = (self._last, now, now, 0.0, 0.0, 0.0, 0.0)
-        """Last pose, its time and that of the turn, and the credits, before the newest pose."""
+        """Last pose, its time and that of the rotation, and the credits, before the newest pose."""
 
     def judge(self, pose: Pose, now: float, deepest: float = math.inf) -> str:
-        """Return why this pose must not go to the robot; empty where it may, and counts as ordered.
+        """Return the reason why this pose must not be sent to the robot; "" if it may, and it counts as ordered.
 
-        `deepest` is one more bound of the depth, m. Written in single numbers, for this runs in every cycle.
+        `deepest` is an additional bound of the depth, m. Written with scalars, because this runs in every cycle.
         """
         turned = pose.quaternion != self._last.quaternion
         return self._judge_place(pose, turned, deepest) or self._judge_step(pose, turned, now)
 
     def _judge_place(self, pose: Pose, turned: bool, deepest: float) -> str:
-        """Return why no tool may be ordered to this pose, wherever it comes from."""
+        """Return the reason why this pose is out of bounds, independent of the pose before; "" if it is not."""
         bounds = self.bounds
         (x, y, z), (u, v, w), (a, b, c) = pose.position, bounds.start.position, bounds.approach
         (lowest_x, lowest_y, lowest_z), (highest_x, highest_y, highest_z) = self._low, self._high
         if not (abs(x) <= FARTHEST_M and abs(y) <= FARTHEST_M and abs(z) <= FARTHEST_M):
-            return _stopped(f"to the position {pose.position}, which no arm can reach")
+            return _stopped(f"to the position {pose.position}, which is out of range")
         if turned and not abs(math.hypot(*pose.quaternion) - 1.0) <= UNIT:
             return _stopped(f"to the orientation {pose.quaternion}, which is invalid")
         depth, limit = a * (x - u) + b * (y - v) + c * (z - w), min(self._deepest, deepest)
@@ -138,12 +140,12 @@ class Gate:
                 return _beyond(outside * 1e3, "mm outside the workspace")
         if turned and bounds.tilt < math.pi:
             over = _tilt(bounds.start.quaternion, pose.quaternion) - bounds.tilt
-            if not over <= TURN_SLACK_RAD:  # nor NaN
+            if not over <= TURN_SLACK_RAD:  # also catches NaN
                 return _beyond(math.degrees(over), "° tilted more than may be ordered")
         return ""
 
     def _judge_step(self, pose: Pose, turned: bool, now: float) -> str:
-        """Return why the tool may not be ordered there from the pose before in this time; else count it as ordered."""
+        """Return the reason why the step from the last pose is too fast; "" if it is not, and it counts as ordered."""
         bounds, last = self.bounds, self._last
         slack, time, passed, turn = bounds.slack, bounds.time, now - self._at, 0.0
         (x, y, z), (i, j, k), (a, b, c) = pose.position, last.position, bounds.approach
@@ -170,7 +172,7 @@ class Gate:
             turn = _turn(last.quaternion, pose.quaternion)
             turn += max(self._turned - bounds.turn * (now - self._turned_at), 0.0)
             over = turn - bounds.turn * time - TURN_SLACK_RAD
-            if not over <= 0.0:  # nor NaN
+            if not over <= 0.0:  # also catches NaN
                 return _beyond(math.degrees(over), "° turned faster than may be ordered")
         self._before = last, self._at, self._turned_at, self._deeper, self._across, self._away, self._turned
         if turned:
@@ -180,13 +182,13 @@ class Gate:
         return ""
 
     def take_back(self) -> None:
-        """The robot has not taken the newest pose: it stands, and the next one counts from, where it was before."""
+        """Undo the newest pose, which the robot has not accepted: the next step is checked from the pose before."""
         self._last, self._at, self._turned_at, *credits_used = self._before
         self._deeper, self._across, self._away, self._turned = credits_used
 
 
 def _reach(corner: Vector, stands: Vector, choose: Callable[[float, float], float]) -> Vector:
-    """A corner of the box, moved to where the tool stands on each axis on which it stands a little outside."""
+    """Return a corner of the box, moved to the tool on each axis on which the tool is slightly outside."""
     x, y, z = (
         choose(border, at) if abs(at - border) <= OUTSIDE_M else border
         for border, at in zip(corner, stands, strict=True)
@@ -203,37 +205,38 @@ def _stopped(words: str) -> str:
 
 
 def depth_of(position: Vector, bounds: Bounds) -> float:
-    """Depth of a place below the start, m."""
+    """Return the depth of a position below the start, m."""
     (x, y, z), (u, v, w), (a, b, c) = position, bounds.start.position, bounds.approach
     return a * (x - u) + b * (y - v) + c * (z - w)
 
 
 def contradiction(position: Vector, origin: Vector, approach: Vector, depth: float) -> str:
-    """Why a place, m, cannot have the depth below an origin that was decided, m; empty where it has."""
+    """Return the reason why a position, m, contradicts the decided depth below an origin, m; "" if it does not."""
     (x, y, z), (u, v, w), (a, b, c) = position, origin, approach
     apart = abs(a * (x - u) + b * (y - v) + c * (z - w) - depth)
-    if apart <= CONTRADICTION_M:  # false for what is not a number
+    if apart <= CONTRADICTION_M:  # false for NaN
         return ""
     return f"the last gate stopped an order that is {apart * 1e3:.1f} mm from the depth that was decided; {REPORT}"
 
 
 def _turn(start: Quaternion, goal: Quaternion) -> float:
-    """Return the angle of the shorter turn between two orientations, rad; NaN where one is zero.
+    """Return the angle of the shorter rotation between two orientations, rad; NaN if one is zero.
 
-    By the lengths of sum and difference: two unit quaternions at an angle α of their own make a turn of 2α.
+    Computed from the lengths of sum and difference: unit quaternions at an angle α to each other differ by a rotation
+    of 2α.
     """
     difference, total = _chords(start, goal)
     return 4.0 * math.atan2(min(difference, total), max(difference, total))
 
 
 def _tilt(start: Quaternion, goal: Quaternion) -> float:
-    """Return the angle between the tool's axes of two orientations, rad; NaN where one is zero."""
+    """Return the angle between the tool's axes of two orientations, rad; NaN if one is zero."""
     difference, total = _chords(_axis(start), _axis(goal))
     return 2.0 * math.atan2(difference, total)
 
 
 def _chords(a: Sequence[float], b: Sequence[float]) -> tuple[float, float]:
-    """Return the lengths of difference and sum of two vectors, each made a unit vector."""
+    """Return the lengths of difference and sum of two vectors, each normalized."""
     p, q = math.hypot(*a), math.hypot(*b)
     if not (p and q):
         return math.nan, math.nan
@@ -242,6 +245,6 @@ def _chords(a: Sequence[float], b: Sequence[float]) -> tuple[float, float]:
 
 
 def _axis(q: Quaternion) -> Vector:
-    """Return the tool's axis, base frame, as long as the square of the orientation's norm."""
+    """Return the tool's axis, base frame, scaled by the square of the orientation's norm."""
     w, x, y, z = q
     return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z

@@ -1,4 +1,4 @@
-"""Where a robot stands before a movement, and the faults of one movement of a stream. Pure."""
+"""Displacement of a robot before a movement, and faults of one movement of a stream. Pure."""
 
 import math
 
@@ -7,54 +7,55 @@ from protocol.endpoint import NO_TROUBLE, Trouble
 from protocol.geometry import angle_between
 
 NEAR_M, NEAR_RAD = 0.5e-3, math.radians(0.5)
-"""Chosen: how near to its set point a robot must report to stand to be led on after a fault, and how near to
-where it was looked at to be led at all; as far as it may stray from a small step.
+"""Chosen: largest distance from its set point at which a robot may continue after a fault, and from its planned start
+at which it may begin to move; also the tolerance for a small step.
 """
 
 
-def describe_displacement(seen: Pose, stands: Pose) -> str:
-    """By how much a robot has left the pose where it was looked at before a movement, in words; empty where it has not.
+def describe_displacement(start: Pose, present: Pose) -> str:
+    """Describe how far a robot has moved from the pose that was read before a movement; empty if it has not.
 
-    A movement is planned from the pose that was seen. From another one, its first order would be a jump.
+    A movement is planned from that pose. From another one, its first order would be a jump.
     """
-    way, turn = math.dist(seen.position, stands.position), angle_between(seen.quaternion, stands.quaternion)
-    if way <= NEAR_M and turn <= NEAR_RAD:
+    distance = math.dist(start.position, present.position)
+    turn = angle_between(start.quaternion, present.quaternion)
+    if distance <= NEAR_M and turn <= NEAR_RAD:
         return ""
     return (
-        f"moved by {way * 1e3:.1f} mm and turned by {math.degrees(turn):.1f}° before its movement began: let nothing "
-        "else move it, then start again"
+        f"moved by {distance * 1e3:.1f} mm and turned by {math.degrees(turn):.1f}° before its movement began: "
+        "let nothing else move it, then start again"
     )
 
 
 class MotionFaults:
-    """A fault is told at least once, and as long as it stands."""
+    """Fault of a movement, which is reported at least once and as long as it lasts."""
 
     def __init__(self) -> None:
         self.first = NO_TROUBLE
-        """The first fault that stands or has not been told."""
-        self._told = False
+        """First fault that persists or has not been reported."""
+        self._reported = False
         self.displaced = False
-        """The robot has reported a fault, and has not come back to its set point since."""
+        """Whether the robot has reported a fault, and has not returned to its set point since."""
 
     def note(self, fault: Trouble, displaced: bool) -> None:
-        """A fault; `displaced` as the field."""
+        """Add a fault; `displaced` as for the field."""
         self.first = self.first or fault
         self.displaced = self.displaced or displaced
 
     def is_back(self, reported: Pose, setpoint: Pose) -> bool:
-        """Whether a robot that reports no fault any more has come back to its set point, which ends the fault."""
+        """Return whether a robot without a fault has returned to its set point, which ends the fault."""
         near = math.dist(reported.position, setpoint.position) <= NEAR_M
         back = near and angle_between(reported.quaternion, setpoint.quaternion) <= NEAR_RAD
         if back:
             self.displaced = False
-            if self._told:
-                self.first, self._told = NO_TROUBLE, False
+            if self._reported:
+                self.first, self._reported = NO_TROUBLE, False
         return back
 
-    def tell(self) -> Trouble:
-        """The fault, which is told by that."""
+    def report(self) -> Trouble:
+        """Return the fault and mark it as reported."""
         fault = self.first
-        self._told = bool(fault) and self.displaced
+        self._reported = bool(fault) and self.displaced
         if not self.displaced:
             self.first = NO_TROUBLE
         return fault

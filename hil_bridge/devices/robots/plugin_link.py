@@ -1,7 +1,7 @@
-"""The link of a plug-in's robot: whatever its code raises, or answers, becomes an error that a run ends by.
+"""Link of a plug-in's robot: any exception or invalid answer of its code becomes an error that ends the run.
 
-One object stands around the link, and one around its movement. Each hands on every attribute of the thing behind it.
-The last gate stands before each target of the movement.
+One proxy wraps the link, and one its movement. Each forwards all attributes of the wrapped object. The last gate checks
+each target of the movement.
 """
 
 import inspect
@@ -27,9 +27,9 @@ _AWAITED: Mapping[str, type | None] = {
     "settled": None,
     "halt": Sent,
 }
-"""Methods of a link and of a movement that are awaited, with the type of their answers; None where nothing reads it."""
+"""Awaited methods of a link and a movement, with the type of their answers; None if the answer is not used."""
 
-_TOLD: Mapping[str, tuple[type, ...]] = {
+_READ: Mapping[str, tuple[type, ...]] = {
     "facts": (RobotFacts,),
     "counters": (Mapping,),
     "ordered": (bool,),
@@ -41,17 +41,17 @@ _TOLD: Mapping[str, tuple[type, ...]] = {
 
 
 class _PluginProxy:
-    """A thing of a plug-in."""
+    """Proxy of a plug-in's object."""
 
     def __init__(self, thing: Any, name: str) -> None:
-        """`name` is that of the robot's wire."""
+        """Wrap `thing`; `name` is that of the robot's wire."""
         self.__dict__.update(_thing=thing, _name=name)
 
     def __getattr__(self, attribute: str) -> Any:
-        """The attribute of the thing. A method is one that raises BridgeErrors alone, and what cancels the task."""
+        """Return the attribute of the wrapped object. Its methods raise only BridgeErrors and what cancels the task."""
         with self._translating(attribute):
             value = getattr(self._thing, attribute)
-            kinds = _TOLD.get(attribute)
+            kinds = _READ.get(attribute)
             if kinds is not None and not isinstance(value, kinds):
                 raise WrongAnswer(self._thing, attribute, value, kinds[0].__name__)
         if attribute in _AWAITED:
@@ -76,7 +76,7 @@ class _PluginProxy:
                 if inspect.isawaitable(answer):
                     answer = await answer
                 elif kind is None:
-                    raise WrongAnswer(self._thing, attribute, answer, "something to wait for")
+                    raise WrongAnswer(self._thing, attribute, answer, "an awaitable")
                 if kind is not None and not (isinstance(answer, kind) and _has_pose(answer)):
                     raise WrongAnswer(self._thing, attribute, answer, f"a {kind.__name__}")
                 return answer
@@ -92,7 +92,9 @@ class _PluginProxy:
 
     @contextmanager
     def _translating(self, attribute: str) -> Iterator[None]:
-        """Raises BridgeError alone, what cancels the task, and AttributeError for what the thing does not have."""
+        """Convert exceptions to BridgeError, except what cancels the task and AttributeErrors for attributes that are
+        missing.
+        """
         try:
             yield
         except RAISED as error:
@@ -111,7 +113,7 @@ class _PluginProxy:
 
 
 class _PluginLink(_PluginProxy):
-    """A link."""
+    """Proxy of a link."""
 
     def __init__(self, link: RobotLink, name: str, clock: Clock) -> None:
         super().__init__(link, name)
@@ -119,7 +121,7 @@ class _PluginLink(_PluginProxy):
 
     @asynccontextmanager
     async def motion(self, limits: MotionLimits) -> AsyncIterator["_PluginMotion"]:
-        """As of the link."""
+        """As for the link."""
         inside: BaseException | None = None
         try:
             async with self._thing.motion(limits) as motion:
@@ -129,20 +131,20 @@ class _PluginLink(_PluginProxy):
                     inside = error
                     raise
         except RAISED as error:
-            if error is inside:  # the run's own, on its way out
+            if error is inside:  # the run's own exception, passing through
                 raise
             self._raise(error, "motion")
 
 
 class _PluginMotion(_PluginProxy):
-    """A movement."""
+    """Proxy of a movement."""
 
     def __init__(self, motion: Motion, name: str, limits: MotionLimits, clock: Clock) -> None:
         super().__init__(motion, name)
         ask, gate = self._await("to", motion.to), Gate(limits.bounds or Bounds(), clock.now())
 
         async def to(target: Pose, *, soon: bool = False) -> Sent:
-            """As of the movement. Raises GateStop for a target that the last gate stops."""
+            """As for the movement. Raises GateStop for a target that the last gate stops."""
             if stopped := gate.judge(target, clock.now()):
                 raise GateStop(stopped)
             try:
@@ -155,10 +157,10 @@ class _PluginMotion(_PluginProxy):
 
 
 def _has_pose(answer: Any) -> bool:
-    """Whether a report tells a pose, numbers or not, or the answer is none."""
+    """Return whether an answer is either no report, or a report with a pose, valid or not."""
     return not isinstance(answer, RobotReport) or isinstance(answer.pose, Pose)
 
 
 def wrap_plugin_link(link: RobotLink, url: str, clock: Clock) -> RobotLink:
-    """The link of a plug-in's robot on the wire of this URL."""
+    """Wrap the link of a plug-in's robot on the wire of this URL."""
     return cast(RobotLink, _PluginLink(link, url, clock))

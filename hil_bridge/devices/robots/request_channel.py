@@ -1,4 +1,4 @@
-"""The shell of a robot that answers when asked: one exchange under way, its callers wait in turn."""
+"""Requests to a robot that reports on request: one exchange at a time, with callers queued."""
 
 import asyncio
 from collections import deque
@@ -16,10 +16,10 @@ Answer = TypeVar("Answer")
 
 
 class RequestChannel(Generic[Data, Event, Answer]):
-    """Drives an endpoint over a wire. `on_event` is shown its events, and calls `resolve` for those that answer.
+    """Drives an endpoint over a wire. `on_event` receives its events, and calls `resolve` for the answers.
 
-    A caller that gives up leaves its exchange under way: the other side will still answer it. The next caller waits
-    until that has come, so that no answer is taken for that of another question.
+    A caller that is cancelled leaves its exchange open, because the other side will still answer it. The next caller
+    waits for that answer, so that no answer is attributed to the wrong request.
     """
 
     def __init__(
@@ -30,35 +30,35 @@ class RequestChannel(Generic[Data, Event, Answer]):
         on_event: Callable[[Event], None],
         on_failure: Callable[[BridgeError], None],
     ) -> None:
-        """`on_failure` is told once why nothing can be asked any more, unless this side has closed the wire."""
+        """`on_failure` is called once with the reason why the link has failed, unless this side has closed the wire."""
         self._name = wire.name
         self._loop = clock.loop
         self._on_failure = on_failure
         self._pump: Pump[Data, Event] = Pump(endpoint, wire, clock, on_event, self._ended)
         self._answer: asyncio.Future[Answer] | None = None
-        """Answer of the exchange under way; cancelled when its caller waits no more."""
+        """Answer of the present exchange; cancelled if its caller no longer waits."""
         self._waiting: deque[asyncio.Future[None]] = deque()
-        """Callers that wait for the exchange under way to end."""
+        """Callers that wait for the present exchange to end."""
         self._failure: BridgeError | None = None
 
     @property
     def under_way(self) -> bool:
-        """Whether an exchange has no answer yet."""
+        """Whether an exchange is in progress."""
         return self._answer is not None
 
     @property
     def awaited(self) -> bool:
-        """Whether a caller still waits for the answer of the exchange under way."""
+        """Whether a caller still waits for the answer of the present exchange."""
         return self._answer is not None and not self._answer.cancelled()
 
     def start(self) -> None:
-        """Begin to listen."""
+        """Start to receive."""
         self._pump.start()
 
-    async def exchange(self, ask: Callable[[], object]) -> Answer:
-        """Have `ask` give the question to the endpoint when it is its turn, and wait for the answer.
+    async def exchange(self, send: Callable[[], object]) -> Answer:
+        """Call `send` when the link is free, and wait for the answer.
 
-        Raises what `ask` raises, what the exchange is resolved with, and why nothing can be asked any more.
+        Raises what `send` raises, the error that the exchange is resolved with, and the reason why the link has failed.
         """
         while self._answer is not None:
             ended = self._loop.create_future()
@@ -66,22 +66,22 @@ class RequestChannel(Generic[Data, Event, Answer]):
             await ended
         if self._failure is not None:
             raise self._failure
-        ask()
+        send()
         answer: asyncio.Future[Answer] = self._loop.create_future()
         self._answer = answer
         self._pump.kick()
         return await answer
 
     def resolve(self, outcome: Answer | BridgeError) -> None:
-        """End the exchange under way, if there is one, with its answer or an error."""
+        """End the present exchange, if any, with its answer or an error."""
         answer, self._answer = self._answer, None
         if answer is None:
             return
         if answer.cancelled():
-            pass  # its caller waits no more
+            pass  # its caller no longer waits
         elif isinstance(outcome, BridgeError):
             answer.set_exception(outcome)
-            answer.exception()  # seen, also when its caller is cancelled before it looks
+            answer.exception()  # retrieved, even if its caller is cancelled before it awaits
         else:
             answer.set_result(outcome)
         while self._waiting:

@@ -1,18 +1,17 @@
-"""The answers to a robot that drives the cycle: the next set point for each packet, bounded, with a dead-man's switch.
+"""Answers to a robot that drives the cycle: a bounded next set point for each packet, with a dead-man's switch.
 
-No I/O and no clock: it is told the time, as every endpoint. It stands around the robot's `StreamClient` and answers
-each packet inside the call that brought it, so that no task lies between packet and answer.
+No I/O and no clock: like every endpoint, it is given the time. It wraps the robot's `StreamClient` and answers each
+packet inside the call that delivered it, so that no task lies between packet and answer.
 
-An answer moves the set point towards the newest target by at most speed x cycle. It never moves it by more than speed x
-the time since the step before. So packets that were held up and come together do not add up to a jump. It gains speed,
-and comes to rest at a target, no faster than the acceleration allows; see `robots.ramp`. Every stop is at once. The set
-point does not move
+An answer moves the set point towards the newest target by at most speed × cycle, and never by more than speed × the
+time since the last step. So packets that were delayed and arrive together do not add up to a jump. Acceleration, and
+deceleration at a target, are limited; see `robots.ramp`. Every stop is immediate. The set point does not move
 
-- without a new target for `hold_after`, though it continues once there is one;
-- from a packet on that reports a fault, or whose pose is none, until the robot reports to be ready and to stand where
-  the set point is, and there is a new target: what it did meanwhile is not known;
-- for a packet that comes again, or behind a later one;
-- where the last gate stops it, which is the fault of this side, until there is a new target.
+- without a new target for `hold_after`; it continues once there is one;
+- after a packet that reports a fault or an invalid pose, until the robot reports that it is ready and at the set point,
+  and there is a new target: its motion in between is unknown;
+- for a duplicate packet, or one that arrives after a later one;
+- if the last gate stops it, which is a fault of this side, until there is a new target.
 
 Without a new target for `give_up_after` the movement is ended, whether the robot still sends or not.
 """
@@ -42,13 +41,15 @@ from protocol.robot import (
 )
 
 EVENTS_MAX = 1024
-"""Events that are kept until they are taken. Chosen: four times the datagrams that a wire hands over at once."""
-GIVEN_TIMES = 3
-"""Answers that carry a target until it counts as given, for one may be lost. Chosen: of 5 % loss, 1 in 8000 is left."""
+"""Limit of queued events. Chosen: four times the datagrams that a wire delivers at once."""
+CONFIRMED_AFTER = 3
+"""Number of answers with a target after which it counts as delivered, because one may be lost. Chosen: at a loss of 5
+%, 1 in 8000 remains.
+"""
 
 
 class SetpointResponder(Generic[Data]):
-    """An endpoint that gives a client's packets their answers."""
+    """Endpoint that answers the packets of a robot's client."""
 
     def __init__(self, client: StreamClient[Data], cycle: float) -> None:
         """`cycle` is the time between two packets of the robot, s."""
@@ -56,71 +57,71 @@ class SetpointResponder(Generic[Data]):
         self._cycle = cycle
         self._events: deque[StreamEvent] = deque(maxlen=EVENTS_MAX)
         self.counters: Counter[str] = Counter()
-        """Packets, answers, and what went wrong with them, by name."""
+        """Counts of packets, answers and their problems, by name."""
         self._arrived: list[float] = []
-        """Arrivals of the packets whose answers have not been handed over yet, s."""
+        """Arrivals of the packets whose answers have not been sent yet, s."""
         self._answered: tuple[tuple[str, float], ...] = ()
-        """Stamps of the answer that was handed over last."""
+        """Stamps of the answer sent last."""
         self.newest: RobotReport | None = None
-        """The report with the highest number."""
+        """Report with the highest sequence number."""
         self.speed = 0.0
         """Speed of the set point, m/s; may be set at any time."""
         self.faults = MotionFaults()
-        """Those of the robot in this movement, and of this side."""
+        """Faults of the robot in this movement, and of this side."""
         self.lost = NO_TROUBLE
-        """Reason for which the other side, or a lack of targets, ended the movement."""
+        """Reason why the other side, or a missing target, ended the movement."""
         self._limits = MotionLimits(0.0)
         self._ramp = Ramp(cycle)
         self._setpoint: Pose | None = None
-        """Answer to the newest packet; None outside of a movement."""
+        """Answer to the newest packet; None outside a movement."""
         self._goal: Pose | None = None
-        self._aimed_at = self._stepped_at = -math.inf
+        self._targeted_at = self._stepped_at = -math.inf
         self._gate = Gate(Bounds(), 0.0)
         self._gate_speed = self._deepest = math.nan
-        """Speed that the gate goes by, m/s, and depth of the deeper end of the way to the target, m."""
+        """Speed assumed by the gate, m/s, and depth of the deeper end of the path to the target, m."""
         self._held = False
-        self._given = 0
-        """Answers that have carried the target."""
+        self._sent_count = 0
+        """Number of answers that contained the target."""
 
     @property
     def moving(self) -> bool:
-        """Whether a movement is under way."""
+        """Whether a movement is in progress."""
         return self._setpoint is not None
 
     @property
     def arrived(self) -> bool:
-        """Whether the robot has been given the whole way to the target, or there is no movement."""
-        return self._setpoint is None or self._given >= GIVEN_TIMES
+        """Whether the robot has been sent the complete path to the target, or there is no movement."""
+        return self._setpoint is None or self._sent_count >= CONFIRMED_AFTER
 
     def begin(self, pose: Pose, limits: MotionLimits, now: float) -> None:
-        """Begin a movement at this pose, where the robot is."""
+        """Begin a movement at this pose, the robot's present one."""
         self._setpoint = self._goal = pose
         self._limits, self.speed = limits, limits.speed
-        self._aimed_at = self._stepped_at = now
-        self._held, self._given, self.lost, self.faults = False, 0, NO_TROUBLE, MotionFaults()
+        self._targeted_at = self._stepped_at = now
+        self._held, self._sent_count, self.lost, self.faults = False, 0, NO_TROUBLE, MotionFaults()
         self._ramp.rest()
         self._open_gate(pose, now)
         self._client.begin(pose)
 
     def aim(self, target: Pose, now: float) -> None:
-        """Go there from the next packet on; nothing outside of a movement."""
+        """Move there from the next packet on; does nothing outside a movement."""
         if self._setpoint is not None:
-            self._goal, self._given = target, 0
+            self._goal, self._sent_count = target, 0
             bounds = self._gate.bounds
             self._deepest = max(depth_of(self._setpoint.position, bounds), depth_of(target.position, bounds))
             self.renew(now)
 
     def renew(self, now: float) -> None:
-        """The target is still wanted."""
-        self._aimed_at, self._held = now, False
+        """Confirm that the target is still valid."""
+        self._targeted_at, self._held = now, False
 
     def stay(self) -> None:
-        """Give up what is left of the way."""
-        self._goal, self._given = self._setpoint, 0
+        """Discard the rest of the path."""
+        self._goal, self._sent_count = self._setpoint, 0
         self._ramp.rest()
 
     def end(self) -> None:
-        """End the movement at the set point; no effect if there is none."""
+        """End the movement at the set point. Idempotent."""
         if self.moving:
             self._setpoint = self._goal = None
             self._client.end()
@@ -129,7 +130,7 @@ class SetpointResponder(Generic[Data]):
 
     def receive(self, data: Data, now: float) -> None:
         self._client.receive(data, now)
-        self._take(now)
+        self._handle_events(now)
 
     def next_event(self) -> StreamEvent | None:
         return self._events.popleft() if self._events else None
@@ -146,19 +147,19 @@ class SetpointResponder(Generic[Data]):
         return data
 
     def next_deadline(self) -> float | None:
-        own, client = self._aimed_at + self._limits.give_up_after, self._client.next_deadline()
+        own, client = self._targeted_at + self._limits.give_up_after, self._client.next_deadline()
         if not self.moving:
             return client
         return own if client is None else min(own, client)
 
     def handle_deadline(self, now: float) -> None:
         self._client.handle_deadline(now)
-        self._take(now)
+        self._handle_events(now)
         self._watch(now)
 
     # --- packets
 
-    def _take(self, now: float) -> None:
+    def _handle_events(self, now: float) -> None:
         while (event := self._client.next_event()) is not None:
             if isinstance(event, ReportReceived):
                 self._watch(now)
@@ -171,7 +172,7 @@ class SetpointResponder(Generic[Data]):
                 self.end()
 
     def _note(self, report: RobotReport, now: float) -> bool:
-        """Keep a report and hand it on; False for one that is not newer than the newest."""
+        """Store a report and queue it; return False if it is not newer than the newest."""
         self.counters[PACKETS] += 1
         if self.newest is not None:
             missing = report.sequence - self.newest.sequence - 1
@@ -191,13 +192,17 @@ class SetpointResponder(Generic[Data]):
         return True
 
     def _compare(self, report: RobotReport, setpoint: Pose, now: float) -> RobotReport:
-        """A report of this movement, with the fault that has yet to be told. A fault gives up the way to the target."""
+        """Return a report of this movement with the fault that has yet to be reported. A fault discards the rest of the
+        path.
+        """
         faults = self.faults
         if report.fault:
             faults.note(Trouble(report.fault, report.remedy), displaced=True)
             self.stay()
         elif faults.displaced and faults.is_back(report.pose, setpoint):
-            self._setpoint = self._goal = report.pose  # a stop by people is left standing where it is
+            self._setpoint = self._goal = (
+                report.pose
+            )  # an operator's stop is continued from the robot's present pose
             self._open_gate(report.pose, now)
             self._client.begin(report.pose)
         if report.fault or not faults.first:
@@ -212,22 +217,22 @@ class SetpointResponder(Generic[Data]):
             return
         if fresh:
             self._step(self._setpoint, now)
-        self._given += self._setpoint == self._goal
+        self._sent_count += self._setpoint == self._goal
         self._client.target(self._setpoint, now)
 
     def _step(self, setpoint: Pose, now: float) -> None:
-        """Move the set point on its way."""
+        """Move the set point along its path."""
         passed, self._stepped_at = now - self._stepped_at, now
         if self._goal is None or self.faults.displaced or setpoint == self._goal:
             self._ramp.rest()
             return
         limits = self._limits
-        if now - self._aimed_at > limits.hold_after:
+        if now - self._targeted_at > limits.hold_after:
             self._ramp.rest()
             if not self._held:
                 self._held = True
                 self.counters["holds"] += 1
-                self._tell(f"no new target for {limits.hold_after:g} s: the robot is held on its way")
+                self._notify(f"no new target for {limits.hold_after:g} s: the robot is held on its path")
             return
         if self.speed != self._gate_speed:
             self._open_gate(setpoint, now - passed)
@@ -236,12 +241,12 @@ class SetpointResponder(Generic[Data]):
         if stopped := self._gate.judge(after, now, self._deepest):
             self.faults.note(Trouble(stopped), displaced=False)
             self.stay()
-            self._tell(stopped)
+            self._notify(stopped)
             return
         self._setpoint = after
 
     def _open_gate(self, pose: Pose, now: float) -> None:
-        """Begin to judge set points again from this pose: none moves farther than the speed lets it in a cycle."""
+        """Check set points from this pose on: none may move farther than the speed allows in a cycle."""
         speed, limits = self.speed, self._limits
         bounds = replace(
             limits.bounds or Bounds(),
@@ -254,11 +259,11 @@ class SetpointResponder(Generic[Data]):
         self._gate, self._gate_speed = Gate(bounds, now, pose), speed
 
     def _watch(self, now: float) -> None:
-        """End a movement for which no target comes any more."""
-        if self.moving and now - self._aimed_at >= self._limits.give_up_after:
+        """End a movement that no longer receives targets."""
+        if self.moving and now - self._targeted_at >= self._limits.give_up_after:
             self.lost = Trouble(f"no new target for {self._limits.give_up_after:g} s: the movement was ended")
             self.end()
             self._events.append(StreamLost(*self.lost))
 
-    def _tell(self, text: str) -> None:
+    def _notify(self, text: str) -> None:
         self._events.append(StreamNotice(EventKind.MOTION, text))

@@ -1,4 +1,4 @@
-"""The shell of a robot that drives the cycle: a link over any `StreamClient` and wire."""
+"""Link of a robot that drives the cycle, over any `StreamClient` and wire."""
 
 import asyncio
 from collections.abc import AsyncIterator, Mapping
@@ -24,13 +24,13 @@ from protocol.endpoint import Trouble
 from protocol.robot import ReportReceived, StreamClient, StreamEvent, StreamLost, StreamNotice
 
 READY_S = 10.0
-"""Chosen: how long a robot may take to send its first packet."""
+"""Chosen: longest wait for a robot's first packet."""
 SILENT_S = 0.5
-"""Chosen: without a packet for so long, a robot that streamed is taken for silent. Many cycles of the slowest."""
+"""Chosen: time without a packet after which a streaming robot is silent. Many cycles of the slowest."""
 FRESH_CYCLES = 2.0
-"""Chosen: a report as many cycles of the robot old is still handed out; one may be missing on the network."""
-_START = "start its program, have it send to this computer's address and port, and look at the firewall"
-_WENT_ON = "see whether its program still runs and its cable is in, then begin again"
+"""Chosen: age in robot cycles up to which a report is still returned; one may be missing on the network."""
+_START = "start its program, have it send to this computer's address and port, and check the firewall"
+_CONTINUE = "check that its program still runs and its cable is plugged in, then start again"
 
 
 HOPS = RobotHops(
@@ -42,28 +42,28 @@ HOPS = RobotHops(
                 "sent_at",
                 "motion_at",
                 Owner.ROBOT,
-                "robot's packet, interpolator and way to the loops",
+                "robot's packet, interpolator and path to the loops",
             ),
         ),
     ),
 )
-"""Hops into which the stamps of a stream divide a cycle: the robot fetches the newest target with its next packet."""
+"""Hops into which the stamps of a stream divide a cycle: the robot gets the newest target with its next packet."""
 
 
 ROUTINE = PACKETS, ANSWERS
-"""Counters of a stream that go up while all is well."""
+"""Counters of a stream that increase in normal operation."""
 STALE = "stale packets"
 TROUBLES = MISSING, STALE
-"""Counters that tell of a wire that loses or holds back. A late answer is none: the computer was late."""
+"""Counters that indicate loss or delay on the wire. A late answer does not: this computer was late."""
 TRAFFIC = (Traffic("packets", ANSWERS, PACKETS),)
 
 
 class RobotSilent(DeviceError):
-    """A robot that streams has sent nothing for a while; it may continue."""
+    """Error of a streaming robot that has sent nothing for a while; it may resume."""
 
 
 class StreamedLink(Generic[Data]):
-    """A robot that streams, as `hil_bridge.devices.robots.seam.RobotLink` says."""
+    """Streaming robot, see `hil_bridge.devices.robots.seam.RobotLink`."""
 
     def __init__(
         self,
@@ -73,11 +73,11 @@ class StreamedLink(Generic[Data]):
         clock: Clock,
         log: DeviceLog,
     ) -> None:
-        """`facts` name the robot's cycle. Raises ValueError where they do not."""
+        """`facts` include the robot's cycle. Raises ValueError if they do not."""
         if not facts.cycle_s:
-            raise ValueError(f"{facts.model}: a robot that streams has a cycle")
+            raise ValueError(f"{facts.model}: a streaming robot needs a cycle")
         self.name = wire.name.partition("?")[0]
-        """Scheme and address of the wire, as messages name the robot; options of the URL are left out."""
+        """Scheme and address of the wire, as used in messages, without the options of the URL."""
         self.facts = msgspec.structs.replace(
             facts, hops=facts.hops or HOPS, routine=ROUTINE, errors=facts.errors or TROUBLES, traffic=TRAFFIC
         )
@@ -88,10 +88,10 @@ class StreamedLink(Generic[Data]):
         self._pump: Pump[Data, StreamEvent] = Pump(self._answering, wire, clock, self._take, self._ended)
         self._newest: RobotReport | None = None
         self._listened_from = clock.now()
-        self._never: DeviceError | None = None
-        """Why nothing has ever come; None where that is not known."""
+        self._startup_error: DeviceError | None = None
+        """Reason why nothing was ever received; None if unknown."""
         self._handed_out = False
-        """The newest report has been handed out."""
+        """Whether the newest report has been returned."""
         self._waiting: set[asyncio.Future[RobotReport]] = set()
         self._failure: BridgeError | None = None
 
@@ -104,7 +104,7 @@ class StreamedLink(Generic[Data]):
         self._pump.start()
 
     async def aclose(self) -> None:
-        """End a movement, hand over what is queued, and close the wire."""
+        """End a movement, send what is queued, and close the wire."""
         self._end()
         await self._wire.aclose()
 
@@ -120,17 +120,17 @@ class StreamedLink(Generic[Data]):
             newest = await self._next_packet()
         self._handed_out = True
         if newest.fault:
-            self._answering.faults.tell()
+            self._answering.faults.report()
         return newest
 
     async def release(self, report: RobotReport) -> None:
-        """Each movement begins and ends by itself and ends with the stream: nothing is left open."""
+        """Do nothing: a movement ends with the stream, so none is left open."""
 
     @asynccontextmanager
     async def motion(self, limits: MotionLimits) -> AsyncIterator[StreamedMotion[Data]]:
         if self._answering.moving:
             raise OrderRefused(
-                f"robot on {self.name}: a movement is under way", remedy="end it before the next one"
+                f"robot on {self.name}: a movement is in progress", remedy="end it before the next one"
             )
         report = await self._next_packet()
         if report.fault:
@@ -156,13 +156,13 @@ class StreamedLink(Generic[Data]):
         self._pump.kick()
 
     def _check(self) -> None:
-        """Raise OrderRefused for a fault that stands or has yet to be told, another BridgeError where nothing can be
+        """Raise OrderRefused for a fault that persists or has yet to be reported, another BridgeError if nothing can be
         ordered.
         """
         if self._failure is not None:
             raise self._failure
         answering = self._answering
-        if fault := answering.faults.tell():
+        if fault := answering.faults.report():
             raise OrderRefused(self._faulty(fault.fact), remedy=fault.remedy, cause=Cause.ROBOT_STATE)
         if not answering.moving:
             why = answering.lost or Trouble("the movement has ended")
@@ -170,13 +170,13 @@ class StreamedLink(Generic[Data]):
             raise DeviceError(f"robot on {self.name}: {why.fact}", remedy=remedy, cause=Cause.DEAD_LINK)
         assert self._newest is not None, "a movement begins with a report"
         if self._clock.now() - self._newest.received_at > SILENT_S:
-            raise self._silent(SILENT_S, _WENT_ON)
+            raise self._silent(SILENT_S, _CONTINUE)
 
     async def _next_packet(self) -> RobotReport:
-        return await self._next(SILENT_S, _WENT_ON)
+        return await self._next(SILENT_S, _CONTINUE)
 
     async def _next(self, patience: float, remedy: str) -> RobotReport:
-        """The next report. `remedy` is the advice where the robot has sent something before. Raises BridgeError."""
+        """Return the next report. `remedy` is the advice if the robot has sent something before. Raises BridgeError."""
         if self._failure is not None:
             raise self._failure
         waiting: asyncio.Future[RobotReport] = self._clock.loop.create_future()
@@ -185,7 +185,7 @@ class StreamedLink(Generic[Data]):
             async with asyncio.timeout(patience):
                 return await waiting
         except TimeoutError:
-            raise self._never or self._silent(patience, remedy) from None
+            raise self._startup_error or self._silent(patience, remedy) from None
         finally:
             self._waiting.discard(waiting)
 
@@ -195,13 +195,13 @@ class StreamedLink(Generic[Data]):
                 if report.fault:
                     report = report._replace(fault=self._faulty(report.fault))
                 self._newest, self._handed_out = report, bool(self._waiting)
-                self._never = None
+                self._startup_error = None
                 for waiting in self._waiting:
                     if not waiting.done():
                         waiting.set_result(report)
             case StreamLost(text=text, remedy=remedy):
                 lost = DeviceError(f"robot on {self.name}: {text}", remedy=remedy, cause=Cause.DEAD_LINK)
-                self._never = lost if self._newest is None else None
+                self._startup_error = lost if self._newest is None else None
                 self._log.notice(EventKind.LINK, str(lost))
                 self._fail(lost)
             case StreamNotice(kind=kind, text=text):
@@ -219,8 +219,8 @@ class StreamedLink(Generic[Data]):
         text = f"robot on {self.name} sent nothing for {seconds:g} s"
         return RobotSilent(text, remedy=f"{remedy}{before}", cause=Cause.DEAD_LINK)
 
-    def _faulty(self, words: str) -> str:
-        return f"robot on {self.name} cannot move: {words}"
+    def _faulty(self, text: str) -> str:
+        return f"robot on {self.name} cannot move: {text}"
 
     def _ended(self, cause: BaseException) -> None:
         blame(cause, self._client, "receive")
@@ -230,8 +230,8 @@ class StreamedLink(Generic[Data]):
         self._fail(self._failure)
 
     def _fail(self, error: BridgeError) -> None:
-        """Let all that wait for a report wait no more."""
+        """Fail all pending waits for a report."""
         for waiting in self._waiting:
             if not waiting.done():
                 waiting.set_exception(error)
-                waiting.exception()  # seen, also when its caller is cancelled before it looks
+                waiting.exception()  # retrieved, even if its caller is cancelled before it awaits

@@ -1,4 +1,4 @@
-"""A movement of a robot that drives the cycle."""
+"""Movement of a robot that drives the cycle."""
 
 from collections.abc import Awaitable, Callable
 from typing import Generic, NamedTuple
@@ -15,28 +15,28 @@ from protocol.robot import pose_fault
 
 
 class Stream(NamedTuple):
-    """The robot's packets, as a movement needs them."""
+    """Packets of the robot, as a movement uses them."""
 
     name: str
-    """The robot's wire."""
+    """Name of the robot's wire."""
     check: Callable[[], None]
-    """Raises where nothing can be ordered."""
+    """Raises an error if nothing can be ordered."""
     next_packet: Callable[[], Awaitable[object]]
-    """Waits for a packet, and raises where none comes."""
+    """Waits for a packet; raises an error if none comes."""
 
 
 class StreamedMotion(LastOrder, Generic[Data]):
-    """A movement under way, as `hil_bridge.devices.robots.seam.Motion` says."""
+    """Movement in progress, see `hil_bridge.devices.robots.seam.Motion`."""
 
     def __init__(self, stream: Stream, answering: SetpointResponder[Data], clock: Clock, gate: Gate) -> None:
-        """`gate` judges the targets."""
+        """`gate` checks the targets."""
         self._name, self._check_link, self._next_packet = stream
         self._answering, self._clock, self._gate = answering, clock, gate
         super().__init__()
 
     @property
     def speed(self) -> float:
-        """Speed of the way to the targets, m/s."""
+        """Speed along the path to the targets, m/s."""
         return self._answering.speed
 
     @speed.setter

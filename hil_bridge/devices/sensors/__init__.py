@@ -1,1 +1,1 @@
-"""The force sensors: one room per kind, and the stream of frames that a run reads."""
+"""Force sensors: one package per kind, and the stream of frames for a run."""

@@ -1,4 +1,4 @@
-"""The force/torque sensor as the cycle sees it: newest frame for control, every frame for the recorder."""
+"""Force/torque sensor for the control cycle: newest frame for control, every frame for the recorder."""
 
 import asyncio
 import math
@@ -35,63 +35,65 @@ from protocol.wrench import (
 )
 
 _HISTORY = 256
-"""Least frames kept for looking back. Chosen: 2.6 s of the default stream, many answers of the robot's link."""
+"""Fewest frames of history. Chosen: 2.6 s of the default stream, several answers of the robot's link."""
 _HISTORY_S = 2.56
-"""Time for which they are kept of a quicker stream. Chosen: as much as of the default stream."""
+"""Duration of the history of a faster stream. Chosen: as for the default stream."""
 _HISTORY_LIMIT = 20_000
-"""Most frames kept. Chosen: those of a stream of 7 kHz."""
+"""Most frames of history. Chosen: those of a stream at 7 kHz."""
 
 
 READY_S = 60.0
-"""Chosen: for how long a sensor may come up, however patient its client is; a UART gateway takes some ten."""
+"""Chosen: longest start-up of a sensor, whatever its client allows; a UART gateway takes some ten seconds."""
 
 
 class FrameJudge(Protocol):
-    """Keeps the extremes of all frames until it is asked for them. `values` are six counts in the order of `AXES`.
+    """Tracks the extremes of all frames until they are read. `values` are six counts in the order of `AXES`.
 
-    Forces count from the newest zero, in newtons; a press is positive along the approach.
+    Forces are relative to the newest zero, in newtons; pressing is positive along the approach.
     """
 
     saturated: bool
     """Whether any frame was at the end of the sensor's range."""
 
     def frame(self, values: Sequence[float]) -> None:
-        """Take a frame as it arrives."""
+        """Process a frame as it arrives."""
 
     def rezero(self, wrench: Sequence[float]) -> None:
-        """Take this contact wrench for the zero, N and N·m in the tool frame."""
+        """Use this contact wrench as the zero, N and N·m in the tool frame."""
 
     def along(self, values: Sequence[float]) -> float:
-        """Contact force of a frame along the approach, N."""
+        """Return the contact force of a frame along the approach, N."""
 
     def resultant(self, values: Sequence[float]) -> float:
-        """Length of the contact force of a frame, N."""
+        """Return the magnitude of the contact force of a frame, N."""
 
     def take(self) -> tuple[float, float, float, bool]:
-        """The extremes since the last call: force along the approach and resultant in N, moment in N·m, saturation."""
+        """Return the extremes since the last call: force along the approach and resultant in N, moment in N·m,
+        saturation.
+        """
 
 
 class ForceSensor:
-    """A sensor of any make: `client` speaks its language over `transport`. `log` is told every frame and notice."""
+    """Sensor of any make: `client` implements its protocol over `transport`. `log` receives every frame and notice."""
 
     def __init__(
         self, transport: Transport[Any], client: SensorClient[Any], clock: Clock, log: DeviceLog
     ) -> None:
         self.name = transport.name
         self.newest: WrenchFrame | None = None
-        """The frame that arrived last, or None before the first and before the first since a zero."""
+        """Newest frame, or None before the first one and before the first one since a zero."""
         self.decoded_at = math.nan
-        """When it had been decoded, s on the run's clock; `at` of the frame is when it arrived."""
+        """Time at which it had been decoded, s on the run's clock; `at` of the frame is its arrival."""
         self.received = 0
-        """Complete frames so far."""
+        """Number of complete frames."""
         self.repeated = 0
-        """Number of newest frames in a row with identical values on all axes."""
+        """Number of consecutive frames up to the newest with identical values on all axes."""
         self.unchanged_since = math.nan
-        """When the first of these frames arrived, s on the run's clock."""
+        """Arrival of the first of these frames, s on the run's clock."""
         self.saturated_axes = 0
-        """Bit k: axis k was at the end of its range in the frame that arrived last."""
+        """Bit k: axis k was at the end of its range in the newest frame."""
         self.peaks: FrameJudge | None = None
-        """Shown every frame; None while nothing judges them."""
+        """Receives every frame; None while frames are not evaluated."""
         self._history: deque[WrenchFrame] = deque(maxlen=_HISTORY)
         self._transport = transport
         self._clock = clock
@@ -99,56 +101,56 @@ class ForceSensor:
         self._client = client
         self._pump: Pump[Any, SensorEvent] = Pump(client, transport, clock, self._take, self._ended)
         self.zeroed_from: WrenchFrame | None = None
-        """The newest frame when the device said that it had taken its zero; None before."""
+        """Newest frame when the device reported that it had taken its zero; None before."""
         self._facts: SensorFacts | None = None
         self._watch: AxisWatch
-        """Watch over the device since it was ready."""
+        """Watch over the axes since the device was ready."""
         self._lateness = LatenessWatch(None)
         self._replay = ReplayWatch(_HISTORY)
         self._converted: WrenchFrame | None = None
-        """The frame whose wrench was asked for last."""
+        """Frame whose wrench was computed last."""
         self._wrench: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        """That wrench."""
+        """Wrench of that frame."""
         self._failure: BridgeError | None = None
         self._waiters: list[tuple[type, asyncio.Future[None]]] = []
 
     @property
     def lost(self) -> int:
-        """Frames that the counter says were sent and that never came."""
+        """Frames that were sent according to the counter and never arrived."""
         return self._client.statistics.lost
 
     @property
     def stands(self) -> str:
-        """Words on a device whose frames continue while their counter stands still; empty while it counts."""
+        """Description of a device whose frames continue while their counter does not; "" while it counts."""
         if not self._client.statistics.stands:
             return ""
-        return "frames continue, but their counter stands still, as after the sensor is unplugged"
+        return "frames arrive, but their counter does not change, as after the sensor is unplugged"
 
     @property
     def is_ready(self) -> bool:
-        """The device has streamed, so that its facts are known."""
+        """Whether the device has streamed, so that its facts are known."""
         return self._facts is not None
 
     @property
     def facts(self) -> SensorFacts:
-        """Facts that the device tells of itself; known once it is ready."""
+        """Facts that the device reports about itself; known once it is ready."""
         assert self._facts is not None, "the device is ready first"
         return self._facts
 
     @property
     def delay(self) -> float:
-        """How much later than the force itself the device's filter tells of it, s; known once it is ready."""
+        """Delay of the device's filter, s; known once it is ready."""
         return self.facts.delay
 
     @property
     def late(self) -> float:
-        """How much later than the device's quickest frames the newest came, s; 0 where that is jitter."""
+        """Lateness of the newest frame relative to the device's earliest frames, s; 0 if that is jitter."""
         return self._lateness.late
 
     @property
     def newest_at(self) -> float:
-        """When the newest frame that brings something new was taken, s: its arrival less the lateness of the stream, or
-        the begin of a part that repeats an earlier one. NaN before the first frame.
+        """Time of the newest information, s: the arrival of the newest frame less the lateness of the stream, or the
+        start of a part that repeats an earlier one. NaN before the first frame.
         """
         if self.newest is None:
             return math.nan
@@ -163,18 +165,17 @@ class ForceSensor:
 
     @property
     def dead(self) -> tuple[int, ...]:
-        """Numbers of the axes that have not changed once since the zero, for long, though another moved far."""
+        """Numbers of the axes that have not changed since the zero, for long, although another moved far."""
         return self._watch.dead
 
     def start(self) -> None:
-        """Begin to listen and to bring the device up."""
+        """Start to receive and to initialize the device."""
         self._pump.start()
 
     async def ready(self) -> SensorFacts:
-        """Wait until the device streams; what it tells of itself.
+        """Wait until the device streams, and return its facts.
 
-        Raises DeviceError with the reason when it stays silent, has no sensor, or names an impossible full
-        scale.
+        Raises DeviceError with the reason if it stays silent, has no sensor, or reports an impossible full scale.
         """
         if self._facts is None:
             try:
@@ -183,15 +184,15 @@ class ForceSensor:
             except TimeoutError:
                 raise DeviceError(
                     f"force sensor on {self.name} has not begun to stream within {READY_S:g} s",
-                    remedy="look at its supply, its cable and its address",
+                    remedy="check its supply, its cable and its address",
                     cause=Cause.STREAM,
                 ) from None
         return self.facts
 
     async def tare(self) -> None:
-        """Let the device take its present filtered output as zero. Frames from before are forgotten.
+        """Let the device take its present filtered output as zero. Earlier frames are discarded.
 
-        The output before the zero is looked at first: a zero moves the values, but not the end of the range.
+        The output before the zero is checked first: a zero shifts the values, but not the end of the range.
         """
         await self.frame()
         self._client.zero()
@@ -199,14 +200,14 @@ class ForceSensor:
         await self._until(Zeroed)
 
     async def frame(self) -> WrenchFrame:
-        """The newest frame; where there is none yet, or none since the zero, the next."""
+        """Return the newest frame, or wait for the next if there is none yet, or none since the zero."""
         if self.newest is None:
             await self._until(WrenchFrame)
         assert self.newest is not None
         return self.newest
 
     def window(self, since: float) -> list[tuple[float, ...]]:
-        """Wrenches as `wrench` gives them of the frames kept that arrived after this time, s, oldest first."""
+        """Return the wrenches, as from `wrench`, of the stored frames that arrived after this time, s, oldest first."""
         newer = takewhile(lambda frame: frame.at > since, reversed(self._history))
         return [self.wrench(frame) for frame in reversed(list(newer))]
 
@@ -216,12 +217,12 @@ class ForceSensor:
         return self._failure is not None
 
     def check(self) -> None:
-        """Raise what ended the sensor, if anything did: for the cycle, before it trusts the newest frame."""
+        """Raise the failure that ended the sensor, if any. The cycle calls it before it uses the newest frame."""
         if self._failure is not None:
             raise self._failure
 
     def wrench(self, frame: WrenchFrame) -> Wrench:
-        """Wrench of a frame in the sensor frame: fx fy fz mx my mz, N and N·m."""
+        """Return the wrench of a frame in the sensor frame: fx fy fz mx my mz, N and N·m."""
         if frame is not self._converted:
             assert self._facts is not None, "no frame comes before the facts"
             self._wrench = wrench_of(frame.values, self._facts.scales)
@@ -229,10 +230,9 @@ class ForceSensor:
         return self._wrench
 
     def wrench_at(self, at: float) -> tuple[float, ...] | None:
-        """Wrench as `wrench` gives it that arrived at a moment of the past, a line between the frames around
-        it.
+        """Return the wrench at a past arrival time, interpolated linearly between frames.
 
-        The newest one for a moment after it; None before the oldest frame kept since the last tare.
+        After the newest frame, it is that frame's; None before the oldest stored frame since the last tare.
         """
         later: WrenchFrame | None = None
         for frame in reversed(self._history):
@@ -240,16 +240,16 @@ class ForceSensor:
                 if later is None:
                     return self.wrench(frame)
                 share = (at - frame.at) / (later.at - frame.at)
-                after = self.wrench(later)  # first, for the newest has been asked for just now
+                after = self.wrench(later)  # first, because the newest is cached
                 before = self.wrench(frame)
                 return tuple([a + share * (b - a) for a, b in zip(before, after, strict=True)])
             later = frame
         return None
 
     async def aclose(self) -> None:
-        """Stop the stream, wait for the device to say that it knows, and close the wire.
+        """Stop the stream, wait for the device to acknowledge it, and close the wire.
 
-        A device that does not hear the first stop gets the time for its repetition.
+        A device that misses the first stop request gets time for its repetition.
         """
         try:
             if self._failure is None:
@@ -258,7 +258,7 @@ class ForceSensor:
                 with suppress(BridgeError, TimeoutError):
                     async with asyncio.timeout(self._client.stop_patience):
                         await self._until(SensorStopped)
-        finally:  # also when the wait is cancelled
+        finally:  # even if the wait is cancelled
             await self._transport.aclose()
 
     async def _until(self, event: type) -> None:
@@ -270,9 +270,13 @@ class ForceSensor:
     def _take(self, event: SensorEvent) -> None:
         match event:
             case WrenchFrame():
-                if not math.isfinite(sum(event.values, event.at)):  # no limit could be met by such a value
+                if not math.isfinite(
+                    sum(event.values, event.at)
+                ):  # no limit can be checked against such a value
                     self._fail(
-                        DeviceError(f"force sensor on {self.name} told a value that is not a number: {event}")
+                        DeviceError(
+                            f"force sensor on {self.name} reported a value that is not a number: {event}"
+                        )
                     )
                     return
                 previous = self.newest
@@ -321,7 +325,7 @@ class ForceSensor:
                 else:
                     self._fail(
                         DeviceError(
-                            f"force sensor on {self.name} restarted in mid-run, its zero is lost",
+                            f"force sensor on {self.name} restarted in mid-run; its zero is lost",
                             remedy="check its supply, then start again",
                         )
                     )

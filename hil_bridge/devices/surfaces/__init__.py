@@ -1,1 +1,1 @@
-"""Kinds of surfaces of our own beside the one of `[cell.surface]`."""
+"""Built-in kinds of surfaces in addition to the one of `[cell.surface]`."""

@@ -1,4 +1,4 @@
-"""The kind of the soft body."""
+"""Kind `soft-body` of surface."""
 
 from emulators.seams import SurfaceFactory
 from emulators.surface.contact import Contact
@@ -13,7 +13,7 @@ def _make(profile: SoftBodyProfile) -> SurfaceFactory:
 
 SOFT_BODY = SurfaceKind(
     "soft-body",
-    "Soft body as a real one was pressed: it hardens with depth and relaxes",
+    "Soft body, measured on a real one: it stiffens with depth and relaxes",
     SoftBodyProfile,
     _make,
     SURFACE_FAULTS,

@@ -11,12 +11,12 @@ from hil_bridge.cli.setting_options import set_option
 from hil_bridge.console.options import (
     ExtrasCommand,
     GroupedCommand,
+    echo_json,
+    echo_lines,
     json_option,
     option_group,
     output_option,
     overwrite_option,
-    tell,
-    tell_json,
 )
 from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
@@ -194,7 +194,7 @@ def run(
     if only_check:
         if as_json:
             counts = {"cases": len(plan.possible), "seeds": len(plan.seeds)}
-            tell_json({"name": plan.name, "planned": plan.count, **counts})
+            echo_json({"name": plan.name, "planned": plan.count, **counts})
         return
     if scheduler is not None and workers is not None:
         raise ConfigError(
@@ -218,7 +218,7 @@ def run(
         outputs.write(store, digest)
         sittings = store.sittings()
     if as_json:
-        tell_json(digest)
+        echo_json(digest)
     else:
         if sittings and jobs:
             last = sittings[-1]
@@ -226,7 +226,7 @@ def run(
                 f"{last.runs} runs in {last.wall_s:.1f} s: {last.runs / last.wall_s:.2f} runs/s on "
                 f"{last.workers} process{'es' if last.workers > 1 else ''}"
             )
-        tell(failing_lines(digest, FAILING_MOST))
+        echo_lines(failing_lines(digest, FAILING_MOST))
         click.echo(f"{digest.tally.text}; hil-bridge campaign report {place}")
     if digest.failing:
         click.get_current_context().exit(FAILED)
@@ -295,12 +295,12 @@ def hunt(
         store.keep("smallest", small.key)
         if as_json:
             runs = {"results": place.name, "runs": len(store.keys()), "broken": broken}
-            tell_json({**runs, "worst": hunt_values(plan, worst), "smallest": hunt_values(plan, small)})
+            echo_json({**runs, "worst": hunt_values(plan, worst), "smallest": hunt_values(plan, small)})
         else:
             click.echo(f"{len(store.keys())} runs, {broken} of them broke a promise; the worst:")
             for done, label in ((worst, "worst"), (small, "shrunk")):
                 if label == "worst" or done.key != worst.key:
-                    tell(f"  {line}" for line in describe_run(plan, done, label))
+                    echo_lines(f"  {line}" for line in describe_run(plan, done, label))
                     click.echo(f"    hil-bridge campaign rerun {place} {done.key}")
     if broken:
         click.get_current_context().exit(FAILED)
@@ -352,11 +352,11 @@ def report(
         digest = digest_of(store)
         outputs.write(store, digest)
     if as_json:
-        tell_json(digest)
+        echo_json(digest)
     elif text:
-        tell(harmless(line) for line in text_report(digest))
+        echo_lines(harmless(line) for line in text_report(digest))
     else:
-        tell(str(written) for written in (place, junit, markdown) if written is not None)
+        echo_lines(str(written) for written in (place, junit, markdown) if written is not None)
 
 
 for command in (rerun, compare, export, bundle, verify):

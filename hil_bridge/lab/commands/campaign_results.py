@@ -6,11 +6,11 @@ import click
 
 from hil_bridge.console.options import (
     ExtrasCommand,
+    echo_json,
+    echo_lines,
     json_option,
     output_option,
     overwrite_option,
-    tell,
-    tell_json,
 )
 from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
@@ -56,9 +56,9 @@ def rerun(
             comparison = compare_run(repeat, new, saved)
             repeated.append(comparison)
             if not as_json:
-                tell(harmless(line) for line in comparison.lines)
+                echo_lines(harmless(line) for line in comparison.lines)
     if as_json:
-        tell_json({"results": results.name, "same_code": same_code, "runs": repeated})
+        echo_json({"results": results.name, "same_code": same_code, "runs": repeated})
     if any(one.differences for one in repeated):
         click.get_current_context().exit(DIFFERS)
 
@@ -78,9 +78,9 @@ def compare(before: Path, after: Path, as_json: bool) -> None:
     with Store.open(before) as first, Store.open(after) as second:
         compared = compare_campaigns(first, second)
     if as_json:
-        tell_json(compared)
+        echo_json(compared)
     else:
-        tell(compared.lines)
+        echo_lines(compared.lines)
     if compared.differing:
         click.get_current_context().exit(DIFFERS)
 
@@ -125,7 +125,7 @@ def export(results: Path, formats: tuple[str, ...], out: Path | None, as_json: b
         if not as_json:
             click.echo(f"{place}: {runs} runs")
     if as_json:
-        tell_json({"files": [str(place) for place in made], "runs": runs})
+        echo_json({"files": [str(place) for place in made], "runs": runs})
 
 
 @click.command(short_help="Pack results with everything needed to repeat them.")
@@ -157,9 +157,9 @@ def bundle(results: Path, count: int, out: Path | None, as_json: bool, overwrite
     with Store.open(results) as store, run_progress(None) as advance, as_ctrl_c():
         packed = pack(store, out or results.with_suffix(".zip"), count, overwrite, advance)
     if as_json:
-        tell_json(packed)
+        echo_json(packed)
     else:
-        tell(harmless(line) for line in packed.lines)
+        echo_lines(harmless(line) for line in packed.lines)
     if packed.differing:
         click.get_current_context().exit(DIFFERS)
 
@@ -189,8 +189,8 @@ def verify(bundle: Path, count: int | None, as_json: bool) -> None:
     with run_progress(None) as advance, as_ctrl_c():
         verified = check(bundle, count, advance)
     if as_json:
-        tell_json(verified)
+        echo_json(verified)
     else:
-        tell(harmless(line) for line in verified.lines)
+        echo_lines(harmless(line) for line in verified.lines)
     if not verified.good:
         click.get_current_context().exit(DIFFERS)

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from hil_bridge.cli.completion import complete, robots, sensors
-from hil_bridge.console.options import overwrite_option, tell
+from hil_bridge.console.options import echo_lines, overwrite_option
 from hil_bridge.console.paths import FILE
 
 FAILED = 4
@@ -100,7 +100,7 @@ def conform(
 
     rules = read_rules(rules_of(kind), settings, comes_back=comes_back, ends=ends, takes_zero=takes_zero)
     if show_rules:
-        tell(describe_rules(rules))
+        echo_lines(describe_rules(rules))
         return
     if not command:
         raise click.UsageError("the client's command is missing; give it after --")
@@ -115,6 +115,6 @@ def conform(
         write_whole(junit, as_junit(kind, results), overwrite)
     if json_file is not None:
         write_whole(json_file, as_json((trial.thing, kind), command, rules, results).encode(), overwrite)
-    tell([*table(results), totals(results), *lateness(results), *not_modelled(results)])
+    echo_lines([*table(results), totals(results), *lateness(results), *not_modelled(results)])
     if any(one.verdict.outcome is Outcome.FAILED for one in results):
         click.get_current_context().exit(FAILED)

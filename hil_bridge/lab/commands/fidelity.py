@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from hil_bridge.cli.bag_options import bag_options
-from hil_bridge.console.options import json_option, overwrite_option, tell, tell_json
+from hil_bridge.console.options import echo_json, echo_lines, json_option, overwrite_option
 from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.extras import install_command
@@ -103,8 +103,8 @@ def fidelity(
 
         write_whole(page, fidelity_page(recording.name, compared).encode(), overwrite)
     if as_json:
-        tell_json(compared.comparison)
+        echo_json(compared.comparison)
     else:
-        tell(describe(compared.comparison))
+        echo_lines(describe(compared.comparison))
     if page is not None:
         click.echo(page, err=as_json)

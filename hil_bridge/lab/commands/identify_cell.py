@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.console.options import json_option, output_option, overwrite_option, tell, tell_json
+from hil_bridge.console.options import echo_json, echo_lines, json_option, output_option, overwrite_option
 from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.commands.fidelity import between_option, columns_option, requiring_scipy
@@ -62,9 +62,9 @@ def identify_cell(
     else:
         identified = identify_run(read(recording))
     if as_json:
-        tell_json({"recording": recording.name, "values": list(identified.values)})
+        echo_json({"recording": recording.name, "values": list(identified.values)})
     else:
-        tell(describe(identified.values))
+        echo_lines(describe(identified.values))
     if out is not None:
         write_whole(out, profile_text(identified, recording.name).encode(), overwrite)
         click.echo(f"wrote {out}", err=as_json)

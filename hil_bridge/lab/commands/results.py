@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hil_bridge.console.options import tell, tell_json
+from hil_bridge.console.options import echo_json, echo_lines
 
 if TYPE_CHECKING:
     from hil_bridge.record import Recording
@@ -43,10 +43,10 @@ def compare_results(files: tuple[Path, ...], out: Path, as_json: bool, overwrite
         stores = zip(names_of(files), (stack.enter_context(Store.open(path)) for path in files), strict=True)
         trend = trend_of(dict(stores))
     if as_json:
-        tell_json(trend)
+        echo_json(trend)
     else:
         write_whole(out, trend_page(trend).encode(), overwrite)
-        tell(harmless(line) for line in trend_lines(trend))
+        echo_lines(harmless(line) for line in trend_lines(trend))
         click.echo(out)
     if trend.worse:
         click.get_current_context().exit(DIFFERS)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hil_bridge.cli.completion import complete, controllers
-from hil_bridge.console.options import output_option, overwrite_option, tell
+from hil_bridge.console.options import echo_lines, output_option, overwrite_option
 from hil_bridge.console.paths import FILE
 from hil_bridge.errors import ConfigError
 
@@ -151,7 +151,7 @@ def tune(
             comparisons = _validate(state, cells, runs)
     finally:  # results so far are written even after Ctrl-C
         if state is not None:
-            tell(describe_parameters(state))
+            echo_lines(describe_parameters(state))
             best = state.best
             if best is not None and out is not None:
                 text = tuned_file(values, config, state, config_file)
@@ -167,7 +167,7 @@ def tune(
             if json_file is not None:
                 write_whole(json_file, as_json(state, comparisons).encode(), overwrite)
                 click.echo(json_file)
-    tell(["", *describe_front(front(state.tried, *axes), plan.space, *axes)])
+    echo_lines(["", *describe_front(front(state.tried, *axes), plan.space, *axes)])
     fresh = fresh_comparison(state)
     _print_comparisons([*([fresh] if fresh else []), *comparisons], plan, bool(cells))
     if state.best is None:
@@ -213,6 +213,6 @@ def _print_comparisons(comparisons: "Sequence[Comparison]", plan: "SearchPlan", 
 
     figures = [*plan.weights, "rise_s", "overshoot_percent", "rms_error_n"]
     for one in comparisons:
-        tell(["", *describe_comparison(one, [*dict.fromkeys(figures), "force_true_max_n"])])
+        echo_lines(["", *describe_comparison(one, [*dict.fromkeys(figures), "force_true_max_n"])])
     if validated and len(comparisons) > 1:
-        tell(["", f"In cells not used for tuning, {sentence(comparisons[1:])}."])
+        echo_lines(["", f"In cells not used for tuning, {sentence(comparisons[1:])}."])

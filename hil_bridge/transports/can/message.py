@@ -1,4 +1,4 @@
-"""Frames, errors and descriptors of python-can in the terms of this project."""
+"""Conversion of frames, errors and descriptors of python-can to those of this project."""
 
 import errno
 
@@ -12,7 +12,7 @@ _FULL = (errno.ENOBUFS, errno.EAGAIN)
 
 
 def file_descriptor(bus: can.BusABC) -> int:
-    """File descriptor that the event loop waits for, or −1 when the interface has none."""
+    """Return the file descriptor that the event loop waits for, or −1 if the interface has none."""
     try:
         return bus.fileno()
     except NotImplementedError:
@@ -20,7 +20,7 @@ def file_descriptor(bus: can.BusABC) -> int:
 
 
 def to_message(frame: CanFrame) -> can.Message:
-    """Convert a frame to a message; the bytes of a remote frame give the number that it requests."""
+    """Convert a frame to a message; the bytes of a remote frame are the requested number."""
     return can.Message(
         arbitration_id=frame.identifier,
         is_extended_id=frame.extended,
@@ -31,7 +31,7 @@ def to_message(frame: CanFrame) -> can.Message:
 
 
 def from_message(message: can.Message, at: float) -> CanFrame | None:
-    """Convert a message to a frame; None if it is not a classical CAN frame."""
+    """Convert a message to a frame, or None if it is not a classical CAN frame."""
     if message.is_fd or (len(message.data) != message.dlc and not message.is_remote_frame):
         return None
     if message.is_error_frame and message.dlc != REPORT_BYTES:
@@ -50,7 +50,7 @@ def from_message(message: can.Message, at: float) -> CanFrame | None:
 
 
 def is_full(error: BaseException) -> bool:
-    """Whether sending failed only for now; python-can says it by number or in words."""
+    """Return whether sending failed only temporarily; python-can reports it by number or by text."""
     return (
         reasons.error_number(error) in _FULL
         or isinstance(error.__cause__, BlockingIOError)

@@ -1,4 +1,4 @@
-"""Opens every CAN interface of python-can."""
+"""Opening of CAN interfaces of python-can."""
 
 import asyncio
 import errno
@@ -28,7 +28,7 @@ async def open_python_can(url: WireUrl, clock: Clock, accept: Sequence[CanFilter
     try:
         bus = await asyncio.shield(opening)
     except asyncio.CancelledError:
-        # the thread cannot be stopped: a bus that it opens must be closed when it is done
+        # the thread cannot be stopped: a bus that it opens must be closed afterwards
         opening.add_done_callback(_close_opened)
         raise
     except (can.CanError, OSError, ValueError) as error:
@@ -44,7 +44,7 @@ def _open(interface: str, channel: str, accept: Sequence[CanFilter], options: di
         case "socketcan":
             # error frames are on unless they are declined; a socket can be bound to an interface that is down
             if (up := interface_up(channel)) is not True:
-                # python-can would find out too, but leave its socket open
+                # python-can would detect it too, but leave its socket open
                 number = errno.ENODEV if up is None else errno.ENETDOWN
                 raise OSError(number, os.strerror(number))
     filters = [

@@ -1,4 +1,4 @@
-"""Parts that every CAN wire needs for sending: a bounded queue whose frames do not grow old, and its counts."""
+"""Sending parts of every CAN wire: a bounded queue that drops old frames, and counts."""
 
 import math
 from collections import deque
@@ -10,27 +10,27 @@ from hil_bridge.transports.delivery import QUEUE_FRAMES
 from protocol.can.frame import CanFrame
 
 SEND_DEADLINE_S = 0.1
-"""Longest wait of a frame while nothing leaves, s. Chosen: after that a command is worse than none."""
+"""Longest wait of a frame while nothing is sent, s. Chosen: after that, a command does more harm than good."""
 
 
 @dataclass(frozen=True, slots=True)
 class CanStatistics:
-    """Counts of a node of a CAN bus since it was opened."""
+    """Counts of a node of a CAN bus since opening."""
 
     sent: int = 0
-    """Frames that the interface has taken; on a bus in memory, frames that were acknowledged."""
+    """Frames that the interface has accepted; on a bus in memory, frames that were acknowledged."""
     received: int = 0
-    """Frames of other nodes that were handed over."""
+    """Frames of other nodes that were delivered."""
     dropped: int = 0
-    """Frames to send that were given up."""
+    """Frames dropped before sending."""
     error_frames: int = 0
-    """Reports of trouble: of the interface and of the transport."""
+    """Error reports of the interface and of the transport."""
     bus_off: int = 0
-    """Number of times that the node had to leave the bus because of its errors."""
+    """Number of times that the node went bus-off because of its errors."""
     malformed: int = 0
-    """Arrivals that were no classical CAN frame."""
+    """Arrivals that were not classical CAN frames."""
     overruns: int = 0
-    """Arrivals lost because the client did not take them in time."""
+    """Arrivals lost because the client did not read them in time."""
 
 
 @dataclass(slots=True)
@@ -39,15 +39,15 @@ class Arrived:
 
     frames: int = 0
     reports: int = 0
-    """Reports of trouble."""
+    """Error reports."""
     bus_off: int = 0
 
 
 class SendQueue:
-    """Frames that wait for the bus, in order.
+    """Queue of frames that wait for the bus.
 
-    A frame is given up when it has waited for the deadline and nothing has left meanwhile. A slow bus delays; a stuck
-    one does not keep old commands for later.
+    A frame is dropped if it has waited for the deadline and nothing was sent meanwhile. A slow bus delays frames; a
+    stuck one does not keep old commands for later.
     """
 
     __slots__ = ("_deadline", "_name", "dropped", "frames", "progress", "sent")
@@ -56,9 +56,9 @@ class SendQueue:
         self._name = name
         self._deadline = deadline_s
         self.frames: deque[tuple[float, CanFrame]] = deque()
-        """Since when each waits, s, and the frame."""
+        """Start of each wait, s, and the frame."""
         self.progress = float("-inf")
-        """When a frame left last, s."""
+        """Time of the last sent frame, s."""
         self.sent = 0
         self.dropped = 0
 
@@ -66,26 +66,26 @@ class SendQueue:
         return len(self.frames)
 
     def statistics(self, arrived: "Arrived", overruns: int, malformed: int = 0) -> CanStatistics:
-        """Return the counts of the node that sends from here."""
+        """Counts of the sending node."""
         return CanStatistics(
             self.sent, arrived.frames, self.dropped, arrived.reports, arrived.bus_off, malformed, overruns
         )
 
     @property
     def head(self) -> CanFrame:
-        """The frame that is next."""
+        """Next frame."""
         return self.frames[0][1]
 
     @property
     def give_up_at(self) -> float:
-        """When the next frame is given up, s; never if there is none."""
+        """Time at which the next frame is dropped, s; infinity without one."""
         if not self.frames:
             return math.inf
         since, progress = self.frames[0][0], self.progress
         return (since if since > progress else progress) + self._deadline
 
     def put(self, frames: Frames, now: float) -> None:
-        """Queue all of them. Raises TransportError and queues none when there is no room for all."""
+        """Queue all frames. Raises TransportError, and queues none, if there is no room for all."""
         for frame in frames:
             if frame.error:
                 raise ValueError("an error report is not a frame that a node can send")
@@ -96,13 +96,13 @@ class SendQueue:
         self.frames.extend([(now, frame) for frame in frames])
 
     def left(self, now: float) -> None:
-        """Note that the next frame was sent."""
+        """Remove the next frame, which was sent."""
         self.frames.popleft()
         self.progress = now
         self.sent += 1
 
     def give_up(self, now: float) -> int:
-        """Drop what has waited too long; how many."""
+        """Drop what has waited too long; return how many."""
         dropped = 0
         while self.give_up_at <= now:
             self.frames.popleft()

@@ -1,4 +1,4 @@
-"""A thread that reads a python-can interface which has no file descriptor to wait for."""
+"""Thread that reads a python-can interface without a file descriptor to wait for."""
 
 import threading
 from collections import deque
@@ -11,11 +11,11 @@ from hil_bridge.clock import Clock
 from hil_bridge.transports.delivery import QUEUE_FRAMES
 
 _LOOKS_S = 0.1
-"""Time between two looks of the thread whether it shall end."""
+"""Time between two checks of the thread whether it is to end."""
 
 
 class ReaderThread:
-    """Reads until it is stopped or the interface fails; hands over in the event loop's thread, with times."""
+    """Reads until it is stopped or the interface fails; delivers in the event loop's thread, with times."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class ReaderThread:
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask it to end."""
+        """Request its end."""
         self._stopping = True
 
     def join(self) -> None:

@@ -1,4 +1,4 @@
-"""A serial CAN adapter as a transport: frames over any byte wire, a serial port or TCP."""
+"""Transport over a serial CAN adapter: frames over any byte wire, a serial port or TCP."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -15,8 +15,8 @@ from protocol.can.slcan import SlcanClient
 class SlcanWire:
     """Transport over an adapter whose channel is opened at once.
 
-    slcan tells of no bus error, and not of every frame whether it has left. Frames that wait for the adapter wait in
-    the byte wire, whose own bounds hold.
+    slcan reports no bus errors, and does not confirm the sending of every frame. Frames that wait for the adapter wait
+    in the byte wire, with its limits.
     """
 
     def __init__(
@@ -37,7 +37,7 @@ class SlcanWire:
 
     @property
     def statistics(self) -> CanStatistics:
-        """Counts since it was opened."""
+        """Counts since opening."""
         return CanStatistics(sent=self._sent, received=self._received, malformed=self._client.malformed)
 
     def start(self, on_data: Callable[[Frames], None], on_end: Callable[[TransportError], None]) -> None:

@@ -1,4 +1,4 @@
-"""The device's side of an slcan adapter: a byte wire to the host, and a bus between the adapter and the device."""
+"""Device side of an slcan adapter: a byte wire to the host, and a bus between the adapter and the device."""
 
 from collections.abc import Callable, Sequence
 from typing import Protocol
@@ -11,30 +11,30 @@ from protocol.can.frame import CanFrame
 
 
 class Adapter(Protocol):
-    """An slcan adapter as a machine without input and output."""
+    """State machine of an slcan adapter, without I/O."""
 
     @property
     def bus_bit_rate(self) -> int:
         """Bit rate of its bus, bit/s."""
 
     def receive(self, data: bytes, now: float) -> None:
-        """Bytes from the host."""
+        """Process bytes from the host."""
 
     def send_frames(self, frames: Sequence[CanFrame], now: float) -> None:
-        """Frames seen on the adapter's bus."""
+        """Process frames received on the adapter's bus."""
 
     def next_event(self) -> CanFrame | None:
-        """Return a frame that the host sends, or None if there are no more."""
+        """Return a frame that the host sends, or None if there is no more."""
 
     def data_to_send(self, now: float) -> bytes:
-        """Bytes for the host."""
+        """Return bytes for the host."""
 
 
 class SlcanDevice:
-    """A transport of frames over a byte wire, with an adapter between them.
+    """Transport of frames over a byte wire, with an adapter between them.
 
-    Frames take their time on the adapter's bus, both ways: it has two nodes, the adapter and the device. The adapter
-    acknowledges whatever comes, also while its channel is closed.
+    Frames take their time on the adapter's bus, in both directions: it has two nodes, the adapter and the device. The
+    adapter acknowledges all frames, even while its channel is closed.
     """
 
     def __init__(self, serial: Transport[bytes], adapter: Adapter, clock: Clock) -> None:
@@ -44,25 +44,25 @@ class SlcanDevice:
         bus = MemoryCanBus(clock, adapter.bus_bit_rate, serial.name)
         self._adapter_node, self._device_node = bus.connect(), bus.connect()
         self.lost = 0
-        """Frames that found no room on their way to the bus, as after a stall of this process."""
+        """Frames dropped on the way to the bus because the queue was full, as after a stall of this process."""
 
     @property
     def name(self) -> str:
-        """The URL of the byte wire."""
+        """URL of the byte wire."""
         return self._serial.name
 
     def start(self, on_data: Callable[[Frames], None], on_end: Callable[[TransportError], None]) -> None:
-        """Begin to serve the host that talks to the adapter."""
+        """Start to serve the host of the adapter."""
         self._device_node.start(on_data, on_end)
         self._adapter_node.start(self._from_bus, on_end)
         self._serial.start(self._from_host, on_end)
 
     def send(self, data: Frames) -> None:
-        """Frames of the device for the bus, and for the host if the adapter's channel is open."""
+        """Send frames of the device to the bus, and to the host if the adapter's channel is open."""
         self._queue(self._device_node, data)
 
     async def aclose(self) -> None:
-        """Close the byte wire, once the bus has carried what waits for it."""
+        """Close the byte wire after the bus has sent what is queued."""
         await self._device_node.aclose()
         await self._adapter_node.aclose()
         await self._serial.aclose()

@@ -1,9 +1,8 @@
-"""The network interface under a SocketCAN bus: whether it is up, and how to come back when it was not.
+"""Network interface of a SocketCAN bus: its state, and the recovery after an outage.
 
-The kernel's way (net/can/raw.c): when the interface goes down, every socket bound to it reads ENETDOWN once. The socket
-stays bound, and sending fails with ENETDOWN, until the interface is up again. When the interface is deleted or its
-adapter unplugged, the socket reads ENODEV. It is of no use any more then, even if an interface of the same name comes
-back.
+Behaviour of the kernel (net/can/raw.c): when the interface goes down, every socket bound to it reads ENETDOWN once. The
+socket stays bound, and sending fails with ENETDOWN, until the interface is up again. When the interface is deleted or
+its adapter unplugged, the socket reads ENODEV. It is then unusable, even if an interface of the same name returns.
 """
 
 import errno
@@ -26,21 +25,20 @@ _IFREQ = struct.Struct("16sH22x")
 
 
 class Link(Protocol):
-    """Errors of an interface that may go away under a bus and come back."""
+    """State of an interface that may go away under a bus and return."""
 
     @property
     def up(self) -> bool:
         """Whether frames can pass."""
 
     def renew(self, bus: can.BusABC) -> can.BusABC:
-        """Return the bus to continue with: the same one, or another if this one is unusable; then it is shut.
-
-        Raises OSError or can.CanError when that fails.
+        """Return the bus to continue with: the same one, or another if this one is unusable, which is then closed.
+        Raises OSError or can.CanError if that fails.
         """
 
 
 class SocketCanLink:
-    """A network interface by name; `open_bus` opens a socket on it."""
+    """Network interface by name; `open_bus` opens a socket on it."""
 
     def __init__(self, channel: str, open_bus: Callable[[], can.BusABC]) -> None:
         self._channel = channel
@@ -52,7 +50,7 @@ class SocketCanLink:
 
     def renew(self, bus: can.BusABC) -> can.BusABC:
         if isinstance(bus, SocketcanBus) and bus.socket.getsockname()[0] == self._channel:
-            # still bound to it; the error that was not read yet is over
+            # still bound to it; the pending error no longer applies
             bus.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
             return bus
         renewed = self._open_bus()
@@ -61,7 +59,7 @@ class SocketCanLink:
 
 
 def interface_up(name: str) -> bool | None:
-    """Whether a network interface is up, None if there is none of this name. Linux only."""
+    """Return whether a network interface is up, None if there is none with this name. Linux only."""
     try:
         request = _IFREQ.pack(os.fsencode(name), 0)
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as any_socket:

@@ -1,4 +1,4 @@
-"""A CAN interface of python-can as a transport, driven by the event loop."""
+"""Transport over a CAN interface of python-can, driven by the event loop."""
 
 import asyncio
 from collections.abc import Callable
@@ -24,17 +24,16 @@ MOST_PER_WAKE_UP = 256
 """Reads before others have their turn. Chosen: 30 ms of a full bus at 1 Mbit/s in about 3 ms."""
 
 RETRY_S = 0.001
-"""When a frame is offered again that the interface had no room for, s. Chosen: ten frames at 1 Mbit/s, which is the
-shortest queue that interfaces have. Being writable says nothing: the socket is writable while its interface is full.
+"""Time after which a frame is retried for which the interface had no room, s. Chosen: ten frames at 1 Mbit/s, the
+shortest queue of interfaces. Writability does not help: the socket is writable while its interface is full.
 """
 
 PROBE_S = 0.05
-"""How often an interface that is down is looked at, s. Chosen."""
+"""Time between checks of an interface that is down, s. Chosen."""
 
 LINK_PATIENCE_S = 10.0
-"""Longest time for which a bus may be off or its interface down before the wire is broken, s.
-
-Chosen: an operator sets an interface up again, or plugs an adapter in, within that time.
+"""Longest time of bus-off or of an interface that is down before the wire is broken, s. Chosen: an operator brings an
+interface up again, or reconnects an adapter, within that time.
 """
 
 _STAMPED_BY_KERNEL = ("socketcan",)
@@ -42,34 +41,34 @@ _STAMPED_BY_KERNEL = ("socketcan",)
 
 @dataclass(frozen=True, slots=True)
 class _Outage:
-    """The wire carries nothing at present."""
+    """Outage of the wire."""
 
     since: float
     error: BaseException
     link: bool
-    """Whether the interface is down; else its controller is bus-off."""
+    """Whether the interface is down; otherwise its controller is bus-off."""
 
 
 class Place(NamedTuple):
-    """A bus of this computer."""
+    """Bus of this computer."""
 
     interface: str
     """`socketcan` or `virtual`, as python-can calls them."""
     channel: str
-    """Its name there: `can0`."""
+    """Its channel, such as `can0`."""
     name: str
-    """The wire as an operator has named it."""
+    """URL of the wire as the user gave it."""
 
 
 class CanWire:
     """Transport over an open python-can bus.
 
-    Frames without room in the interface wait in a queue. They are given up when none leaves for `send_deadline_s`.
-    An interface that goes down, or bus-off, has LINK_PATIENCE_S to come back. All of this is told in band, by
-    error frames: INTERFACE_DOWN and TX_TIMEOUT are made here, also RESTARTED when the interface is up again.
+    Frames without room in the interface wait in a queue. They are dropped if none is sent for `send_deadline_s`. An
+    interface that goes down, or bus-off, has LINK_PATIENCE_S to recover. All of this is reported in band, by error
+    frames: INTERFACE_DOWN and TX_TIMEOUT are generated here, as is RESTARTED when the interface is up again.
 
-    Frames of SocketCAN carry the kernel's receive time: python-can asks for SO_TIMESTAMPNS, and `Clock.at_wall`
-    turns that into the loop's time.
+    Frames of SocketCAN contain the kernel's receive time: python-can enables SO_TIMESTAMPNS, and `Clock.at_wall`
+    converts that to the loop's time.
     """
 
     def __init__(
@@ -93,7 +92,7 @@ class CanWire:
         self._kernel_stamps = place.interface in _STAMPED_BY_KERNEL
         self._counts = Arrived()
         self.malformed = 0
-        """Arrivals that were no classical CAN frame."""
+        """Arrivals that were not classical CAN frames."""
         self._thread: ReaderThread | None = None
         self._fd = file_descriptor(bus)
 
@@ -103,7 +102,7 @@ class CanWire:
 
     @property
     def statistics(self) -> CanStatistics:
-        """Counts since it was opened."""
+        """Counts since opening."""
         overruns = self._delivery.overruns + (0 if self._thread is None else self._thread.overruns)
         return self._queue.statistics(self._counts, overruns, self.malformed)
 
@@ -144,7 +143,7 @@ class CanWire:
     # --- sending
 
     def _push(self) -> None:
-        """Give the interface as many frames as it takes. Makes no callback, except that a broken wire is reported."""
+        """Send as many frames as the interface accepts. Makes no callback, except to report a broken wire."""
         while len(self._queue) and (self._outage is None or not self._outage.link):
             try:
                 self._bus.send(to_message(self._queue.head), timeout=0)
@@ -155,7 +154,7 @@ class CanWire:
             self._queue.left(self._clock.now())
 
     def _arm(self) -> None:
-        """Have the timer come when there is something to look after."""
+        """Set the timer to the next thing to handle."""
         if self._timer is not None or not self._open:
             return
         now = self._clock.now()
@@ -168,7 +167,7 @@ class CanWire:
         self._timer = self._clock.call_at(when, self._look)
 
     def _look(self) -> None:
-        """Retry, drop what is too old, see whether an outage is over or lasts too long."""
+        """Retry, drop what is too old, and check whether an outage is over or lasts too long."""
         self._timer = None
         if not self._open:
             return
@@ -203,7 +202,7 @@ class CanWire:
             self._fail(failure)
 
     def _drain(self, frames: list[CanFrame]) -> None:
-        """Take all pending frames, up to the bound."""
+        """Read all pending frames, up to the limit."""
         for _ in range(MOST_PER_WAKE_UP):
             message = self._bus.recv(0)
             if message is None:
@@ -241,7 +240,7 @@ class CanWire:
     # --- outages
 
     def _judge(self, frame: CanFrame) -> None:
-        """Follow the controller's error state."""
+        """Track the controller's error state."""
         report = decode_error(frame)
         if report.state is ErrorState.BUS_OFF:
             self._counts.bus_off += 1
@@ -258,23 +257,23 @@ class CanWire:
                 self._timer = None
 
     def _fail(self, error: BaseException) -> None:
-        """Handle an error: an interface that is down may come back, anything else breaks the wire."""
+        """Handle an error: an interface that is down may return, anything else breaks the wire."""
         if self._link is None or reasons.error_number(error) not in LINK_LOST:
             self._break(error)
         elif self._outage is None or not self._outage.link:
             self._outage = _Outage(self._clock.now(), error, link=True)
             if self._fd >= 0:
                 self._clock.loop.remove_reader(self._fd)
-            # may be within `send`, in which the client does not expect a callback
+            # may be within `send`, where the client does not expect a callback
             self._clock.loop.call_soon(self._tell_down)
             self._arm()
 
     def _tell_down(self) -> None:
-        """Hand over what came before: later it would look new."""
+        """Deliver what arrived before: later it would appear new."""
         if not self._open:
             return
         frames: list[CanFrame] = []
-        for _ in range(2):  # the socket may still have to tell its error first
+        for _ in range(2):  # the socket may still have to report its error first
             with suppress(can.CanError, OSError):
                 self._drain(frames)
         self._arrived(frames)

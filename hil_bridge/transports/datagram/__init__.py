@@ -1,7 +1,7 @@
-"""Datagram wires: UDP, and a network in memory with delay, loss, duplicates and changed order.
+"""Datagram wires: UDP, and a network in memory with delay, loss, duplicates and reordering.
 
-Such a wire is unreliable: a datagram arrives whole or not at all, perhaps twice, perhaps after a later one. What is
-lost is counted where that can be known. The other side's end is not seen: silence is the matter of time limits above.
+Such a wire is unreliable: a datagram arrives complete or not at all, perhaps twice, perhaps after a later one. Losses
+are counted if they can be detected. The end of the other side is not visible: time limits above handle silence.
 """
 
 from hil_bridge.transports.datagram.memory import MemoryDatagrams, Path, connect_memory, listen_memory

@@ -1,4 +1,4 @@
-"""A network of datagrams inside one event loop, exact in virtual time; what goes wrong on it repeats with the seed.
+"""Network of datagrams inside one event loop, exact in virtual time; its faults repeat with the seed.
 
 Each end has a path to the network, with its own delays and faults. A datagram passes both paths: when it is sent and
 when it arrives. The two directions of a path draw their own numbers.
@@ -32,15 +32,15 @@ class Path:
     latency_s: float = 0.0
     """Time that every datagram takes, s."""
     jitter_s: float = 0.0
-    """Time that a datagram may take longer, s; drawn evenly from 0 to this. It does not change the order."""
+    """Largest additional time of a datagram, s; uniformly distributed from 0. It does not change the order."""
     loss: float = 0.0
     """Probability that a datagram is lost, 0 … 1."""
     duplicate: float = 0.0
     """Probability that a datagram arrives twice, 0 … 1."""
     reorder: float = 0.0
-    """Probability that a datagram comes right behind the next one, or after `HELD_S` without one; 0 … 1."""
+    """Probability that a datagram arrives right after the next one, or after `HELD_S` without one; 0 … 1."""
     seed: int = 0
-    """Seed of the numbers that are drawn."""
+    """Seed of the random numbers."""
 
     @property
     def changes_nothing(self) -> bool:
@@ -50,7 +50,7 @@ class Path:
 
 @dataclass(slots=True)
 class _Network:
-    """The ends of one event loop by address: a listener has its name, a client its name and a number."""
+    """Ends of one event loop by address: a listener has its name, a client its name and a number."""
 
     ends: dict[str, "MemoryDatagrams"] = field(default_factory=dict)
     numbers: "itertools.count[int]" = field(default_factory=lambda: itertools.count(1))
@@ -64,23 +64,21 @@ def _network(clock: Clock) -> _Network:
 def listen_memory(
     name: str, path: Path, clock: Clock, on_notice: Notice, refuse_strangers: bool = False
 ) -> "MemoryDatagrams":
-    """Wait under this name for datagrams of clients in this loop. Raises TransportUnavailable if taken."""
+    """Wait under this name for datagrams of clients in this loop. Raises TransportUnavailable if the name is in use."""
     network = _network(clock)
     if name in network.ends:
-        raise TransportUnavailable(
-            f"udp+memory:{name}: another listens under this name already; choose another"
-        )
+        raise TransportUnavailable(f"udp+memory:{name}: the name is already in use; choose another")
     return MemoryDatagrams(name, Peer(refuse=refuse_strangers), path, clock, on_notice)
 
 
 def connect_memory(name: str, path: Path, clock: Clock, on_notice: Notice) -> "MemoryDatagrams":
-    """Speak to the listener of this name in this loop. It may come later: what is sent before is counted."""
+    """Send to the listener of this name in this loop. It may start later: datagrams sent before are counted."""
     network = _network(clock)
     return MemoryDatagrams(f"{name}#{next(network.numbers)}", Peer(name), path, clock, on_notice)
 
 
 class MemoryDatagrams:
-    """One end: a transport of datagrams over the network of its loop."""
+    """Transport of datagrams over the network of its loop."""
 
     __slots__ = (
         "_address",
@@ -115,7 +113,7 @@ class MemoryDatagrams:
 
     @property
     def statistics(self) -> DatagramStatistics:
-        """Counts since it was opened."""
+        """Counts since opening."""
         leaving, arriving = self._leaving, self._arriving
         return DatagramStatistics(
             **self._counts,
@@ -138,10 +136,10 @@ class MemoryDatagrams:
             self._counts["sent" if taken else "dropped"] += 1
 
     def take_in(self) -> None:
-        """Nothing waits here."""
+        """Do nothing: there is no system buffer."""
 
     def cut(self) -> None:
-        """Cut the cable: this end ends with TransportBroken, and the others hear nothing more of it."""
+        """Cut the cable: this end ends with TransportBroken, and the others receive nothing more from it."""
         self._leave_network()
         self._delivery.end(TransportBroken(f"{self.name}: the cable was cut"))
 
@@ -155,7 +153,7 @@ class MemoryDatagrams:
             del self._ends[self._address]
 
     def _reach(self, datagram: bytes, target: str) -> None:
-        """Deliver a datagram of ours to the other end's side of the network."""
+        """Deliver a datagram at the other end's side of the network."""
         there = self._ends.get(target)
         if there is None:
             self._counts["unreachable"] += 1
@@ -179,7 +177,7 @@ class MemoryDatagrams:
 
 
 class _Direction:
-    """One direction of a path."""
+    """Direction of a path."""
 
     __slots__ = ("_clock", "_draw", "_held", "_path", "_queue", "_timer", "duplicated", "full", "lost")
 
@@ -193,12 +191,12 @@ class _Direction:
         self.lost = 0
         """Datagrams lost."""
         self.duplicated = 0
-        """Copies made."""
+        """Number of copies."""
         self.full = 0
-        """Datagrams for which there was no room."""
+        """Datagrams dropped because the queue was full."""
 
     def put(self, action: Callable[[], None]) -> bool:
-        """Act when the datagram has passed, never at once. Whether there was room for it."""
+        """Execute `action` when the datagram has passed, never at once. Return whether there was room for it."""
         if self._queue.weight >= QUEUE_DATAGRAMS:
             self.full += 1
             return False
@@ -226,7 +224,7 @@ class _Direction:
             self._queue.put(action, 1, delay_of_copy)
 
     def _release(self) -> None:
-        """Let the datagram go that was held."""
+        """Release the held datagram."""
         held, self._held = self._held, None
         if self._timer is not None:
             self._timer.cancel()

@@ -1,8 +1,8 @@
-"""Datagrams over UDP, with a fixed peer or for the side that spoke last.
+"""Datagrams over UDP, with a fixed peer or for the last sender.
 
-The socket is bound to one address of this computer and not connected, so that datagrams of strangers are seen and
-counted. What the network tells about datagrams of ours (ICMP) lies in the socket's error queue on Linux. It is
-counted and told, and ends nothing: a device may be switched on later. Elsewhere it is not told.
+The socket is bound to one address of this computer and not connected, so that datagrams of strangers are received and
+counted. On Linux, network reports about our datagrams (ICMP) are in the socket's error queue. They are counted and
+reported, and end nothing: a device may be switched on later. Other systems do not provide them.
 
 References: udp(7), ip(7) IP_RECVERR, ipv6(7) IPV6_RECVERR, socket(7) SO_TIMESTAMPNS and SO_RXQ_OVFL.
 """
@@ -28,23 +28,24 @@ from hil_bridge.transports.delivery import Delivery
 from protocol.datagram import Datagram, side_of
 
 Address: TypeAlias = tuple[Any, ...]
-"""Host and port as the socket module has them; with flow and scope where they are of IPv6."""
+"""Host and port as in the socket module; with flow and scope for IPv6."""
 
 MOST_PER_WAKE_UP = 256
-"""Reads before others have their turn. Chosen: 36 ms of the quickest sensor's stream, 7000 a second."""
+"""Reads before others have their turn. Chosen: 36 ms of the fastest sensor's stream, 7000 per second."""
 
 RECEIVE_BUFFER_BYTES = 1 << 20
-"""Room that the system is asked for, bytes; it gives what its limit allows. Chosen: 0.2 s of 7000 datagrams a second,
-each of which the kernel calculates at 768 bytes at least."""
+"""Buffer size requested from the system, bytes; its limit may reduce it. Chosen: 0.2 s of 7000 datagrams per second,
+each of which the kernel accounts with at least 768 bytes.
+"""
 
 _LINUX = sys.platform == "linux"
 _SO_TIMESTAMPNS, _SO_RXQ_OVFL = 35, 40
 _RECVERR = {socket.AF_INET: (socket.IPPROTO_IP, 11), socket.AF_INET6: (socket.IPPROTO_IPV6, 25)}
-"""Level and option by which the error queue is switched on; Python does not name them before 3.14."""
+"""Level and option that enable the error queue; Python does not define them before 3.14."""
 _TIMESPEC, _DROPS, _ERROR = struct.Struct("@ll"), struct.Struct("@I"), struct.Struct("@I")
 _ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size) + socket.CMSG_SPACE(_DROPS.size) if _LINUX else 0
 _ERROR_ANCILLARY = 512
-"""Bytes for the answer of the error queue: an error, the address that told it, and the two above."""
+"""Bytes for an entry of the error queue: an error, the address that reported it, and the two above."""
 
 _NO_ROOM = (errno.EAGAIN, errno.ENOBUFS)
 _ON_THE_WAY = frozenset(
@@ -54,11 +55,13 @@ _ON_THE_WAY = frozenset(
         *(getattr(errno, name) for name in ("ENONET",) if hasattr(errno, name)),
     )
 )
-"""Errors that tell of the network and not of the socket. Source: Linux, icmp_err_convert and the table of ICMPv6."""
+"""Errors of the network, not of the socket. Source: Linux, icmp_err_convert and the table of ICMPv6."""
 
 
 async def connect_udp(address: tuple[str, int], clock: Clock, name: str, on_notice: Notice) -> "UdpWire":
-    """Return a wire to this host and port, from the local address that leads there. Raises TransportUnavailable."""
+    """Open a wire to this host and port, from the address of this computer that leads there. Raises
+    TransportUnavailable.
+    """
     try:
         family, peer = await _resolve(address, clock)
         with socket.socket(family, socket.SOCK_DGRAM) as route:
@@ -73,9 +76,8 @@ async def connect_udp(address: tuple[str, int], clock: Clock, name: str, on_noti
 async def listen_udp(
     address: tuple[str, int], clock: Clock, name: str, on_notice: Notice, refuse_strangers: bool
 ) -> tuple["UdpWire", str, int]:
-    """Return a wire at this local address, and the host and port that it really has.
-
-    Raises TransportUnavailable.
+    """Open a wire at this address of this computer; return it with the actual host and port. Raises
+    TransportUnavailable.
     """
     try:
         family, here = await _resolve(address, clock)

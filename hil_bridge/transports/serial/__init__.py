@@ -1,1 +1,3 @@
-"""Serial wires: ports, pseudo-terminals, RFC 2217, and the line that memory and emulated wires keep to."""
+"""Serial wires: ports, pseudo-terminals, RFC 2217, and the emulated line for wires in memory and of emulated
+devices.
+"""

@@ -1,4 +1,4 @@
-"""One direction of a serial line: bytes sent take their time, and the receiver reads them at its own settings."""
+"""Direction of a serial line: bytes take their time, and the receiver reads them with its own settings."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -18,20 +18,21 @@ from hil_bridge.transports.serial.uart import (
 
 
 class ReceivingEnd(NamedTuple):
-    """The end that bytes come to."""
+    """Receiving end."""
 
     settings: Callable[[], LineSettings]
-    """Its settings as they are now."""
+    """Returns its present settings."""
     damaged: Damaged
     sink: Callable[[bytes], None]
-    """Given the bytes; without any when time has passed on the line and its owner gets none."""
+    """Receives the bytes; none if time has passed on the line without bytes for its owner."""
     on_flaw: Callable[[Flaw], None]
 
 
 class SerialDirection:
-    """Bytes wait here for their turn on the line and are handed on in chunks, as a receiver's FIFO does.
+    """Queue of bytes that wait for the line.
 
-    Bytes are decoded bit by bit only where the settings of the two ends differ.
+    Bytes are delivered in chunks, as by a receiver's FIFO. They are decoded bit by bit only if the settings of the two
+    ends differ.
     """
 
     __slots__ = (
@@ -62,7 +63,7 @@ class SerialDirection:
         sender_settings: Callable[[], LineSettings],
         receiver: ReceivingEnd,
     ) -> None:
-        """`sender_settings` gives the settings of the other end as they are now."""
+        """`sender_settings` returns the present settings of the other end."""
         self._clock = clock
         self._fifo = fifo
         self._sender_settings = sender_settings
@@ -70,20 +71,19 @@ class SerialDirection:
         self._receiver = Receiver(receiver.settings())
         self._take_settings(sender_settings())
         self.errors = LineErrors()
-        """Damaged characters that the receiver has found."""
+        """Damaged characters that the receiver has detected."""
         self.waiting = bytearray()
         self._begun = 0.0
-        """When the first start bit of the present unbroken traffic began."""
+        """Time of the first start bit of the present uninterrupted traffic."""
         self._passed = 0
-        """Characters of it that were handed on."""
+        """Characters of it that were delivered."""
         self._next = 0
-        """Characters to hand on when the timer comes; 0 when it is the receiver's."""
+        """Characters to deliver when the timer expires; 0 if it is the receiver's."""
         self._timer: Timer | None = None
 
     def push(self, data: bytes) -> bool:
-        """Put bytes on the line. Returns False, with nothing done, when the queue has no room for them.
-
-        A sender's new settings hold from the next burst on.
+        """Queue bytes for the line. Returns False, with nothing done, if the queue has no room for them. New settings
+        of a sender apply from the next burst on.
         """
         if len(self.waiting) + len(data) > QUEUE_BYTES:
             return False
@@ -101,18 +101,18 @@ class SerialDirection:
         return True
 
     async def drained(self) -> None:
-        """Return when the last bit is through."""
+        """Return when the last bit has been transmitted."""
         while self.waiting:
             await self._clock.sleep_until(self._at(self._passed + len(self.waiting)))
 
     def clear(self) -> None:
-        """Lose the characters on the line."""
+        """Discard the characters on the line."""
         self.waiting.clear()
         self._receiver = Receiver(self._receiver.settings)
         self._disarm()
 
     def hold(self, low: bool, delay: float = 0.0) -> None:
-        """Begin or end a break, after a delay, s. The receiver does not see characters sent during a break."""
+        """Begin or end a break, after a delay, s. The receiver does not receive characters sent during a break."""
         now = self._clock.now()
         self._settle(now)
         self._receiver.hold(low, now + delay)
@@ -148,7 +148,7 @@ class SerialDirection:
             if self._next:
                 self._hand_on(self._next)
             else:
-                # a timer may come a rounding step early
+                # a timer may expire a rounding step early
                 now = self._clock.now()
                 self._hear(max(now, self._receiver.deadline or now))
         finally:
@@ -156,7 +156,7 @@ class SerialDirection:
                 self._arm()
 
     def _settle(self, now: float) -> None:
-        """Hand on every character whose last bit has passed."""
+        """Deliver every character whose last bit has passed."""
         if self.waiting:
             complete = int((now - self._begun) * self._baudrate / self._bits) - self._passed
             self._hand_on(max(0, min(complete, len(self.waiting))))

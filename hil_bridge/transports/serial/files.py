@@ -1,4 +1,4 @@
-"""A byte wire over a file descriptor that the event loop watches: serial port, pseudo-terminal, socket."""
+"""Byte wire over a file descriptor that the event loop watches: serial port, pseudo-terminal, socket."""
 
 import os
 import select
@@ -14,7 +14,7 @@ _READ_BYTES = 65536
 
 
 def hung_up(fd: int) -> bool:
-    """Whether an empty read is the end. On a terminal it may also mean that the data was flushed away."""
+    """Whether an empty read is the end. On a terminal it may also mean that the data was flushed."""
     poll = select.poll()
     poll.register(fd, select.POLLIN)
     return bool(poll.poll(0))
@@ -25,23 +25,23 @@ class FileOwner(Protocol):
 
     @property
     def fd(self) -> int:
-        """The file descriptor, open and non-blocking."""
+        """File descriptor, open and non-blocking."""
 
     def unsent(self) -> bool:
-        """Whether the operating system still holds data that left our queue."""
+        """Return whether the operating system still holds data that left our queue."""
 
     def close(self) -> None:
         """Close without waiting."""
 
     def at_end(self) -> TransportError:
-        """Error for a port that has nothing more to read."""
+        """Return the error for a port that has nothing more to read."""
 
     def broken(self, error: OSError) -> TransportError:
-        """Error for an error of the operating system."""
+        """Convert an error of the operating system."""
 
 
 class FileWire:
-    """Transport over a file descriptor. Writes at once when it can, else queues up to QUEUE_BYTES."""
+    """Transport over a file descriptor. Writes at once if possible, otherwise queues up to QUEUE_BYTES."""
 
     __slots__ = ("_clock", "_delivery", "_fd", "_open", "_owner", "_queue")
 
@@ -59,11 +59,11 @@ class FileWire:
 
     @property
     def queued(self) -> int:
-        """Bytes that the operating system has not taken yet."""
+        """Bytes that the operating system has not accepted yet."""
         return len(self._queue)
 
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
-        # earlier arrivals lie in the operating system's buffer
+        # earlier arrivals are in the operating system's buffer
         self._delivery.start(on_data, on_end)
         if self._open:
             self._clock.loop.add_reader(self._fd, self._readable)
@@ -88,14 +88,14 @@ class FileWire:
             self._clock.loop.add_writer(self._fd, self._writable)
 
     def hold(self, hold: bool) -> None:
-        """Take nothing more for now, so that the other side's sending waits; or continue. An end is noticed, too."""
+        """Stop or resume reading; while stopped, the other side's sending waits, and an end is not detected."""
         if self._open and hold:
             self._clock.loop.remove_reader(self._fd)
         elif self._open:
             self._clock.loop.add_reader(self._fd, self._readable)
 
     def forget(self) -> None:
-        """Give up what the operating system has not taken yet."""
+        """Discard what the operating system has not accepted yet."""
         if self._queue:
             self._queue.clear()
             self._clock.loop.remove_writer(self._fd)
@@ -104,7 +104,7 @@ class FileWire:
         await self._delivery.close(self._drained, self._close)
 
     async def _drained(self) -> None:
-        # the operating system does not tell when the last byte has left
+        # the operating system does not report when the last byte was sent
         while self._open and (self._queue or self._owner.unsent()):
             await self._clock.sleep_until(self._clock.now() + 0.002)
 
@@ -147,5 +147,5 @@ class FileWire:
             self._clock.loop.remove_reader(self._fd)
             self._clock.loop.remove_writer(self._fd)
             self._queue.clear()
-            with suppress(OSError):  # other code has closed it before
+            with suppress(OSError):  # other code has already closed it
                 self._owner.close()

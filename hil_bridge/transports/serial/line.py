@@ -1,4 +1,4 @@
-"""A serial line: bytes take the time that a UART gives them, and arrive as the other end's UART reads them."""
+"""Serial line: bytes take the time of a UART, and arrive as the other end's UART reads them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,9 +14,8 @@ from hil_bridge.transports.serial.uart import COUNTED_AS, Damaged, Flaw, LineErr
 from hil_bridge.transports.wrappers import Direction
 
 FIFO = 14
-"""Characters after which a UART hands over what it received.
-
-Assumed: the highest receive trigger level of a 16550A, which drivers choose.
+"""Characters after which a UART delivers what it received. Assumed: the highest receive trigger level of a 16550A,
+which drivers choose.
 """
 
 NOTICE_S = 1.0
@@ -29,18 +28,18 @@ def _no_matter(flaw: Flaw) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Uart:
-    """One end of a serial line: how it sends and reads, and what its owner does with damaged characters."""
+    """End of a serial line: how it sends and receives, and how its owner treats damaged characters."""
 
     settings: Callable[[], LineSettings]
-    """Its settings at this moment."""
+    """Returns its present settings."""
     damaged: Damaged = Damaged.KEEP
-    """Bytes that its owner takes for damaged characters."""
+    """Bytes that its owner reads for damaged characters."""
     on_flaw: Callable[[Flaw], None] = _no_matter
     """Called for every damaged character that this end receives."""
 
 
 class LineNotices:
-    """Gives notice of damaged characters: of the first at once, then at most once in `NOTICE_S`."""
+    """Reports damaged characters: the first at once, then at most one notice per `NOTICE_S`."""
 
     def __init__(
         self, name: str, line: LineSettings, clock: Clock, on_notice: Callable[[str, str], None]
@@ -64,15 +63,16 @@ class LineNotices:
 
 
 class PacedLine(Around[bytes]):
-    """A byte wire at the pace of a serial line, in both directions, with a UART at each end.
+    """Byte wire at the pace of a serial line, in both directions, with a UART at each end.
 
-    A byte passes when its last bit would have passed on a real line. A byte sent then goes to the wrapped transport;
-    a byte received goes to the client. Bytes are handed on in chunks: after `fifo` characters, or at the end of a
-    burst. A real UART waits four character times to see that end; this wait is not modelled. Bursts queue after one
-    another, and all times of unbroken traffic are counted from its first start bit.
+    A byte passes when its last bit would have passed on a real line. A byte sent then goes to the wrapped transport; a
+    byte received goes to the client. Bytes are delivered in chunks: after `fifo` characters, or at the end of a burst.
+    A real UART waits four character times to detect that end; this wait is not modelled. Bursts queue after one
+    another, and all times of uninterrupted traffic are counted from its first start bit.
 
-    Each end sends and reads at its own settings. Where they differ, an end receives the characters that a UART would
-    read from such a line. No end learns that the other is gone or has other settings: a serial line does not tell.
+    Each end sends and receives with its own settings. If they differ, an end receives the characters that a UART would
+    read from such a line. No end detects that the other is gone or has other settings: a serial line does not report
+    that.
     """
 
     __slots__ = ("_clock", "_end_cause", "_in", "_out", "overruns")
@@ -85,8 +85,8 @@ class PacedLine(Around[bytes]):
         fifo: int = FIFO,
         far: Uart | None = None,
     ) -> None:
-        """`line` is this end, which holds the transport. `far` is the end behind the wrapped transport, by default
-        with the same settings.
+        """`line` is this end, which holds the transport. `far` is the end behind the wrapped transport, by default with
+        the same settings.
         """
         near = line if isinstance(line, Uart) else Uart(lambda: line)
         far = far or Uart(near.settings)
@@ -98,7 +98,7 @@ class PacedLine(Around[bytes]):
         self._out = SerialDirection(clock, fifo, near.settings, there)
         self._end_cause: TransportError | None = None
         self.overruns = 0
-        """Received bytes that were lost because more came than the line could carry."""
+        """Received bytes that were lost because they exceeded the line's capacity."""
 
     @property
     def line_errors(self) -> LineErrors:
@@ -122,14 +122,15 @@ class PacedLine(Around[bytes]):
     def send_break(self, duration_s: float, direction: Direction = Direction.SENT) -> None:
         """Hold one direction of the line low for a time, s, from now on.
 
-        Characters under way are damaged or lost: the UART still sends them (PC16550D, line control register bit 6).
+        Characters in transit are damaged or lost: the UART continues to send them (PC16550D, line control register bit
+        6).
         """
         line = self._way(direction)
         line.hold(True)
         line.hold(False, duration_s)
 
     def hold(self, low: bool, direction: Direction = Direction.SENT) -> None:
-        """Begin a break or end it; `send_break` does both."""
+        """Begin or end a break; `send_break` does both."""
         self._way(direction).hold(low)
 
     async def aclose(self) -> None:

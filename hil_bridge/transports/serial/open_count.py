@@ -1,4 +1,4 @@
-"""How many programs have a file open, by Linux's inotify."""
+"""Number of programs that have a file open, by Linux's inotify."""
 
 import asyncio
 import ctypes
@@ -10,7 +10,7 @@ from contextlib import suppress
 
 _EVENT = struct.Struct("@iIII")
 _OPENED, _CLOSED, _TOO_MANY = 0x20, 0x08 | 0x10, 0x4000
-"""Source: Linux, sys/inotify.h; both kinds of closing, and events that were lost."""
+"""Events of inotify: both kinds of closing, and lost events. Source: Linux, sys/inotify.h."""
 _READ_BYTES = 4096
 
 
@@ -19,11 +19,11 @@ def _no_matter() -> None:
 
 
 class OpenCount:
-    """Counts those that have opened a file since this object was made, and have it open still."""
+    """Counts programs that have opened a file since this object was created, and still have it open."""
 
     def __init__(self, path: str) -> None:
         self.count: int | None = None
-        """Number of open files; None where the system does not tell."""
+        """Number of open files; None if unknown."""
         self._fd = -1
         self._on_emptied: Callable[[], object] = _no_matter
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -39,13 +39,13 @@ class OpenCount:
             self.count = 0
 
     def watch(self, loop: asyncio.AbstractEventLoop, on_emptied: Callable[[], object]) -> None:
-        """Call `on_emptied` from now on when the last one has closed the file."""
+        """Call `on_emptied` from now on whenever the last program has closed the file."""
         if self.count is not None:
             self._loop, self._on_emptied = loop, on_emptied
             loop.add_reader(self._fd, self.update)
 
     def update(self) -> None:
-        """Count what has happened since."""
+        """Process pending events."""
         emptied = False
         while self.count is not None:
             try:
@@ -68,12 +68,12 @@ class OpenCount:
             self._on_emptied()
 
     def close(self) -> None:
-        """Count no more."""
+        """Stop counting."""
         self.count = None
         if self._loop is not None:
             self._loop.remove_reader(self._fd)
             self._loop = None
         if self._fd >= 0:
-            with suppress(OSError):  # other code has closed it before
+            with suppress(OSError):  # other code has already closed it
                 os.close(self._fd)
             self._fd = -1

@@ -1,4 +1,4 @@
-"""A pseudo-terminal that a client opens as if it were a serial port."""
+"""Pseudo-terminal that a client opens like a serial port."""
 
 import os
 import termios
@@ -19,22 +19,21 @@ BAUDRATES = {
     for name in dir(termios)
     if name[0] == "B" and name[1:].isdigit() and name != "B0"
 }
-"""Baud rates by the constants of termios."""
+"""Baud rates by their termios constants."""
 
 
 class PseudoTerminal:
-    """The master side as a transport; `device` is what the client opens.
+    """Master side as a transport; `device` is the file for the client.
 
-    The slave side is kept open too, so that clients may come and go without the master seeing an end. As a UART does,
-    it forgets what comes while no client has the device open, and what the last client has not read when it closes.
+    The slave side is kept open too, so that clients may come and go without an end on the master side. Like a UART, it
+    discards what arrives while no client has the device open, and what the last client has not read when it closes.
     Bytes sent to a client that does not read are lost once the buffers are full. `lost` counts the bytes that were not
-    handed to the device.
+    delivered to the device.
     """
 
     def __init__(self, clock: Clock, link: Path | None = None, line: LineSettings | None = None) -> None:
-        """Set the device to `line` for a client that sets nothing.
-
-        Raises TransportUnavailable when there is no pseudo-terminal left or the link cannot be made.
+        """A client that sets nothing gets the settings of `line`. Raises TransportUnavailable if there is no
+        pseudo-terminal left or the link cannot be created.
         """
         name = f"pty:{link or ''}"
         try:
@@ -54,10 +53,10 @@ class PseudoTerminal:
 
     @property
     def baudrate(self) -> int | None:
-        """Baud rate to which the client has set the device; None when that is not one of the usual rates.
+        """Baud rate to which the client has set the device; None if it is not a standard rate.
 
-        Of a line's settings it is the only one that can be read: Linux clears the parity flag of a pseudo-terminal,
-        so that a client's parity is not known here.
+        Of a line's settings it is the only one that can be read: Linux clears the parity flag of a pseudo-terminal, so
+        that a client's parity is unknown here.
         """
         return self._owner.baudrate()
 
@@ -85,7 +84,7 @@ class PseudoTerminal:
 
 
 class _Master:
-    """The two files of a pseudo-terminal and its link."""
+    """Files of a pseudo-terminal and its link."""
 
     def __init__(self, link: Path | None, name: str, baudrate: int | None) -> None:
         self._name = name
@@ -97,7 +96,7 @@ class _Master:
             os.set_blocking(self.fd, False)
             self.device = os.ttyname(self._slave)
             self.users = OpenCount(self.device)
-            """Clients that have the device open."""
+            """Count of clients that have the device open."""
             if link is not None:
                 if link.is_symlink():
                     link.unlink()
@@ -123,12 +122,12 @@ class _Master:
             return None
 
     def is_in_use(self) -> bool:
-        """Whether a client has the device open now; True where the system does not tell."""
+        """Return whether a client has the device open now; True if unknown."""
         self.users.update()
         return self.users.count is None or self.users.count > 0
 
     def forget(self) -> None:
-        """Flush what no client has read, on its way and behind it."""
+        """Flush what no client has read, in both buffers."""
         with suppress(termios.error):
             termios.tcflush(self.fd, termios.TCOFLUSH)
             termios.tcflush(self._slave, termios.TCIFLUSH)

@@ -1,4 +1,4 @@
-"""A serial port behind a TCP connection, by RFC 2217: as its client, and as the server of an emulated port."""
+"""Serial port behind a TCP connection by RFC 2217: its client, and the server of an emulated port."""
 
 import asyncio
 from collections.abc import Callable
@@ -29,9 +29,9 @@ from protocol.rfc2217 import (
 )
 
 PIECE_BYTES = 4096
-"""How much a wire is given at once. Chosen: far less than its queue holds."""
+"""Bytes passed to a wire at once. Chosen: far less than its queue holds."""
 RETRY_S = 0.01
-"""When a wire that was full is tried again, s. Chosen: some pieces have left a loopback connection by then."""
+"""Time after which a full wire is retried, s. Chosen: some pieces have left a loopback connection by then."""
 
 _PARITIES = {Parity.NONE: ComParity.NONE, Parity.ODD: ComParity.ODD, Parity.EVEN: ComParity.EVEN}
 _PARITY_OF = {there: here for here, there in _PARITIES.items()}
@@ -40,16 +40,16 @@ _STATE_OF = {
     Flaw.FRAMING: LineState.FRAMING,
     Flaw.BREAK: LineState.BREAK | LineState.FRAMING,
 }
-"""A 16550 sets its framing bit too when it sees a break."""
+"""Errors reported for a break: a 16550 sets its framing bit too."""
 
 
 def port_settings(line: LineSettings) -> PortSettings:
-    """Return a line's settings in RFC 2217's terms."""
+    """Convert a line's settings to RFC 2217."""
     return PortSettings(line.baudrate, _PARITIES[line.parity], StopSize(line.stopbits))
 
 
 def line_settings(port: PortSettings) -> LineSettings:
-    """Return the settings of a port that our server serves."""
+    """Settings of a port that our server serves."""
     return LineSettings(port.baudrate, _PARITY_OF[port.parity], int(port.stop_size))
 
 
@@ -72,7 +72,7 @@ class Rfc2217Client:
         return self._telnet.name
 
     async def ready(self) -> None:
-        """Return when the port is set. Raises TransportUnavailable when it cannot be; the wire is closed then."""
+        """Return when the port is configured. Raises TransportUnavailable if that fails; the wire is then closed."""
         try:
             await self._ready
         except BaseException:
@@ -130,7 +130,7 @@ class Rfc2217Client:
 
 
 class Rfc2217Port:
-    """The emulated port that clients set, one after another; it keeps what the last one said."""
+    """Emulated port that clients configure, one after the other; it keeps the last settings."""
 
     def __init__(self, line: LineSettings, clock: Clock) -> None:
         self.settings = line
@@ -145,13 +145,13 @@ class Rfc2217Port:
         return self._client
 
     def flawed(self, flaw: Flaw) -> None:
-        """Note that the port has received a damaged character."""
+        """Handle a damaged character that the port has received."""
         if self._client is not None:
             self._client.notify(flaw)
 
 
 class Rfc2217Server:
-    """Transport of one client of a port; `wire` is started at once, so that a client may set the port."""
+    """Transport of one client of a port; `wire` is started at once, so that a client may configure the port."""
 
     def __init__(self, wire: Transport[bytes], port: Rfc2217Port, clock: Clock) -> None:
         self._port = port
@@ -170,7 +170,7 @@ class Rfc2217Server:
         self._telnet.send(data)
 
     def notify(self, flaw: Flaw) -> None:
-        """Tell the client of a damaged character, if it wants to know."""
+        """Report a damaged character to the client, if it has requested that."""
         self._endpoint.notify(_STATE_OF[flaw])
         self._telnet.turn()
 
@@ -186,7 +186,7 @@ class Rfc2217Server:
 
 
 class _Telnet:
-    """Moves bytes between a wire and an endpoint, payload to a delivery, and the rest to `take`."""
+    """Moves bytes between a wire and an endpoint: payload to a delivery, other events to `take`."""
 
     def __init__(
         self,
@@ -200,7 +200,7 @@ class _Telnet:
         self._clock = clock
         self._take = take
         self._pending = bytearray()
-        """Bytes that the wire has not taken yet."""
+        """Bytes that the wire has not accepted yet."""
         self._timer: Timer | None = None
         self.delivery: Delivery[bytes] = Delivery(wire.name, QUEUE_BYTES)
 
@@ -209,12 +209,12 @@ class _Telnet:
         return self._wire.name
 
     def open(self) -> None:
-        """Begin; called once."""
+        """Start; called once."""
         self._wire.start(self._arrived, self._ended)
         self.turn()
 
     def send(self, data: bytes) -> None:
-        """Payload. Raises TransportError as a transport does."""
+        """Send payload. Raises TransportError as a transport does."""
         self.delivery.check()
         self._flush()
         if not data:
@@ -228,7 +228,7 @@ class _Telnet:
         self.turn()
 
     def turn(self) -> None:
-        """Hand over what the endpoint has to say to both sides."""
+        """Process the endpoint's events and output."""
         while (event := self._endpoint.next_event()) is not None:
             if isinstance(event, SerialData):
                 self.delivery.data(event.data)
@@ -237,7 +237,7 @@ class _Telnet:
         self._flush()
 
     async def aclose(self) -> None:
-        """Hand over what is queued, then close the wire."""
+        """Send what is queued, then close the wire."""
         self.delivery.begin_close()
         try:
             await flush(self._drained())
@@ -261,7 +261,7 @@ class _Telnet:
                 del self._pending[:PIECE_BYTES]
         except TransportError as error:
             if type(error) is not TransportError:
-                self._pending.clear()  # the wire has ended, which `_ended` is told
+                self._pending.clear()  # the wire has ended, which `_ended` handles
             elif self._timer is None:
                 self._timer = self._clock.call_at(self._clock.now() + RETRY_S, self._retry)
 

@@ -1,4 +1,4 @@
-"""A serial port through pyserial, read and written by the event loop without blocking."""
+"""Serial port through pyserial, read and written by the event loop without blocking."""
 
 import asyncio
 import os.path
@@ -17,10 +17,10 @@ PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttyp")
 
 
 async def open_serial_port(device: str, line: LineSettings, clock: Clock, name: str) -> FileWire:
-    """Open a serial port for ourselves alone, with low latency where the driver offers it.
+    """Open a serial port exclusively, with low latency if the driver supports it.
 
-    On a pseudo-terminal no parity is set. It has no line on which a parity bit could travel, and Linux refuses the
-    setting with EINVAL when it is made twice. Raises TransportUnavailable.
+    On a pseudo-terminal no parity is set: it has no line for a parity bit, and Linux refuses the setting with EINVAL
+    the second time. Raises TransportUnavailable.
     """
     try:
         port = await asyncio.to_thread(_open, device, line)
@@ -46,7 +46,7 @@ def _open(device: str, line: LineSettings) -> serial.Serial:
 
 
 class _SerialPort:
-    """The file behind a serial port."""
+    """File of a serial port."""
 
     def __init__(self, port: serial.Serial, name: str) -> None:
         self._port = port

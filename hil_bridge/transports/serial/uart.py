@@ -1,7 +1,7 @@
-"""The way of a UART from the levels on its line to characters, parity and framing errors, breaks.
+"""UART receiver: from the levels on its line to characters, parity and framing errors, and breaks.
 
-Pure; told the time. Reference: National Semiconductor PC16550D, Universal Asynchronous Receiver/Transmitter with
-FIFOs, line status register; termios(3) for what a Linux port hands on of a damaged character.
+Pure; it is given the time. Reference: National Semiconductor PC16550D, Universal Asynchronous Receiver/Transmitter with
+FIFOs, line status register; termios(3) for what a Linux port delivers for a damaged character.
 """
 
 import heapq
@@ -11,15 +11,13 @@ from enum import StrEnum
 DATA_BITS = 8
 
 SAMPLE_AT = 0.5 + 1 / 32
-"""Place in a bit at which a receiver looks, bit times after its beginning.
-
-Standard: a clock of 16 times the baud rate finds the edge of a start bit up to 1/16 of a bit late. Here it is half of
-that.
+"""Sampling point of a receiver within a bit, in bit times. Standard: a clock of 16 times the baud rate detects the edge
+of a start bit up to 1/16 of a bit late. Here it is half of that.
 """
 
 
 class Parity(StrEnum):
-    """The bit after the data bits."""
+    """Parity of a character, the bit after the data bits."""
 
     NONE = "N"
     EVEN = "E"
@@ -40,9 +38,8 @@ class LineSettings:
         return 1 + DATA_BITS + (self.parity is not Parity.NONE) + self.stopbits
 
     def understands(self, sender: "LineSettings") -> bool:
-        """Whether a receiver with these settings reads every character of such a sender as it was meant.
-
-        A receiver looks at the first stop bit only, so that their number does not matter to it.
+        """Return whether a receiver with these settings reads every character of such a sender correctly. A receiver
+        checks the first stop bit only, so their number does not matter to it.
         """
         return self.baudrate == sender.baudrate and self.parity is sender.parity
 
@@ -51,16 +48,16 @@ class LineSettings:
 
 
 class Damaged(StrEnum):
-    """Ways in which the owner of a UART treats a character with a parity or framing error."""
+    """Treatment of a character with a parity or framing error by the owner of a UART."""
 
     KEEP = "keep"
-    """Takes it with the bits as they were read, a break as 00h. So does a Linux port with INPCK, IGNPAR and PARMRK off,
-    which is how pyserial sets it.
+    """Reads it with the bits as received, a break as 00h. So does a Linux port with INPCK, IGNPAR and PARMRK off, which
+    is how pyserial sets it.
     """
     ZERO = "zero"
-    """Takes 00h in its place: a Linux port with INPCK on."""
+    """Reads 00h instead: a Linux port with INPCK on."""
     DROP = "drop"
-    """Takes nothing: a Linux port with INPCK and IGNPAR on, and firmware that checks its line status."""
+    """Reads nothing: a Linux port with INPCK and IGNPAR on, and firmware that checks its line status."""
 
 
 class Flaw(StrEnum):
@@ -75,7 +72,7 @@ class Flaw(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LineErrors:
-    """Damaged characters that a receiver has seen since it was opened."""
+    """Counts of damaged characters that a receiver has detected since opening."""
 
     parity: int = 0
     framing: int = 0
@@ -100,14 +97,14 @@ COUNTED_AS = {
 
 @dataclass(frozen=True, slots=True)
 class Character:
-    """One character as it was read."""
+    """Character as received."""
 
     byte: int
     flaw: Flaw | None = None
 
 
 def taken(characters: list[Character], damaged: Damaged) -> bytes:
-    """Return the bytes that the owner of a UART accepts of what it has read."""
+    """Return the bytes that the owner of a UART reads for these characters."""
     match damaged:
         case Damaged.KEEP:
             return bytes(character.byte for character in characters)
@@ -118,7 +115,7 @@ def taken(characters: list[Character], damaged: Damaged) -> bytes:
 
 
 def levels(byte: int, settings: LineSettings) -> tuple[int, ...]:
-    """Return the level of each bit of a character in the order of sending; 1 is the level of an idle line."""
+    """Return the level of each bit of a character in transmission order; 1 is the level of an idle line."""
     data = tuple(byte >> k & 1 for k in range(DATA_BITS))
     match settings.parity:
         case Parity.NONE:
@@ -131,10 +128,10 @@ def levels(byte: int, settings: LineSettings) -> tuple[int, ...]:
 
 
 class Receiver:
-    """Reads the levels of a line at its own settings.
+    """Reads the levels of a line with its own settings.
 
     A falling edge begins a character; each bit is sampled once, near its middle. A start bit that is high when sampled
-    was none. After a framing error the low stop bit is taken for the next start bit. After a break the receiver waits
+    is ignored. After a framing error the low stop bit counts as the next start bit. After a break the receiver waits
     for the line to go high (PC16550D, line status register bits 3 and 4).
     """
 
@@ -143,23 +140,23 @@ class Receiver:
     def __init__(self, settings: LineSettings) -> None:
         self.settings = settings
         self._edges: list[tuple[float, bool, int]] = []
-        """To come: time, whether it is a break that begins or ends, new level; a heap."""
+        """Heap of future edges: time, whether it is a break that begins or ends, new level."""
         self._sent, self._held = 1, 1
-        """Levels of sender and break; the line is high when both are."""
+        """Levels of sender and break; the line is high if both are."""
         self._begun: float | None = None
-        """When the character that is being read began."""
+        """Start of the present character."""
         self._bit = 0
         self._sampled: list[int] = []
         self._awaiting_mark = False
 
     @property
     def quiet(self) -> bool:
-        """Whether the line is idle as far as it is known and nothing is being read."""
+        """Whether the line is idle as far as is known and nothing is being read."""
         return self._begun is None and not self._edges and (self._sent & self._held) == 1
 
     @property
     def deadline(self) -> float | None:
-        """When the character that is being read will be complete, unless edges come that begin another."""
+        """Time at which the present character completes, unless a new start bit comes first."""
         return None if self._begun is None else self._sample_time(self._bits - 1)
 
     @property
@@ -168,11 +165,11 @@ class Receiver:
 
     @property
     def _bits(self) -> int:
-        """Bits that are sampled: a character up to its first stop bit."""
+        """Number of sampled bits: a character up to its first stop bit."""
         return self.settings.bits - self.settings.stopbits + 1
 
     def character(self, byte: int, begun: float, sender: LineSettings) -> None:
-        """Put a character on the line; `begun` is the time of its start bit, s."""
+        """Add a character to the line; `begun` is the time of its start bit, s."""
         before = 1
         for k, level in enumerate(levels(byte, sender)):
             if level != before:
@@ -184,13 +181,13 @@ class Receiver:
         heapq.heappush(self._edges, (at, True, not low))
 
     def retune(self, settings: LineSettings) -> None:
-        """Read with these settings from now on; where they are others, a character that is being read is given up."""
+        """Read with these settings from now on; if they differ, the present character is discarded."""
         if settings != self.settings:
             self._begun = None
         self.settings = settings
 
     def listen(self, until: float) -> list[Character]:
-        """Return the characters that are complete by `until`, s, up to which all edges must be known."""
+        """Return the characters that are complete by `until`, s, up to which all edges must have been added."""
         read: list[Character] = []
         while True:
             if self._begun is None:
@@ -217,7 +214,7 @@ class Receiver:
         return at
 
     def _find_start(self, until: float) -> bool:
-        """Go on to the next falling edge; False when there is none by then."""
+        """Advance to the next falling edge; return False if there is none by then."""
         while self._edges and self._edges[0][0] <= until:
             before = self._line
             at = self._pass_edge()

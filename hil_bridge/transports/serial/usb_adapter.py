@@ -1,4 +1,4 @@
-"""A USB serial adapter: what it receives waits for its latency timer, what it is given waits for a USB frame.
+"""USB serial adapter: received bytes wait for its latency timer, sent bytes for a USB frame.
 
 Reference: FTDI application note AN232B-04, Data Throughput, Latency and Handshaking.
 """
@@ -19,12 +19,12 @@ from protocol.marks import Mark, above, at_least, between, check_settings, setti
 
 @dataclass(frozen=True, slots=True)
 class UsbAdapterProfile:
-    """How an adapter of FTDI's kind passes bytes. Raises ValueError for a setting that is out of its bounds."""
+    """Timing of an FTDI adapter. Raises ValueError for a setting that is out of range."""
 
     latency_s: float = setting(
         0.016,
         Mark.STANDARD,
-        "time since its last packet after which the adapter sends what it has, be it nothing (AN232B-04)",
+        "time since its last packet after which the adapter sends what it has, even if nothing (AN232B-04)",
         between(0.001, 0.255),
         unit="s",
     )
@@ -38,7 +38,7 @@ class UsbAdapterProfile:
     frame_s: float = setting(
         0.001,
         Mark.ASSUMED,
-        "time between two USB frames of a full-speed device; a packet passes with the next one, either way",
+        "time between two USB frames of a full-speed device; a packet passes with the next one, in both directions",
         above(0.0),
         unit="s",
     )
@@ -48,8 +48,9 @@ class UsbAdapterProfile:
 
 
 class UsbAdapter(Around[bytes]):
-    """A byte wire with a USB adapter on it. `to_host` is the direction in which bytes go to the adapter's computer. For
-    a client these are received bytes, for the device at the other end of the cable sent ones.
+    """Byte wire with a USB adapter. `to_host` is the direction in which bytes go to the adapter's computer.
+
+    For a client these are received bytes, for the device at the other end of the cable sent ones.
     """
 
     __slots__ = ("_to_host", "_to_line", "_towards")
@@ -118,23 +119,23 @@ class _ToLine:
 
     @property
     def waiting(self) -> int:
-        """Bytes under way."""
+        """Bytes in transit."""
         return self._queue.weight
 
     def put(self, data: bytes) -> None:
-        """Hand on with the next frame."""
+        """Deliver with the next frame."""
         self._queue.put(partial(self._sink, data), len(data), self._until_frame())
 
     def end(self, action: Callable[[], None]) -> None:
-        """Act once everything was handed on."""
+        """Execute `action` once everything was delivered."""
         self._queue.put(action, 0, self._until_frame())
 
     async def drained(self) -> None:
-        """Return when everything was handed on."""
+        """Return when everything was delivered."""
         await self._queue.drained()
 
     def clear(self) -> None:
-        """Lose what is under way."""
+        """Discard what is in transit."""
         self._queue.clear()
 
     def _until_frame(self) -> float:
@@ -153,16 +154,16 @@ class _ToHost:
         self._frames = _ToLine(profile, clock, sink)
         self._held = bytearray()
         self._sent_at = clock.now()
-        """When the adapter sent its last packet, which may have been an empty one."""
+        """Time of the adapter's last packet, which may have been an empty one."""
         self._timer: Timer | None = None
 
     @property
     def waiting(self) -> int:
-        """Bytes under way."""
+        """Bytes in transit."""
         return len(self._held) + self._frames.waiting
 
     def put(self, data: bytes) -> None:
-        """Put received data into the adapter."""
+        """Process bytes that the adapter has received."""
         now, size = self._clock.now(), self._profile.packet_bytes
         self._held += data
         while len(self._held) >= size:
@@ -173,19 +174,19 @@ class _ToHost:
             self._timer = self._clock.call_at(due, self._expired)
 
     def end(self, action: Callable[[], None]) -> None:
-        """Act once everything was handed on; the adapter does not wait for its timer any more."""
+        """Execute `action` once everything was delivered; the adapter no longer waits for its timer."""
         if self._held:
             self._send(len(self._held), self._clock.now())
         self._frames.end(action)
 
     async def drained(self) -> None:
-        """Return when everything was handed on."""
+        """Return when everything was delivered."""
         if self._held:
             self._send(len(self._held), self._clock.now())
         await self._frames.drained()
 
     def clear(self) -> None:
-        """Lose what is under way."""
+        """Discard what is in transit."""
         self._disarm()
         self._held.clear()
         self._frames.clear()
@@ -208,6 +209,6 @@ class _ToHost:
 
 
 def _next_tick(since: float, period: float) -> float:
-    """Return the first multiple of a period that is later than `since`; both in s."""
+    """Return the first multiple of a period after `since`; both in s."""
     # a time that is the tick itself but for rounding belongs to the next one
     return (math.floor(since / period + 1e-6) + 1) * period

@@ -1,4 +1,4 @@
-"""Facts of a robot behind Externally Guided Motion, for recording, report and view."""
+"""Facts of a robot with Externally Guided Motion, for recording, report and view."""
 
 from emulators.devices.egm import EgmProfile
 from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts, WitnessFacts
@@ -6,26 +6,28 @@ from hil_bridge.devices.robots.egm.settings import EgmSettings
 from protocol.marks import Mark, settings
 
 ORDINARY_N = 12.0
-"""Assumed: as of a robot with a sensor of its own at the wrist; nothing is published of ABB's."""
+"""Assumed: as for a robot with its own sensor at the wrist; ABB has published nothing."""
 WITNESS_DELAY_S = 0.01
-"""Assumed: the time constant of that sensor's filter."""
+"""Assumed: time constant of that sensor's filter."""
 
 
 def robot_facts(client: EgmSettings, assumed: EgmProfile) -> RobotFacts:
-    """From the client's settings; the robot's servo is taken to be like the emulated one's."""
+    """Return the facts from the client's settings, with a servo like the emulated one's."""
     return RobotFacts(
         model="ABB, Externally Guided Motion",
         pacing=Pacing.STREAMED,
         cycle_s=client.sample_ms * 1e-3,
         servo=_servo_facts(assumed, 0.0 if client.feed_forward else _trail_s(assumed)),
-        late="the controller continues at the last pose and speed, takes a late message a cycle later, and stops after "
-        "CommTimeout without one",
+        late="the controller continues with the last pose and speed, takes a late message a cycle later, and stops "
+        "after CommTimeout without one",
         witness=None if client.force_axes == "none" else WitnessFacts(ORDINARY_N, WITNESS_DELAY_S),
     )
 
 
 def _trail_s(profile: EgmProfile) -> float:
-    """Time constant of a set point that no speed leads, s: one by the gain. Without a gain it never comes."""
+    """Return the time constant of a set point without feed-forward, s: 1 / gain. Without a gain, the set point never
+    arrives.
+    """
     gain = profile.k * profile.pos_corr_gain
     return 1.0 / gain if gain else 0.0
 

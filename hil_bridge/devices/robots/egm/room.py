@@ -1,4 +1,4 @@
-"""The room of Externally Guided Motion, as the house sees it: its kind of robot, its client and its emulator."""
+"""Device package for Externally Guided Motion: its kind of robot, client and emulator."""
 
 import asyncio
 import importlib.util
@@ -26,16 +26,16 @@ from protocol.endpoint import Trouble
 from protocol.kinematics import Arm
 
 USUAL = "udp://127.0.0.1:6510"
-"""Where the emulated robot sends in real time: the port of ABB's example and of other clients [M, O:flo]."""
+"""Address that the emulated robot sends to in real time: the port of ABB's example and of other clients [M, O:flo]."""
 
 
 async def connect(
     url: str, settings: KindSettings[EgmSettings, EgmProfile], wiring: Wiring
 ) -> StreamedLink[Datagrams]:
-    """The robot that sends to this address, not started yet. Errors as of `RobotKind.connect`."""
+    """Connect to the robot that sends to this address; it is not started yet. Errors as for `RobotKind.connect`."""
     url, _ = split_web(url)
     if "strangers" not in parse_url(url, LISTEN_DATAGRAMS).options:
-        url = with_option(url, "strangers", "refuse")  # nothing else may take the robot's place
+        url = with_option(url, "strangers", "refuse")  # no other sender may replace the robot
     wire = await wiring.datagrams(url, speak_first=False)
     own: EgmSettings = settings.client
     joints = JointCheck(Arm(settings.emulated.arm, 0.0), own.joints_in)
@@ -44,25 +44,27 @@ async def connect(
 
 
 async def probe(url: str, settings: KindSettings[EgmSettings, EgmProfile], wiring: Wiring) -> ProbeResult:
-    """Findings of a robot that sends to this address, and of its web services where the URL names them."""
-    heard, beside = await asyncio.gather(
+    """Probe a robot that sends to this address, and its web services if the URL names them."""
+    datagrams, web_services = await asyncio.gather(
         probe_link(url, lambda silent: connect(url, settings, silent), mute(wiring)),
         ask_web(url),
         return_exceptions=True,
     )
-    if isinstance(beside, DeviceError):
-        beside = ProbeResult((("RobotWare", f"unknown: {beside}"),))
-    if isinstance(beside, BaseException):
-        raise beside
-    if isinstance(heard, DeviceError) and beside.rows:
-        heard = ProbeResult((("datagrams", heard.fact),), (Trouble(heard.fact, heard.remedy),))
-    if isinstance(heard, BaseException):
-        raise heard
-    return heard.with_more(beside)
+    if isinstance(web_services, DeviceError):
+        web_services = ProbeResult((("RobotWare", f"unknown: {web_services}"),))
+    if isinstance(web_services, BaseException):
+        raise web_services
+    if isinstance(datagrams, DeviceError) and web_services.rows:
+        datagrams = ProbeResult(
+            (("datagrams", datagrams.fact),), (Trouble(datagrams.fact, datagrams.remedy),)
+        )
+    if isinstance(datagrams, BaseException):
+        raise datagrams
+    return datagrams.with_more(web_services)
 
 
 async def ask_web(url: str) -> ProbeResult:
-    """Facts that a controller's web services tell; none where the URL names none. Raises DeviceError."""
+    """Read facts from a controller's web services; none if the URL names no such address. Raises DeviceError."""
     _, address = split_web(url)
     if address is None:
         return ProbeResult(())
@@ -74,12 +76,12 @@ async def ask_web(url: str) -> ProbeResult:
 
 
 def facts(url: str, settings: KindSettings[EgmSettings, EgmProfile]) -> RobotFacts:
-    """Facts of the robot behind a wire."""
+    """Return the facts of the robot behind a wire."""
     return robot_facts(settings.client, settings.emulated)
 
 
 def make(settings: KindSettings[EgmSettings, EgmProfile]) -> RobotFactory:
-    """The controller that a cell's section describes."""
+    """Return a factory of the controller that the cell's section describes."""
     return lambda start, now, seed: EgmController(settings.emulated, start, now, seed)
 
 
@@ -87,20 +89,20 @@ def check(settings: KindSettings[EgmSettings, EgmProfile]) -> None:
     """Raise ConfigError for an emulated robot that no run can guide."""
     mode = settings.emulated.mode
     if mode != "pose":
-        raise ConfigError(f'cell.egm.mode = "{mode}": a run guides by poses; set mode = "pose"')
+        raise ConfigError(f'cell.egm.mode = "{mode}": a run sends poses; set mode = "pose"')
 
 
 async def serve(
     url: str, robot: Any, settings: KindSettings[EgmSettings, EgmProfile], serving: Serving
 ) -> str:
-    """Let the emulated controller send to this address; the URL at which its client listens. Its web services listen
-    where the URL names an address of theirs.
+    """Let the emulated controller send to this address, and return the URL for its client. Its web services listen if
+    the URL names an address for them.
     """
     wire, address = split_web(url)
     if address is None:
         return await serving.serve_datagrams(wire, robot.endpoint, speak_first=True)
     _check_web(url, address)
-    from hil_bridge.devices.robots.egm.web_server import WebServer  # aiohttp takes its time to import
+    from hil_bridge.devices.robots.egm.web_server import WebServer  # importing aiohttp is slow
 
     server = WebServer(WebServices(robot, settings.emulated), serving)
     real = await server.listen(address)
@@ -110,7 +112,7 @@ async def serve(
 
 
 def _check_web(url: str, address: WebAddress) -> None:
-    """Raise ConfigError where web services cannot be served."""
+    """Raise ConfigError if web services cannot be served."""
     if parse_url(split_web(url)[0], CONNECT_DATAGRAMS).scheme == "udp+memory":
         raise ConfigError(f"{url!r}: web services are served in real time only; leave {OPTION} out")
     if not address.is_loopback:
@@ -121,7 +123,7 @@ def _check_web(url: str, address: WebAddress) -> None:
 
 
 def _check_extra() -> None:
-    """Raise ConfigError without the library of web services."""
+    """Raise ConfigError if the library for web services is missing."""
     if importlib.util.find_spec("aiohttp") is None:
         raise ConfigError(f"{OPTION} needs the extra web: {install_command('web')}")
 
@@ -131,7 +133,7 @@ def _parse(url: str, settings: KindSettings[EgmSettings, EgmProfile]) -> WireUrl
 
 
 def usual(settings: KindSettings[EgmSettings, EgmProfile], virtual: bool) -> str:
-    """The address that it sends to where none is named."""
+    """Return the default address that it sends to."""
     return "udp+memory:egm" if virtual else USUAL
 
 

@@ -8,7 +8,7 @@ from protocol.marks import Mark, between, check_settings, setting
 
 @dataclass(frozen=True, slots=True)
 class EgmSettings:
-    """How the bridge guides the robot."""
+    """Settings by which the bridge guides the robot."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -27,7 +27,7 @@ class EgmSettings:
     force_axes: Literal["tool", "base", "none"] = setting(
         "tool",
         Mark.ASSUMED,
-        "axes of measuredForce, where datagrams have it: no source names them; none: it is not heeded",
+        "axes of measuredForce, where datagrams have it: no source names them; none: it is ignored",
     )
 
     joints_in: Literal["degrees", "radians"] = setting(

@@ -1,4 +1,4 @@
-"""A course for the emulated ABB robot: places by the client of a run, joints by datagrams of their own."""
+"""Trajectories for the emulated ABB robot: positions by the client of a run, joints by datagrams composed here."""
 
 import math
 from collections.abc import Sequence
@@ -11,44 +11,44 @@ from protocol.devices.egm import EgmClient
 from protocol.devices.egm.messages import Guidance, RobotMessage, SensorMessage, decode_robot, encode_answer
 
 _BEGIN_S = 60.0
-"""Chosen: the guidance may take so long to begin."""
+"""Chosen: time-out for the start of the guidance."""
 
 
-def play(robot: Any, course: Trajectory, settings: Any, now: float) -> TrajectoryResult:
-    """As `hil_bridge.devices.trajectory.PlayTrajectory` says."""
-    mode, needed = settings.emulated.mode, "joint" if course.family == "order_q" else "pose"
+def play(robot: Any, trajectory: Trajectory, settings: Any, now: float) -> TrajectoryResult:
+    """Run a trajectory, see `hil_bridge.devices.trajectory.PlayTrajectory`."""
+    mode, needed = settings.emulated.mode, "joint" if trajectory.family == "order_q" else "pose"
     if mode != needed:
-        raise ConfigError(f"cell.egm.mode is {mode}; set it to {needed} to play {course.family}")
-    if course.family == "order_q":
-        return _Joints(robot.endpoint, course, now, settings.emulated.joints_in).played()
+        raise ConfigError(f"cell.egm.mode is {mode}; set it to {needed} for {trajectory.family}")
+    if trajectory.family == "order_q":
+        return _Joints(robot.endpoint, trajectory, now, settings.emulated.joints_in).run()
     own: EgmSettings = settings.client
     client = EgmClient(own.sample_ms * 1e-3, own.feed_forward, own.force_axes)
-    return stream_trajectory(robot.endpoint, client, course, now)
+    return stream_trajectory(robot.endpoint, client, trajectory, now)
 
 
 class _Joints:
-    """A course of joints under way. It begins where the arm stands."""
+    """Joint trajectory in progress. It begins at the arm's present position."""
 
-    def __init__(self, endpoint: Any, course: Trajectory, now: float, joints_in: str) -> None:
+    def __init__(self, endpoint: Any, trajectory: Trajectory, now: float, joints_in: str) -> None:
         self._unit = 1.0 if joints_in == "radians" else math.radians(1.0)
-        """Of the joints in datagrams, rad."""
-        self._endpoint, self._course, self._now = endpoint, course, now
+        """Unit of the joints in datagrams, rad."""
+        self._endpoint, self._trajectory, self._now = endpoint, trajectory, now
         self._start: tuple[float, ...] = ()
-        """Joints of the arm before the course, rad."""
+        """Joints of the arm before the trajectory, rad."""
         self._begin = math.nan
-        """When the course begins, s."""
+        """Start of the trajectory, s."""
         self._times: list[float] = []
         self._rows: dict[str, list[tuple[float, ...]]] = {"order_q": [], "target_q": [], "q": []}
         self._number = 0
 
-    def played(self) -> TrajectoryResult:
-        """PlayTrajectory it. Raises ConfigError where the robot stops."""
+    def run(self) -> TrajectoryResult:
+        """Run it and return the reports. Raises ConfigError if the robot stops."""
         patience = self._now + _BEGIN_S
-        end = self._course.end + 2.0 * self._course.period
+        end = self._trajectory.end + 2.0 * self._trajectory.period
         while math.isnan(self._begin) or self._now - self._begin <= end:
             due = self._endpoint.next_deadline()
             if due is None or (math.isnan(self._begin) and due > patience):
-                raise ConfigError("the emulated robot has not begun its guidance")
+                raise ConfigError("the emulated robot has not started its guidance")
             self._now = max(self._now, due)
             self._endpoint.handle_deadline(self._now)
             for datagram in self._endpoint.data_to_send(self._now):
@@ -63,7 +63,7 @@ class _Joints:
     def _answer(self, message: RobotMessage) -> None:
         feedback, planned = message.feedback, message.planned
         if feedback is None or planned is None:
-            raise ConfigError("the emulated robot does not tell its joints")
+            raise ConfigError("the emulated robot does not report its joints")
         joints = self._radians(feedback.joints_deg)
         self._start = self._start or joints
         if math.isnan(self._begin):
@@ -71,8 +71,8 @@ class _Joints:
                 self._begin = self._now + SETTLE_S
         elif message.guidance is not Guidance.RUNNING:
             raise ConfigError("the emulated robot has ended its guidance")
-        first, time = self._course.values[0], self._now - self._begin
-        order = self._course.at(time) if time >= 0.0 else first
+        first, time = self._trajectory.values[0], self._now - self._begin
+        order = self._trajectory.at(time) if time >= 0.0 else first
         if time >= 0.0:
             self._times.append(time)
             self._rows["order_q"].append(order)
@@ -88,5 +88,5 @@ class _Joints:
 
 
 def _moved(joints: Sequence[float], source: Sequence[float], goal: Sequence[float]) -> tuple[float, ...]:
-    """Joints as far from `goal` as they were from `source`."""
+    """Return joints that are offset from `goal` as `joints` are from `source`."""
     return tuple([part - begin + end for part, begin, end in zip(joints, source, goal, strict=True)])

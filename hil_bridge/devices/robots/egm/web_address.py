@@ -1,4 +1,4 @@
-"""The address of a controller's web services, as an option of its URL: `egm+udp-bind://0.0.0.0:6510?rws=HOST:PORT`."""
+"""Address of a controller's web services, an option of its URL: `egm+udp-bind://0.0.0.0:6510?rws=HOST:PORT`."""
 
 import ipaddress
 from typing import NamedTuple
@@ -18,12 +18,12 @@ class WebAddress(NamedTuple):
 
     @property
     def authority(self) -> str:
-        """As a URL has it."""
+        """Host and port as in a URL."""
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only this computer reaches it."""
+        """Whether only this computer can reach it."""
         try:
             return ipaddress.ip_address(self.host).is_loopback
         except ValueError:
@@ -31,7 +31,7 @@ class WebAddress(NamedTuple):
 
 
 def split_web(url: str) -> tuple[str, WebAddress | None]:
-    """The URL of the datagrams alone, and the address of the web services; None where none is named. Raises
+    """Split a URL into that of the datagrams and the address of the web services, None if none is named. Raises
     ConfigError.
     """
     wire, text = split_option(url, OPTION)

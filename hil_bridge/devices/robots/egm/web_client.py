@@ -1,7 +1,7 @@
-"""A look at a real or emulated controller over its web services. It reads four documents and changes nothing.
+"""Client of the web services of a real or emulated controller. It reads four documents and changes nothing.
 
-They are those of RobotWare 6: RWS 1.0, HTTP with digest authentication, `?json=1` for JSON, else XHTML. RobotWare 7 has
-RWS 2.0: HTTPS with basic authentication, and the version 2 in its types of contents. It is recognised, and not read.
+They are those of RobotWare 6: RWS 1.0, HTTP with digest authentication, `?json=1` for JSON, otherwise XHTML. RobotWare
+7 has RWS 2.0: HTTPS with basic authentication, and the version 2 in its content types. It is recognized, and not read.
 Source: ABB's page on Robot Web Services (3HAC050973-001) for JSON and XHTML, and public clients of RWS 2.0.
 """
 
@@ -20,11 +20,11 @@ from protocol.devices.egm.web import PASSWORD, USER
 from protocol.endpoint import Trouble
 
 PATIENCE_S = 3.0
-"""Chosen: longest wait for all four."""
+"""Chosen: longest wait for all four documents."""
 TLS_S = 1.0
-"""Chosen: longest wait for the greeting of a port that may want HTTPS."""
+"""Chosen: longest wait for the TLS handshake of a port that may require HTTPS."""
 DOCUMENT_MAX = 1 << 18
-"""Chosen: most bytes of a document; more is no answer."""
+"""Chosen: most bytes of a document; a longer one is invalid."""
 _OTHER = "is it a controller with RobotWare 6?"
 _VALUES = {
     "rwversion": "/rw/system?json=1",
@@ -32,11 +32,11 @@ _VALUES = {
     "opmode": "/rw/panel/opmode?json=1",
     "ctrlexecstate": "/rw/rapid/execution?json=1",
 }
-"""Documents that are read, by the value that is looked for."""
+"""Documents that are read, by the value they contain."""
 
 
 class WebState(NamedTuple):
-    """Facts that a controller tells of itself."""
+    """State of a controller."""
 
     version: str
     motors: str
@@ -51,11 +51,11 @@ _REFUSALS = (
     ("motors", "motoron", "the motors are off", "switch them on"),
     ("execution", "running", "the RAPID program is stopped", "start it"),
 )
-"""Field of a state, the value that a run needs, and the trouble of any other one."""
+"""Field of a state, the value that a run needs, and the problem and remedy for any other value."""
 
 
 def state_rows(state: WebState) -> tuple[tuple[str, str], ...]:
-    """A state for people."""
+    """Return a state as rows for display."""
     return (
         ("RobotWare", state.version),
         ("motors", state.motors),
@@ -65,7 +65,7 @@ def state_rows(state: WebState) -> tuple[tuple[str, str], ...]:
 
 
 def find_refusals(state: WebState) -> tuple[Trouble, ...]:
-    """Reasons for which a run would not begin in this state."""
+    """Return the reasons why a run would not begin in this state."""
     return tuple(
         Trouble(f"{fact} ({getattr(state, field)})", remedy)
         for field, needed, fact, remedy in _REFUSALS
@@ -74,13 +74,13 @@ def find_refusals(state: WebState) -> tuple[Trouble, ...]:
 
 
 async def read_state(address: WebAddress) -> WebState:
-    """Ask a controller, with the maker's usual user and password, and give its session back. Raises DeviceError within
+    """Read a controller's state with the maker's default user and password, then log out. Raises DeviceError within
     `PATIENCE_S` and `TLS_S`.
     """
     name = f"web services at {address.authority}"
     texts: list[str] = []
     digest = aiohttp.DigestAuthMiddleware(USER, PASSWORD)
-    cookies = aiohttp.CookieJar(unsafe=True)  # a controller has an address and no name
+    cookies = aiohttp.CookieJar(unsafe=True)  # a controller has an address and no host name
     try:
         async with (
             asyncio.timeout(PATIENCE_S),
@@ -94,34 +94,32 @@ async def read_state(address: WebAddress) -> WebState:
                 await session.get("/logout")
     except TimeoutError:
         raise DeviceError(
-            f"{name} do not answer within {PATIENCE_S:g} s", remedy="look at the address and the cable"
+            f"{name} do not answer within {PATIENCE_S:g} s", remedy="check the address and the cable"
         ) from None
     except (aiohttp.ClientError, OSError) as error:
         if not isinstance(error, aiohttp.ClientConnectorError) and await _wants_tls(address):
             raise _newer(name) from None
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise DeviceError(
-            f"{name}: {reason}", remedy="look at the address, the port and the cable"
-        ) from error
+        raise DeviceError(f"{name}: {reason}", remedy="check the address, the port and the cable") from error
     return WebState(*texts)
 
 
 def _newer(name: str) -> DeviceError:
     return DeviceError(
-        f"{name} are those of RobotWare 7 (RWS 2.0), and only those of RobotWare 6 are read",
-        remedy="leave rws out of the URL; the datagrams are the same",
+        f"{name} are those of RobotWare 7 (RWS 2.0); only RobotWare 6 is supported",
+        remedy="remove rws from the URL; the datagrams are the same",
     )
 
 
 async def _wants_tls(address: WebAddress) -> bool:
-    """Whether TLS is spoken at a port that did not answer HTTP."""
+    """Return whether a port that did not answer HTTP uses TLS."""
     context = ssl.create_default_context()
-    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE  # nothing is told to it
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE  # nothing is sent to it
     try:
         async with asyncio.timeout(TLS_S):
             _, writer = await asyncio.open_connection(address.host, address.port, ssl=context)
     except ssl.SSLError as error:
-        return "ALERT" in (error.reason or "")  # it speaks TLS, of another version
+        return "ALERT" in (error.reason or "")  # it uses TLS, in another version
     except (OSError, TimeoutError):
         return False
     writer.transport.abort()
@@ -134,7 +132,7 @@ async def _read(session: aiohttp.ClientSession, key: str, path: str, name: str) 
             raise _newer(name)
         if response.status == 401:
             raise DeviceError(
-                f"{name} refuse the usual user and password", remedy="let its administrator allow them"
+                f"{name} reject the default user and password", remedy="have its administrator enable them"
             )
         if response.status != 200:
             raise DeviceError(f"{name} answer {path} with {response.status}", remedy=_OTHER)
@@ -142,15 +140,15 @@ async def _read(session: aiohttp.ClientSession, key: str, path: str, name: str) 
         async for piece in response.content.iter_chunked(65_536):
             body += piece
             if len(body) > DOCUMENT_MAX:
-                raise DeviceError(f"{name} send too long a document for {path}", remedy="look at the address")
+                raise DeviceError(f"{name} send too long a document for {path}", remedy="check the address")
     text = _find_in_json(body, key) or _find_in_xhtml(body, key)
     if text is None:
-        raise DeviceError(f"{name} tell no {key}", remedy=_OTHER)
+        raise DeviceError(f"{name} report no {key}", remedy=_OTHER)
     return text
 
 
 def _is_newer(response: aiohttp.ClientResponse) -> bool:
-    """Whether an answer shows RWS 2.0."""
+    """Return whether a response indicates RWS 2.0."""
     schemes = [
         text.split()[0].lower() for text in response.headers.getall("WWW-Authenticate", ()) if text.strip()
     ]
@@ -160,7 +158,7 @@ def _is_newer(response: aiohttp.ClientResponse) -> bool:
 
 
 def _find_in_json(body: bytes, key: str) -> str | None:
-    """The text of a key in the state that a document embeds; None if there is none."""
+    """Return the text of a key in the state that a document embeds; None if there is none."""
     try:
         document: Any = json.loads(body)
     except (ValueError, RecursionError):
@@ -175,7 +173,9 @@ def _find_in_json(body: bytes, key: str) -> str | None:
 
 
 def _find_in_xhtml(body: bytes, key: str) -> str | None:
-    """The text of the element of this class; None if there is none. A document type is refused before it is read."""
+    """Return the text of the element with this class; None if there is none. A document with a document type is
+    rejected before it is parsed.
+    """
     if b"<!" in body:
         return None
     try:

@@ -1,4 +1,4 @@
-"""The port of an emulated controller's web services. It is bounded for each client and in all."""
+"""Server of an emulated controller's web services, with limits per client and in total."""
 
 import asyncio
 import os
@@ -14,19 +14,19 @@ from hil_bridge.transports import reasons
 from protocol.devices.egm.web import SUBSCRIPTION
 
 CONNECTIONS_MAX = 64
-"""Chosen: connections at a time; one more is closed at once."""
+"""Chosen: connections at a time; a further one is closed at once."""
 IDLE_S = 75.0
-"""Chosen: an idle connection is closed after so long."""
-LOOK_S = 0.05
-"""Chosen: time between two looks for the news of a subscription."""
+"""Chosen: time after which an idle connection is closed."""
+POLL_S = 0.05
+"""Chosen: time between two polls for the changes of a subscription."""
 SLOW_S = 5.0
-"""Chosen: a subscriber that takes nothing for so long is dropped."""
+"""Chosen: time after which a subscriber that reads nothing is dropped."""
 MESSAGE_MAX = 4096
-"""Chosen: most bytes of a subscriber's message; it has nothing to say."""
+"""Chosen: most bytes of a subscriber's message; none is expected."""
 
 
-class _TurnedAway(asyncio.Protocol):
-    """A connection too many."""
+class _Rejected(asyncio.Protocol):
+    """Connection beyond the limit."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -34,25 +34,25 @@ class _TurnedAway(asyncio.Protocol):
 
 
 class WebServer:
-    """Serves one controller."""
+    """Server of one controller."""
 
     def __init__(self, services: WebServices, serving: Serving) -> None:
         self._services, self._serving = services, serving
         self._login = Login(os.urandom(16))
         self._server: asyncio.Server | None = None
         app = web.Application(client_max_size=BODY_MAX)
-        app.router.add_route("*", "/{path:.*}", self._take)
+        app.router.add_route("*", "/{path:.*}", self._handle)
         self._runner = web.AppRunner(app, access_log=None, keepalive_timeout=IDLE_S, shutdown_timeout=0.1)
 
     async def listen(self, address: WebAddress) -> WebAddress:
-        """Begin; the address with its real port. Raises TransportUnavailable."""
+        """Start to listen and return the address with its real port. Raises TransportUnavailable."""
         await self._runner.setup()
         self._serving.stack.push_async_callback(self._close)
         server = self._runner.server
         assert server is not None, "the runner is set up"
 
         def admit() -> asyncio.BaseProtocol:
-            return server() if len(server.connections) < CONNECTIONS_MAX else _TurnedAway()
+            return server() if len(server.connections) < CONNECTIONS_MAX else _Rejected()
 
         try:
             self._server = await asyncio.get_running_loop().create_server(admit, address.host, address.port)
@@ -66,7 +66,7 @@ class WebServer:
             self._server.close()
         await self._runner.cleanup()
 
-    async def _take(self, request: web.Request) -> web.StreamResponse:
+    async def _handle(self, request: web.Request) -> web.StreamResponse:
         now = self._serving.clock.now()
         cookies: dict[str, str] = {}
         target = request.raw_path
@@ -80,7 +80,7 @@ class WebServer:
             cookies.update(opened)
         number = request.path.removeprefix("/poll/")
         if number != request.path:
-            return await self._tell(request, number)
+            return await self._publish(request, number)
         answer = self._services.answer(request.method, target, await self._read(request), now)
         self._serving.wake()
         if request.path == "/logout":
@@ -90,8 +90,8 @@ class WebServer:
     async def _read(self, request: web.Request) -> str:
         return (await request.read()).decode("utf-8", "replace")
 
-    async def _tell(self, request: web.Request, number: str) -> web.StreamResponse:
-        """Tell a subscriber what changes, until one of both ends it."""
+    async def _publish(self, request: web.Request, number: str) -> web.StreamResponse:
+        """Send changes to a subscriber until either side ends the subscription."""
         subscriptions = self._services.subscriptions
         if not subscriptions.knows(number):
             return web.Response(status=404)
@@ -102,7 +102,7 @@ class WebServer:
         try:
             while subscriptions.knows(number):
                 with suppress(TimeoutError):
-                    message = await socket.receive(timeout=LOOK_S)
+                    message = await socket.receive(timeout=POLL_S)
                     if message.type in (
                         WSMsgType.CLOSE,
                         WSMsgType.CLOSING,
@@ -114,7 +114,7 @@ class WebServer:
                     async with asyncio.timeout(SLOW_S):
                         await socket.send_str(news.decode())
         except (TimeoutError, ConnectionError):
-            pass  # it has left, or takes nothing
+            pass  # it has left, or does not read
         finally:
             subscriptions.end(number)
         with suppress(TimeoutError, ConnectionError):

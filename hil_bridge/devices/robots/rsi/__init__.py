@@ -1,1 +1,1 @@
-"""KUKA robots by the Robot Sensor Interface."""
+"""KUKA robots with the Robot Sensor Interface."""

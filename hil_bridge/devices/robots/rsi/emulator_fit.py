@@ -1,4 +1,4 @@
-"""Settings of the emulated controller that is as late as a measured one."""
+"""Settings of the emulated controller with the latency of a measured one."""
 
 import math
 from typing import Any
@@ -7,7 +7,7 @@ from hil_bridge.devices.emulator_fit import RobotFigures, Sections, split_servo
 
 
 def match(settings: Any, figures: RobotFigures) -> Sections:
-    """As `hil_bridge.devices.emulator_fit` says: a transport delay, with the loops as they are."""
+    """Return a transport delay, and a natural frequency, see `hil_bridge.devices.emulator_fit`."""
     if math.isnan(figures.servo_s):
         return {}
     servo = settings.emulated

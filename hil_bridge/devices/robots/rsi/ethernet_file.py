@@ -1,6 +1,6 @@
-"""A controller's Ethernet configuration against the settings of a run: what would not fit, HOLDON included.
+"""Comparison of a controller's Ethernet configuration with the settings of a run, including HOLDON.
 
-HOLDON is what no wire shows: it acts only in a cycle whose answer is lost.
+HOLDON is not visible on the wire: it takes effect only in a cycle whose answer is lost.
 """
 
 from collections.abc import Iterator
@@ -15,23 +15,25 @@ from protocol.endpoint import Trouble
 
 
 def compare_file(data: bytes, url: str, settings: KindSettings[RsiLink, Any]) -> ProbeResult:
-    """What the file says, and each difference from the settings. Raises ValueError for another file."""
+    """Return the content of the file, and each difference from the settings. Raises ValueError for any other file."""
     file, link = read_ethernet_file(data), settings.client
-    wanted = pose_tags(link.correction_tag) if link.correction == "pose" else axis_tags(link.axis_tag)
+    required = pose_tags(link.correction_tag) if link.correction == "pose" else axis_tags(link.axis_tag)
     rows = [
         ("sends", " ".join(file.sends)),
         ("takes", ", ".join(f"{tag} (HOLDON {int(one.holds)})" for tag, one in file.receives.items())),
     ]
     if not any(tag.partition(".")[0] == "Delay" for tag in file.sends):
-        rows.append(("DEF_Delay", "not in SEND: an answer that the controller has not taken is not noticed"))
-    if unsent := [tag for tag in file.receives if tag not in wanted]:
+        rows.append(
+            ("DEF_Delay", "not in SEND: an answer that the controller has not accepted is not detected")
+        )
+    if unsent := [tag for tag in file.receives if tag not in required]:
         rows.append(("not sent by a run", " ".join(unsent)))
-    troubles = (*_wire(file, url), *_telegrams(file, link), *_corrections(file, link, wanted))
+    troubles = (*_wire(file, url), *_telegrams(file, link), *_corrections(file, link, required))
     return ProbeResult(tuple(row for row in rows if row[1]), troubles)
 
 
 def _wire(file: EthernetFile, url: str) -> Iterator[Trouble]:
-    """Address and port, where a URL names them."""
+    """Compare address and port, if the URL contains them."""
     wire = parse_url(url, LISTEN_DATAGRAMS) if url else None
     if wire is None or wire.scheme != "udp-bind":
         return
@@ -45,7 +47,7 @@ def _wire(file: EthernetFile, url: str) -> Iterator[Trouble]:
 
 
 def _is_one_address(host: str) -> bool:
-    """Whether it is an address of one interface, and neither a name nor that of all."""
+    """Return whether it is the address of one interface, and neither a host name nor the unspecified address."""
     try:
         return not ip_address(host).is_unspecified
     except ValueError:
@@ -60,7 +62,7 @@ def _telegrams(file: EthernetFile, link: RsiLink) -> Iterator[Trouble]:
             "make them equal",
         )
     if file.sends_alone:
-        yield Trouble("ONLYSEND is TRUE: the controller takes no answers", "set it to FALSE")
+        yield Trouble("ONLYSEND is TRUE: the controller accepts no answers", "set it to FALSE")
     needed = ("RIst", "RSol", "AIPos", "ASPos") if link.correction == "axes" else ("RIst",)
     for tag in needed:
         if tag not in file.sends:
@@ -69,8 +71,8 @@ def _telegrams(file: EthernetFile, link: RsiLink) -> Iterator[Trouble]:
             )
 
 
-def _corrections(file: EthernetFile, link: RsiLink, wanted: tuple[str, ...]) -> Iterator[Trouble]:
-    if missing := [tag for tag in wanted if tag not in file.receives]:
+def _corrections(file: EthernetFile, link: RsiLink, required: tuple[str, ...]) -> Iterator[Trouble]:
+    if missing := [tag for tag in required if tag not in file.receives]:
         element = "correction_tag" if link.correction == "pose" else "axis_tag"
         yield Trouble(
             f"RECEIVE has no {' '.join(missing)}, which a run sends", f"add them, or set robot.rsi.{element}"
@@ -81,12 +83,12 @@ def _corrections(file: EthernetFile, link: RsiLink, wanted: tuple[str, ...]) -> 
         if keeps
         else "the last increment would be repeated in each lost cycle"
     )
-    if wrong := [tag for tag in wanted if tag in file.receives and file.receives[tag].holds != keeps]:
+    if wrong := [tag for tag in required if tag in file.receives and file.receives[tag].holds != keeps]:
         yield Trouble(
             f"HOLDON is {int(not keeps)} for {' '.join(wrong)}, and robot.rsi.mode is {link.mode}: {effect}",
             f"set it to {int(keeps)}, or correct mode",
         )
     channels: dict[str, str] = {}
-    for tag in wanted:
+    for tag in required:
         if tag in file.receives and (other := channels.setdefault(file.receives[tag].channel, tag)) != tag:
-            yield Trouble(f"{other} and {tag} have the same INDX", "give each its own")
+            yield Trouble(f"{other} and {tag} have the same INDX", "give each its own INDX")

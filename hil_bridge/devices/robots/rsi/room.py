@@ -1,4 +1,4 @@
-"""The room of KUKA's Robot Sensor Interface, as the house sees it."""
+"""Device package for KUKA's Robot Sensor Interface: its kind of robot, client and emulator."""
 
 import math
 from typing import Any
@@ -20,11 +20,11 @@ from protocol.marks import Mark
 from protocol.marks import settings as marked
 
 PORT = 49152
-"""Observed: the port of the ROS driver's and FZI's configurations. The protocol has none of its own."""
+"""Observed: port of the configurations of the ROS driver and FZI. The protocol defines none."""
 
 
 def robot_facts(settings: KindSettings[RsiLink, RsiProfile]) -> RobotFacts:
-    """Facts of a controller; its servo is assumed to be like the emulated one's."""
+    """Return the facts of a controller, with a servo like the emulated one's."""
     link: RsiLink = settings.client
     servo: RsiProfile = settings.emulated
     marks = {
@@ -36,7 +36,7 @@ def robot_facts(settings: KindSettings[RsiLink, RsiProfile]) -> RobotFacts:
         + (" of the axes" if link.correction == "axes" else ""),
         Pacing.STREAMED,
         cycle_s=link.cycle_ms / 1e3,
-        late="the controller counts each, stands on the last correction, and stops at the limit of its signal flow",
+        late="the controller counts each, keeps the last correction, and stops at the limit of its signal flow",
         servo=ServoFacts(
             link.cycle_ms / 1e3,
             servo.transport_delay_ms / 1e3,
@@ -53,29 +53,31 @@ def robot_facts(settings: KindSettings[RsiLink, RsiProfile]) -> RobotFacts:
 
 
 def facts(url: str, settings: KindSettings[RsiLink, RsiProfile]) -> RobotFacts:
-    """Facts of the controller, whatever its wire."""
+    """Return the facts of the controller, whatever its wire."""
     return robot_facts(settings)
 
 
 async def connect(
     url: str, settings: KindSettings[RsiLink, RsiProfile], wiring: Wiring
 ) -> StreamedLink[Datagrams]:
-    """The controller that opens the conversation on this wire, not started yet. Errors as of `RobotKind.connect`."""
+    """Connect to the controller that sends first on this wire; it is not started yet. Errors as for
+    `RobotKind.connect`.
+    """
     if "strangers" not in parse_url(url, LISTEN_DATAGRAMS).options:
-        url += f"{'&' if '?' in url else '?'}strangers=refuse"  # nothing else may take the robot's place
+        url += f"{'&' if '?' in url else '?'}strangers=refuse"  # no other sender may replace the robot
     wire = await wiring.datagrams(url, speak_first=False)
     return StreamedLink(wire, RsiClient(settings.client), robot_facts(settings), wiring.clock, wiring.log)
 
 
 async def probe(url: str, settings: KindSettings[RsiLink, RsiProfile], wiring: Wiring) -> ProbeResult:
-    """Findings of a controller that sends to this address. It is answered with the correction that it has: without an
-    answer it would stop with an error, and with this one it stands.
+    """Probe a controller that sends to this address. It is answered with its present correction: without an answer it
+    would stop with an error, and with this one it does not move.
     """
-    return await probe_link(url, lambda heard: connect(url, settings, heard), wiring)
+    return await probe_link(url, lambda wiring: connect(url, settings, wiring), wiring)
 
 
 def make(settings: KindSettings[RsiLink, RsiProfile]) -> RobotFactory:
-    """The controller that a cell's section describes."""
+    """Return a factory of the controller that the cell's section describes."""
     return lambda start, now, seed: RsiController(settings.emulated, start, now, seed)
 
 
@@ -85,19 +87,19 @@ async def serve(url: str, robot: Any, settings: KindSettings[RsiLink, RsiProfile
 
 
 def usual(settings: KindSettings[RsiLink, RsiProfile], virtual: bool) -> str:
-    """The URL that the emulated controller sends to: the port is fixed, for it speaks first."""
+    """Return the URL that the emulated controller sends to: the port is fixed, because it sends first."""
     return "udp+memory:rsi" if virtual else f"udp://127.0.0.1:{PORT}"
 
 
 def play(
-    robot: Any, course: Trajectory, settings: KindSettings[RsiLink, RsiProfile], now: float
+    robot: Any, trajectory: Trajectory, settings: KindSettings[RsiLink, RsiProfile], now: float
 ) -> TrajectoryResult:
-    """A course of places as corrections. As `hil_bridge.devices.trajectory.PlayTrajectory` says."""
-    return stream_trajectory(robot.endpoint, RsiClient(settings.client), course, now)
+    """Run a trajectory of positions as corrections, see `hil_bridge.devices.trajectory.PlayTrajectory`."""
+    return stream_trajectory(robot.endpoint, RsiClient(settings.client), trajectory, now)
 
 
 MISHAPS = {"refused": "emergency-stop", "stopped": "emergency-stop"}
-"""An emergency stop is the one stop that its telegrams tell."""
+"""An emergency stop is the only stop that its telegrams report."""
 
 ROBOT = RobotKind(
     "rsi",

@@ -1,1 +1,1 @@
-"""Robots of Universal Robots over RTDE."""
+"""Universal Robots controllers over RTDE."""

@@ -1,8 +1,8 @@
-"""Addresses of a controller's ports: one URL names them all.
+"""Addresses of a controller's ports, all from one URL.
 
 | URL | ports |
 |---|---|
-| `tcp://10.0.0.5` | 30004, and the dashboard's and the script's by the settings |
+| `tcp://10.0.0.5` | 30004, and those of the dashboard and the script by the settings |
 | `tcp://127.0.0.1:41000?dashboard=41001&script=41002` | these |
 | `tcp-listen://127.0.0.2` | the real controller's: 30001 to 30004, 30011 to 30013, 29999 |
 | `tcp-listen://127.0.0.1:0` | free ones |
@@ -29,7 +29,7 @@ PORTS: Mapping[Port, tuple[int, ...]] = {
     Port.REALTIME: (30003,),
     Port.REALTIME_READ_ONLY: (30013,),
 }
-"""TCP ports of a real controller. It has none that takes programs and tells nothing."""
+"""TCP ports of a real controller. None of them accepts programs without sending data."""
 _EXAMPLE = "tcp://10.0.0.5, or tcp://127.0.0.1:41000?dashboard=41001&script=41002"
 _OPTIONS = {
     "dashboard": Port.DASHBOARD,
@@ -45,45 +45,45 @@ _OPTIONS = {
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """A controller's ports on a host, or in memory."""
+    """Ports of a controller on a host, or in memory."""
 
     text: str
     host: str
-    """Empty for ports in memory."""
+    """Host; empty for ports in memory."""
     ports: Mapping[Port, int]
-    """Ports that the URL names; 0 for a free one. Without the others."""
+    """Ports that the URL names, without the others; 0 for a free one."""
     name: str = ""
-    """Of the ports in memory."""
+    """Name of the ports in memory."""
     options: str = ""
-    """Further options of the wire in memory, as `?latency_ms=1`."""
+    """Further options of the wire in memory, such as `?latency_ms=1`."""
 
     def memory_name(self, port: Port) -> str:
-        """The name of a port in memory."""
+        """Return the name of a port in memory."""
         return self.name if port is Port.RTDE else f"{self.name}-{port}"
 
     def memory_url(self, port: Port) -> str:
-        """The URL of a port in memory."""
+        """Return the URL of a port in memory."""
         return f"memory:{self.memory_name(port)}{self.options}"
 
     @property
     def wire(self) -> WireUrl:
-        """The RTDE port's wire, for those that look at the wire alone."""
+        """Wire of the RTDE port."""
         if self.name:
             return WireUrl(self.text, "memory", self.name, {})
         return WireUrl(self.text, "tcp", f"{self.authority}:{self.ports.get(Port.RTDE, RTDE_PORT)}", {})
 
     @property
     def authority(self) -> str:
-        """The host as a URL has it."""
+        """Host as in a URL."""
         return f"[{self.host}]" if ":" in self.host else self.host
 
 
 def parse_address(url: str, scheme: str = "tcp") -> Address:
-    """An address of this scheme, or one in memory. Raises ConfigError."""
+    """Parse an address with this scheme, or one in memory. Raises ConfigError."""
     if url.startswith("memory:"):
         name, mark, options = url.removeprefix("memory:").partition("?")
         if not name:
-            raise ConfigError(f"{url!r}: name the ports in memory, as in memory:ur")
+            raise ConfigError(f"{url!r}: the ports in memory need a name, as in memory:ur")
         return Address(url, "", {}, name, mark + options)
     try:
         parts = urlsplit(url)

@@ -1,4 +1,4 @@
-"""The wires of one controller as one transport of pieces."""
+"""Wires of one controller, combined into one transport of pieces."""
 
 from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack, suppress
@@ -10,19 +10,19 @@ from protocol.devices.rtde.wires import Piece, Pieces, Port
 
 
 class Bundle:
-    """A `Transport` over several. It ends with the RTDE wire; the others may be closed by the controller."""
+    """`Transport` over several wires. It ends with the RTDE wire; the controller may close the others."""
 
     def __init__(
         self, name: str, wires: Mapping[Port, Transport[bytes]], farewell: Callable[[], Pieces]
     ) -> None:
-        """`farewell` gives the last pieces, which are sent before the wires are closed."""
+        """`farewell` returns the last pieces, which are sent before the wires are closed."""
         self.name = name
         self._wires, self._farewell = wires, farewell
         self._closing = False
 
     def start(self, on_data: Callable[[Pieces], None], on_end: Callable[[TransportError], None]) -> None:
         for port, wire in self._wires.items():
-            wire.start(partial(_hand_on, on_data, port), on_end if port is Port.RTDE else _ignore)
+            wire.start(partial(_forward, on_data, port), on_end if port is Port.RTDE else _ignore)
 
     def send(self, data: Pieces) -> None:
         for piece in data:
@@ -36,14 +36,14 @@ class Bundle:
                 self.send(self._farewell())
         async with (
             AsyncExitStack() as stack
-        ):  # all of them, also when one cannot be closed or the wait is cancelled
+        ):  # all of them, even if one cannot be closed or the wait is cancelled
             for wire in reversed([*self._wires.values()]):
                 stack.push_async_callback(wire.aclose)
 
 
-def _hand_on(on_data: Callable[[Pieces], None], port: Port, data: bytes) -> None:
+def _forward(on_data: Callable[[Pieces], None], port: Port, data: bytes) -> None:
     on_data((Piece(port, data),))
 
 
 def _ignore(error: TransportError) -> None:
-    """A client that needs the port says so by its time-out."""
+    """Ignore the end of a wire: a client that needs it reports a time-out."""

@@ -1,4 +1,4 @@
-"""Facts of a controller of Universal Robots, for a run."""
+"""Facts of a Universal Robots controller, for a run."""
 
 import math
 
@@ -10,26 +10,24 @@ from protocol.devices.rtde.profile import ClientProfile
 from protocol.marks import Mark
 
 _DELAY_CYCLES = 2.0
-"""From an input package to the arm. Derived of measurements: two to three cycles there and back."""
-_LATE = (
-    "its program goes to the last target, brakes after hold_ms without a new one, and continues with the next"
-)
+"""Delay from an input package to the arm. Derived from measurements: two to three cycles there and back."""
+_LATE = "its program moves to the last target, brakes after hold_ms without a new one, and continues with the next"
 """Reaction of the program to a late target."""
 _ORDINARY_N, _ORDINARY_CB3_N = 12.0, 25.0
-"""Derived of recordings of real arms. An e-Series: 4 N that its zero drifts by after power-up, three times its noise of
-0.34 N in motion, and 6 N of 3 kg that gain speed by 2 m/s². A CB3 has no sensor: its maker tells ±10 N, ten lifts of
-3 kg had a standard deviation of 3.6 N, and the zero differs from pose to pose.
+"""Derived from recordings of real arms. An e-Series: 4 N of zero drift after power-up, three times its noise of 0.34 N
+in motion, and 6 N for 3 kg accelerated by 2 m/s². A CB3 has no sensor: its maker specifies ±10 N, ten lifts of 3 kg had
+a standard deviation of 3.6 N, and the zero differs from pose to pose.
 """
 _NOISE_M, _NOISE_CB3_M = 1e-5, 4e-6
-"""Observed of arms at rest: median of each axis of actual_TCP_pose. An e-Series 5 to 15 µm, a CB3 1.4 to 6 µm."""
+"""Observed on stationary arms: median of each axis of actual_TCP_pose. An e-Series 5 to 15 µm, a CB3 1.4 to 6 µm."""
 _CB3_CYCLE_S = 0.008
-"""Observed: the cycle of a CB3. An e-Series that is asked as rarely counts as one too."""
+"""Observed: cycle of a CB3. An e-Series with the same cycle is treated as one, too."""
 _WITNESS_DELAY_S = 0.01
-"""Assumed: of actual_TCP_force; its noise is white up to 25 to 60 Hz."""
+"""Assumed: filter of actual_TCP_force; its noise is white up to 25 to 60 Hz."""
 
 
 def robot_facts(client: ClientProfile, emulated: RtdeProfile) -> RobotFacts:
-    """Facts with these settings; the servo is that of the emulator's model."""
+    """Return the facts with these settings; the servo is that of the emulator's model."""
     stiffness = emulated.servo_gain_scale * client.gain
     frequency = math.sqrt(stiffness)
     marks = {

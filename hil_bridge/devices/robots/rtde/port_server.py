@@ -1,4 +1,4 @@
-"""The emulated controller's ports, each with as many clients as come."""
+"""Ports of the emulated controller, each for any number of clients."""
 
 import asyncio
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from emulators.devices.rtde import RtdeRobot, Saying
 from hil_bridge.clock import Timer
 from hil_bridge.clock.realtime import gc_off
 from hil_bridge.devices.robots.rtde.addresses import PORTS, Address, parse_address
-from hil_bridge.devices.robots.rtde.program_wires import Hangup, ProgramWires, Served
+from hil_bridge.devices.robots.rtde.program_wires import Hangup, HangupEndpoint, ProgramWires
 from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import TransportError
 from hil_bridge.errors.failures import RAISED, raise_if_interrupt
@@ -22,13 +22,13 @@ from protocol.devices.rtde.states import SafetyMode
 from protocol.devices.rtde.wires import Port
 
 BEAT_S = 0.02
-"""Chosen: time between two looks at a controller without a client."""
+"""Chosen: time between two updates of a controller without clients."""
 STEPS = 20
 """Chosen: statements that are compiled at a time, which takes some 0.4 ms."""
 
 
 class _ErrorLog:
-    """Says the errors of programs, each in a line."""
+    """Prints the errors of programs, one per line."""
 
     def __init__(self, say: Callable[[str], object]) -> None:
         self._say = say
@@ -38,11 +38,11 @@ class _ErrorLog:
             self._say(f"rtde: a program fails: {saying}")
 
     def hear_safety(self, mode: SafetyMode) -> None:
-        """The view and the panel tell it."""
+        """Ignore it: the view and the panel show the safety mode."""
 
 
 class Ports:
-    """All that listens for one controller."""
+    """Listening ports of one controller."""
 
     def __init__(self, robot: RtdeRobot, serving: Serving) -> None:
         self._robot, self._serving = robot, serving
@@ -50,50 +50,50 @@ class Ports:
         self._closing: set[asyncio.Task[None]] = set()
         self._stops: list[Callable[[], None]] = []
         self._compiling = serving.stack.enter_context(ExitStack())
-        """What holds while a text is compiled."""
+        """Contexts that are active while a program is compiled."""
         serving.stack.push_async_callback(self._close)
         self._beat: Timer | None = None
         self._programs = ProgramWires(robot, serving)
         robot.controller.console.listeners.append(_ErrorLog(serving.say))
 
     async def listen(self, address: Address) -> str:
-        """Listen on an address; the URL for a client. Raises TransportUnavailable."""
+        """Listen on an address and return the URL for a client. Raises TransportUnavailable."""
         if not self._serving.clock.is_virtual:
             self._keep_pace()
             self._robot.controller.player.uploads.spread = self._begin_to_compile
         if address.name:
             for port in PORTS:
-                door = self._door(port)
+                accept = self._acceptor(port)
                 self._stops.append(
-                    listen_memory_clients(address.memory_name(port), self._serving.clock, door)
+                    listen_memory_clients(address.memory_name(port), self._serving.clock, accept)
                 )
             return f"memory:{address.name}"
         self._programs.offer()
-        found: dict[Port, int] = {}
+        ports: dict[Port, int] = {}
         free = address.ports.get(Port.RTDE) == 0
         for port, usual in PORTS.items():
-            asked = (address.ports[port],) if port in address.ports else (0,) if free else usual
-            for number in asked:
+            numbers = (address.ports[port],) if port in address.ports else (0,) if free else usual
+            for number in numbers:
                 name = f"tcp-listen://{address.authority}:{number}"
                 stop, _, real = await listen_tcp_clients(
-                    address.host, number, self._serving.clock, name, self._door(port)
+                    address.host, number, self._serving.clock, name, self._acceptor(port)
                 )
                 self._stops.append(stop)
-                found.setdefault(port, real)
-        if found == {port: numbers[0] for port, numbers in PORTS.items() if numbers}:
+                ports.setdefault(port, real)
+        if ports == {port: usual[0] for port, usual in PORTS.items() if usual}:
             return f"tcp://{address.authority}"
-        options = "&".join(f"{port}={number}" for port, number in found.items() if port is not Port.RTDE)
-        return f"tcp://{address.authority}:{found[Port.RTDE]}?{options}"
+        options = "&".join(f"{port}={number}" for port, number in ports.items() if port is not Port.RTDE)
+        return f"tcp://{address.authority}:{ports[Port.RTDE]}?{options}"
 
     def _begin_to_compile(self) -> None:
-        """Without the collector, which would look through all nodes of a text again and again."""
+        """Start to compile, without the garbage collector, which would traverse all nodes of a program repeatedly."""
         self._compiling.enter_context(gc_off())
         self._serving.clock.call_soon(self._compile)
 
     def _compile(self) -> None:
-        """Compile some of what clients upload, and more of it behind all that is due meanwhile.
+        """Compile part of what clients upload, and the rest after everything that is due meanwhile.
 
-        The clock is not asked: its time would be that of all deadlines that are late, and their cycles be left out.
+        The clock is not read: its time would be that of all late deadlines, and their cycles would be skipped.
         """
         try:
             if all(self._robot.controller.player.uploads.step() for _ in range(STEPS)):
@@ -105,7 +105,7 @@ class Ports:
             self._serving.on_failure(error)
 
     def _keep_pace(self) -> None:
-        """Let the controller's cycles happen while no client is there, so that the next one need not wait for them."""
+        """Run the controller's cycles while there is no client, so that the next one does not have to wait for them."""
         clock = self._serving.clock
         now = clock.now()
         try:
@@ -116,7 +116,7 @@ class Ports:
             return
         self._beat = clock.call_at(now + BEAT_S, self._keep_pace)
 
-    def _door(self, port: Port) -> Callable[[Transport[bytes]], None]:
+    def _acceptor(self, port: Port) -> Callable[[Transport[bytes]], None]:
         return lambda wire: self._welcome(port, wire)
 
     def _welcome(self, port: Port, wire: Transport[bytes]) -> None:
@@ -137,13 +137,13 @@ class Ports:
             if not isinstance(cause, TransportError):
                 self._serving.on_failure(cause)
 
-        def told(event: Any) -> None:
+        def hang_up(event: Any) -> None:
             rest = server.data_to_send(clock.now())
             if rest:
                 wire.send(rest)
             self._hang_up(wire)
 
-        pump: Pump[bytes, Hangup] = Pump(Served(server), wire, clock, told, ended)
+        pump: Pump[bytes, Hangup] = Pump(HangupEndpoint(server), wire, clock, hang_up, ended)
         self._serving.pumps.append(pump)
         pump.start()
 
@@ -166,9 +166,9 @@ class Ports:
 
 
 def _ignore(event: object) -> None:
-    """Nothing is heard on a connection that is closed at once."""
+    """Ignore data on a connection that is closed at once."""
 
 
 async def serve(url: str, robot: RtdeRobot, serving: Serving) -> str:
-    """Let a controller listen; the URL for its client. Raises ConfigError, TransportUnavailable."""
+    """Let a controller listen and return the URL for its client. Raises ConfigError, TransportUnavailable."""
     return await Ports(robot, serving).listen(parse_address(url, "tcp-listen"))

@@ -1,4 +1,4 @@
-"""Programs that the emulated controller holds: text in URScript, one file each, `NAME.script`."""
+"""Programs of the emulated controller: URScript text, one file each, `NAME.script`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,12 +7,14 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path, open_ordinary, read_up_to, refuse_nul
 
 FILES_MAX = 256
-"""Chosen: programs of a folder."""
+"""Chosen: most programs in a folder."""
 _SUFFIX = ".script"
 
 
-def read_programs(folder: Path, room: int) -> Mapping[str, bytes]:
-    """Texts by name, each of `room` bytes at most. Others are passed over. Raises ConfigError that names a file."""
+def read_programs(folder: Path, size_limit: int) -> Mapping[str, bytes]:
+    """Return the texts by name, each of at most `size_limit` bytes. Other files are ignored. Raises ConfigError that
+    names a file.
+    """
     programs: dict[str, bytes] = {}
     refuse_nul(folder, format_path(folder))
     try:
@@ -20,12 +22,12 @@ def read_programs(folder: Path, room: int) -> Mapping[str, bytes]:
             if len(programs) == FILES_MAX:
                 raise ConfigError(f"{format_path(folder)}: more than {FILES_MAX} programs; remove some")
             with open_ordinary(path) as file:
-                text = read_up_to(file, room + 1)
-            if len(text) > room:
-                raise ConfigError(f"{format_path(path)}: too long for a program, at most {room} bytes")
+                text = read_up_to(file, size_limit + 1)
+            if len(text) > size_limit:
+                raise ConfigError(f"{format_path(path)}: too long for a program, at most {size_limit} bytes")
             programs[path.stem] = text
         if not programs:
-            next(folder.iterdir(), None)  # a folder that is not there is told by its name
+            next(folder.iterdir(), None)  # raises an error that names a missing folder
     except OSError as error:
         raise ConfigError(f"cannot read {error.filename or folder}: {error.strerror}") from error
     return programs

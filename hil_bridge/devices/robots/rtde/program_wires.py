@@ -1,6 +1,6 @@
 """Connections that a program of the emulated controller opens: from this process to a server, over TCP.
 
-To this computer alone, unless the cell's settings allow others: a program is text that has come from anywhere.
+Only to this computer, unless the cell's settings allow others, because a program may come from anywhere.
 """
 
 import asyncio
@@ -16,17 +16,17 @@ from hil_bridge.transports.serial.files import FileWire
 from hil_bridge.transports.tcp import connect_tcp
 
 OPENING_MAX = 16
-"""Chosen: connections that wait for their server at a time."""
-_SHOWN = 80
-"""Chosen: characters of a server's name that a line shows."""
+"""Chosen: most pending connections at a time."""
+_NAME_LENGTH = 80
+"""Chosen: characters of a server's name that are printed."""
 
 
 class Hangup:
-    """The device closes the connection."""
+    """Event of a device that closes its connection."""
 
 
-class Served:
-    """A server's endpoint that tells when the device closes the connection."""
+class HangupEndpoint:
+    """Endpoint of a server that reports when the device closes the connection."""
 
     def __init__(self, server: Server) -> None:
         self._server = server
@@ -42,7 +42,7 @@ class Served:
 
 
 class ProgramWires:
-    """All connections that programs of one controller open."""
+    """Connections that programs of one controller open."""
 
     def __init__(self, robot: RtdeRobot, serving: Serving) -> None:
         self._robot, self._serving = robot, serving
@@ -51,11 +51,11 @@ class ProgramWires:
         self._refused: set[str] = set()
 
     def offer(self) -> None:
-        """Let programs open connections from now on."""
+        """Allow programs to open connections."""
         self._robot.controller.console.open_socket = self._open
 
     async def aclose(self) -> None:
-        """Close all of them."""
+        """Close all connections."""
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -73,11 +73,11 @@ class ProgramWires:
         return inner
 
     def _refuse(self, host: str) -> None:
-        """Told once a server, for a program tries again."""
+        """Report a refused server once, because a program retries."""
         if host not in self._refused and len(self._refused) < OPENING_MAX:
             self._refused.add(host)
             self._serving.say(
-                f"rtde: a program may not connect to {host[:_SHOWN]!r}, which is not of this computer; "
+                f"rtde: a program may not connect to {host[:_NAME_LENGTH]!r}, which is not on this computer; "
                 "set cell.rtde.program_servers to any to allow it"
             )
 
@@ -93,7 +93,11 @@ class ProgramWires:
             raise
         self._wires.add(wire)
         pump: Pump[bytes, Hangup] = Pump(
-            Served(server), wire, clock, lambda event: self._hang_up(server, wire), lambda cause: ended(cause)
+            HangupEndpoint(server),
+            wire,
+            clock,
+            lambda event: self._hang_up(server, wire),
+            lambda cause: ended(cause),
         )
 
         def ended(cause: BaseException) -> None:
@@ -111,7 +115,7 @@ class ProgramWires:
         pump.start()
 
     def _hang_up(self, server: Server, wire: Transport[bytes]) -> None:
-        """The program closes it: what it has sent before goes out."""
+        """Close a connection for the program, after sending what it has queued."""
         rest = server.data_to_send(self._serving.clock.now())
         if rest:
             wire.send(rest)
@@ -128,7 +132,7 @@ class ProgramWires:
 
 
 def _is_loopback(host: str) -> bool:
-    """Whether a server is of this computer. Any name but localhost is none: it may mean another address later."""
+    """Return whether a server is on this computer. Of host names, only localhost is: another may change its address."""
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:

@@ -1,4 +1,4 @@
-"""The room of Universal Robots' controllers: kind `rtde`, its client and its emulator behind their wires."""
+"""Device package for Universal Robots controllers: kind `rtde`, its client and its emulator."""
 
 from pathlib import Path
 from typing import Any
@@ -29,30 +29,30 @@ from protocol.devices.rtde.wires import Pieces, Port
 async def connect(
     url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring
 ) -> StreamedLink[Pieces]:
-    """The controller behind its ports, not started yet. Raises ConfigError, TransportUnavailable."""
-    return await _open(url, settings, wiring, looks=False)
+    """Connect to the controller's ports; it is not started yet. Raises ConfigError, TransportUnavailable."""
+    return await _open(url, settings, wiring, read_only=False)
 
 
 async def _open(
-    url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring, looks: bool
+    url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring, read_only: bool
 ) -> StreamedLink[Pieces]:
     profile: ClientProfile = settings.client
-    wires = await open_wires(url, profile, wiring, script=not looks)
-    client = RtdeClient(profile, wiring.clock.now(), looks)
+    wires = await open_wires(url, profile, wiring, script=not read_only)
+    client = RtdeClient(profile, wiring.clock.now(), read_only)
     facts = robot_facts(profile, settings.emulated)
     return StreamedLink(Bundle(url, wires, client.farewell), client, facts, wiring.clock, wiring.log)
 
 
 async def probe(url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring) -> ProbeResult:
-    """Findings of a controller. No program is sent to it, and none of its inputs is written."""
-    return await probe_link(url, lambda heard: _open(url, settings, heard, looks=True), wiring)
+    """Probe a controller. No program is sent to it, and none of its inputs is written."""
+    return await probe_link(url, lambda wiring: _open(url, settings, wiring, read_only=True), wiring)
 
 
 async def open_wires(
     url: str, profile: ClientProfile, wiring: Wiring, dashboard: bool = True, script: bool = True
 ) -> dict[Port, Transport[bytes]]:
-    """The wires to a controller's ports; without the dashboard and the script's where that is not wanted, or the
-    dashboard's is 0.
+    """Open the wires to a controller's ports. `dashboard` and `script` say whether these are opened; a dashboard port
+    of 0 is not.
     """
     address = parse_address(url)
     numbers = {
@@ -78,12 +78,14 @@ async def open_wires(
 
 
 def facts(url: str, settings: KindSettings[ClientProfile, RtdeProfile]) -> RobotFacts:
-    """Facts of a controller, before a wire is opened."""
+    """Return the facts of a controller, before a wire is opened."""
     return robot_facts(settings.client, settings.emulated)
 
 
 def make(settings: KindSettings[ClientProfile, RtdeProfile]) -> RobotFactory:
-    """The controller that a cell's section describes, with the programs of its folder. Raises ConfigError."""
+    """Return a factory of the controller that the cell's section describes, with the programs of its folder. Raises
+    ConfigError.
+    """
     folder = settings.emulated.program_folder
     return make_robot(settings.emulated, read_programs(Path(folder), TEXT_MAX) if folder else {})
 
@@ -96,7 +98,7 @@ async def serve(
 
 
 def usual(settings: KindSettings[ClientProfile, RtdeProfile], virtual: bool) -> str:
-    """The URL on which it listens where none is named."""
+    """Return the default URL to listen on."""
     return "memory:rtde" if virtual else "tcp-listen://127.0.0.1:0"
 
 
@@ -105,7 +107,7 @@ def check(settings: KindSettings[ClientProfile, RtdeProfile]) -> None:
     client, emulated = settings.client.cycle_ms, settings.emulated
     if not (client / emulated.cycle_ms).is_integer():
         raise ConfigError(
-            f"robot.rtde.cycle_ms of {client:g} is no multiple of cell.rtde.cycle_ms, {emulated.cycle_ms:g}; "
+            f"robot.rtde.cycle_ms of {client:g} is not a multiple of cell.rtde.cycle_ms, {emulated.cycle_ms:g}; "
             "set both to 2 for an e-Series, to 8 for a CB3"
         )
 

@@ -1,6 +1,7 @@
-"""A course for the emulated controller of Universal Robots: a program of ours reads the orders from input registers.
+"""Trajectories for the emulated Universal Robots controller, run by a program that reads the orders from registers.
 
-Joints go to `servoj`, speeds to `speedj`, places to `servoj` by the inverse kinematics, each in every cycle.
+The program passes joints to `servoj`, speeds to `speedj`, and positions to `servoj` by the inverse kinematics, in every
+cycle.
 """
 
 from collections.abc import Sequence
@@ -24,29 +25,29 @@ _PARTS = {
     "qd": "actual_qd",
     "position": "actual_TCP_pose",
 }
-"""Families by output; of a pose the first three parts."""
+"""Output of each family; of a pose, its first three values."""
 _OUTPUTS = ("timestamp", _READY, "runtime_state", "safety_mode", "actual_TCP_force", *_PARTS.values())
 _READING = ", ".join(f"read_input_float_register({k})" for k in range(6))
 _BEGIN_S = 60.0
-"""Chosen: the arm may take so long to where the course begins."""
+"""Chosen: time-out for the arm to reach the start of the trajectory."""
 _SPEED_ACCELERATION = 40.0
-"""Chosen, rad/s²: more than a course asks for, so that the speeds are those of the course."""
+"""Chosen, rad/s²: more than a trajectory needs, so that the speeds are those of the trajectory."""
 _MOVE_SPEED, _MOVE_ACCELERATION = 1.0, 1.4
 """Standard: defaults of `movej` in the script manual, rad/s and rad/s²."""
 
 
-def play(robot: Any, course: Trajectory, settings: Any, now: float) -> TrajectoryResult:
-    """As `hil_bridge.devices.trajectory.PlayTrajectory` says."""
-    return _Player(robot, course, settings, now).played()
+def play(robot: Any, trajectory: Trajectory, settings: Any, now: float) -> TrajectoryResult:
+    """Run a trajectory, see `hil_bridge.devices.trajectory.PlayTrajectory`."""
+    return _Player(robot, trajectory, settings, now).run()
 
 
 class _Player:
-    """One course under way: a client of RTDE in a time of its own."""
+    """Trajectory in progress: an RTDE client in virtual time."""
 
-    def __init__(self, robot: Any, course: Trajectory, settings: Any, now: float) -> None:
-        self._course, self._now = course, now
-        self._zero = course.values[0] if course.family == "order_position" else (0.0,) * 6
-        """Taken off each order: the course of places begins where the arm stands."""
+    def __init__(self, robot: Any, trajectory: Trajectory, settings: Any, now: float) -> None:
+        self._trajectory, self._now = trajectory, now
+        self._zero = trajectory.values[0] if trajectory.family == "order_position" else (0.0,) * 6
+        """Subtracted from each order: a trajectory of positions begins at the arm's present position."""
         self._powered, self._uptime = now, settings.emulated.uptime_s
         self._cycle = settings.emulated.cycle_ms * 1e-3
         self._server = robot.connect(Port.RTDE, now)
@@ -54,47 +55,49 @@ class _Player:
         self._ask(packets.version_request(packets.PROTOCOL_VERSION))
         types = packets.read_types(self._ask(packets.inputs_request(_REGISTERS)))
         self._inputs = Recipe(types.recipe, _REGISTERS, types.types)
-        rate = min(1.0 / course.period, 1.0 / self._cycle)
+        rate = min(1.0 / trajectory.period, 1.0 / self._cycle)
         types = packets.read_types(self._ask(packets.outputs_request(_OUTPUTS, rate)))
         self._outputs = Recipe(types.recipe, _OUTPUTS, types.types)
         self._ask(packets.encode(Kind.START))
         self._rows: list[dict[str, Any]] = []
         script = robot.connect(Port.SCRIPT, now)
-        script.receive(_program(course, settings.client).encode(), now)
+        script.receive(_program(trajectory, settings.client).encode(), now)
 
-    def played(self) -> TrajectoryResult:
-        """PlayTrajectory it. Raises ConfigError where the robot stops."""
+    def run(self) -> TrajectoryResult:
+        """Run it and return the reports. Raises ConfigError if the robot stops."""
         while not self._rows or not self._rows[-1][_READY]:
             if self._now - self._powered > _BEGIN_S:
-                raise ConfigError("the emulated arm has not come to where the course begins")
-            self._pass(self._course.values[0])
+                raise ConfigError("the emulated arm has not reached the start of the trajectory")
+            self._run_cycle(self._trajectory.values[0])
         began = self._now
         home = self._rows[-1][_PARTS["target_position"]]
         self._rows.clear()
         times, orders = [], []
-        end = self._course.end + 2.0 * self._course.period
+        end = self._trajectory.end + 2.0 * self._trajectory.period
         while self._now - began <= end:
-            before, order = len(self._rows), self._course.at(self._now - began)
-            self._pass(order)
+            before, order = len(self._rows), self._trajectory.at(self._now - began)
+            self._run_cycle(order)
             if len(self._rows) > before:
                 row = self._rows[-1]
                 self._check(row)
                 stamp = row["timestamp"] - self._uptime + self._powered
-                times.append((self._now if self._course.at_arrival else stamp) - began)
-                orders.append(self._course.at(times[-1]))
+                times.append((self._now if self._trajectory.at_arrival else stamp) - began)
+                orders.append(self._trajectory.at(times[-1]))
         return TrajectoryResult(times, self._columns(orders, home))
 
     def _columns(self, orders: Sequence[tuple[float, ...]], home: Sequence[float]) -> dict[str, list[float]]:
-        """All columns; `home` is where the arm stood. Places of a course of places count from its begin."""
+        """Return all columns. `home` is the arm's start; positions of a trajectory of positions are relative to its
+        first order.
+        """
         columns = {}
-        places = self._course.family == "order_position"
+        places = self._trajectory.family == "order_position"
         for family, output in _PARTS.items():
             for k, name in enumerate(FAMILIES[family]):
                 way = self._zero[k] - home[k] if places and family.endswith("position") else 0.0
                 columns[name] = [row[output][k] + way for row in self._rows]
         for k, name in enumerate((*FAMILIES["force"], *FAMILIES["moment"])):
             columns[name] = [row["actual_TCP_force"][k] for row in self._rows]
-        for k, name in enumerate(FAMILIES[self._course.family]):
+        for k, name in enumerate(FAMILIES[self._trajectory.family]):
             columns[name] = [order[k] for order in orders]
         return columns
 
@@ -104,10 +107,10 @@ class _Player:
                 f"the emulated robot has stopped: {SafetyMode(row['safety_mode']).name.lower()}"
             )
         if row["runtime_state"] != Runtime.PLAYING:
-            raise ConfigError("the program on the emulated robot has ended before the course")
+            raise ConfigError("the program on the emulated robot has ended before the trajectory")
 
-    def _pass(self, order: tuple[float, ...]) -> None:
-        """One cycle: the order is written, the cycle goes by, and its data are read."""
+    def _run_cycle(self, order: tuple[float, ...]) -> None:
+        """Write the order, advance by one cycle, and read its data."""
         values = [part - zero for part, zero in zip(order, self._zero, strict=False)]
         values += [0.0] * (len(_REGISTERS) - len(values))
         self._server.receive(self._inputs.pack(*values), self._now)
@@ -119,7 +122,7 @@ class _Player:
                 self._rows.append(self._outputs.values(self._outputs.unpack(packet.payload)))
 
     def _ask(self, question: bytes) -> bytes:
-        """Payload of the answer."""
+        """Send a request and return the payload of its answer."""
         self._server.receive(question, self._now)
         self._reader.feed(self._server.data_to_send(self._now))
         packet = self._reader.next_packet()
@@ -127,14 +130,14 @@ class _Player:
         return packet.payload
 
 
-def _program(course: Trajectory, client: Any) -> str:
-    """The program's text for a family."""
+def _program(trajectory: Trajectory, client: Any) -> str:
+    """Return the program for a family."""
     servo = f"t=get_steptime(), lookahead_time={client.lookahead_s:g}, gain={client.gain:g}"
-    start = course.values[0] if course.family == "order_q" else course.start
+    start = trajectory.values[0] if trajectory.family == "order_q" else trajectory.start
     begin = "sync()"
     if start:
         begin = f"movej([{', '.join(map(repr, start))}], a={_MOVE_ACCELERATION}, v={_MOVE_SPEED})"
-    match course.family:
+    match trajectory.family:
         case "order_q":
             order = f"servoj([{_READING}], {servo})"
         case "order_qd":

@@ -1,1 +1,1 @@
-"""The room of the ABB S3 controller and its computer link."""
+"""ABB S3 controller with its computer link."""

@@ -1,4 +1,4 @@
-"""Facts of an S3 behind its computer link, for recording, report and view."""
+"""Facts of an S3 with a computer link, for recording, report and view."""
 
 from emulators.arm.loops import ServoProfile
 from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts, Traffic
@@ -18,7 +18,7 @@ UNDISTURBED = frozenset(
         Count.MESSAGES_RECEIVED,
     }
 )
-"""Counters of the link that go up in every exchange, and that of noise, whose bytes are counted."""
+"""Counters of the link that increase in every exchange, and that of noise, which counts bytes."""
 ERRORS = ("block repeated", "bid repeated", "time-out", "bad block", "bad checksum", "gap in block")
 """Counters of the link that the view adds up as link errors."""
 _TRAFFIC = (
@@ -28,7 +28,7 @@ _TRAFFIC = (
 
 
 def robot_facts(profile: LinkProfile, servo: ServoProfile | None = None) -> RobotFacts:
-    """From the link as its URL has set it, and the servo as the configuration says, where it is known."""
+    """Return the facts from the link as set by its URL, and from the configured servo, if known."""
     order_step_m = 1.0 / STEPS_PER_METRE
     return RobotFacts(
         model="ABB S3, computer link",

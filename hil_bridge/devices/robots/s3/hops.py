@@ -1,6 +1,6 @@
-"""How the stamps of an S3's exchanges divide a cycle, as one table; `replied_at` is when the robot began to answer.
+"""Hops into which the stamps of an S3's exchanges divide a cycle; `replied_at` is when the robot began to answer.
 
-A message travels as ENQ, ACK, block, ACK, EOT. An answer begins when its arrival is less the time of its characters.
+A message is sent as ENQ, ACK, block, ACK, EOT. An answer begins at its arrival less the time of its characters.
 """
 
 from hil_bridge.devices.facts import ACCEPTED, Hop, Moment, Owner, RobotHops
@@ -17,14 +17,14 @@ _INTERPOLATION = Hop(
     ACCEPTED,
     "motion_at",
     Owner.ROBOT,
-    "robot's queue, interpolator and way to the position loops",
+    "robot's queue, interpolator and path to the position loops",
 )
 _MOVING = Hop(
     "robot",
     "transmitted_at",
     "motion_at",
     Owner.ROBOT,
-    "robot's turnaround, interpolator and way to the position loops",
+    "robot's turnaround, interpolator and path to the position loops",
 )
 _STATUS = (
     Hop("status_line", "started_at", "status_transmitted_at", Owner.LINE, "line time of the status order"),
@@ -40,8 +40,8 @@ _STATUS = (
 
 
 def robot_hops(profile: LinkProfile) -> RobotHops:
-    """The hops on a computer link with this profile. A robot that answers a point only once it has reached it answers
-    after the motion: then turnaround and interpolator cannot be told apart.
+    """Return the hops on a computer link with this profile. A robot that answers a point only once it has reached it
+    answers after the motion: then turnaround and interpolator cannot be separated.
     """
     return RobotHops(
         to_answer=(_LINE, _TURNAROUND, _ANSWER),

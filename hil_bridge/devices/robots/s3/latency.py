@@ -1,4 +1,4 @@
-"""A site's measured latency as settings of the emulated S3."""
+"""Settings of the emulated S3 from a site's measured latency."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -7,15 +7,17 @@ from protocol.devices.s3.adlp import LinkProfile
 
 NOTES = (
     "Latency of a recorded run, as evenly spaced quantiles each: turnaround is answer time less",
-    "line time (of a controller that answers a point only when it is reached, the motion too);",
+    "line time (including the motion, if the controller answers a point only when it is reached);",
 )
-"""Notes for an operator about these settings."""
+"""Comment lines about these settings."""
 
 
 def late_settings(
     quantiles_ms: Mapping[str, Sequence[float]], line: LinkProfile
 ) -> dict[str, dict[str, object]]:
-    """Settings by section of a controller that takes so long for its own hops, see `hops`, on the line as it was."""
+    """Return settings by section, for a controller with these times of its own hops, see `hops`, on the
+    recorded line.
+    """
     plain = LinkProfile()
     names = [field.name for field in dataclasses.fields(line)]
     changed = {name: getattr(line, name) for name in names if getattr(line, name) != getattr(plain, name)}

@@ -1,4 +1,4 @@
-"""The S3 controller as a run sees it: orders over the computer link, a movement as a context."""
+"""Link to the S3 controller for a run: orders over the computer link, a movement as a context manager."""
 
 import asyncio
 import math
@@ -71,28 +71,28 @@ _Meaning = TypeVar("_Meaning")
 _SENT = Direction.SENT
 _ENQ, _EOT = int(Control.ENQ), int(Control.EOT)
 _NO_START_POINT = RefusalCode.OUTSIDE_WORK_AREA
-"""Refusals of a move without a sequence, or without a start point. Source: project specification, section 3."""
+"""Refusal of a move without a sequence, or without a start point. Source: project specification, section 3."""
 _SLOWEST_M_S = 1e-3
-"""Chosen: velocity of an order that is not to move anything, m/s."""
+"""Chosen: velocity of an order that must not move anything, m/s."""
 _READ_STATUS = FunctionCode.READ_STATUS
 STATUS_S = 1.0
-"""For how long a status is waited for that may tell why an order failed. Chosen: a robot that answers does so in a
-tenth of it.
+"""Longest wait for a status that may explain why an order failed. Chosen: a robot that answers does so in a tenth of
+it.
 """
-SAID_S = 15.0
-"""How long ago the robot may have said something that is told with a failure. Chosen: the longest wait for an answer,
-and its start-up.
+MESSAGE_AGE_S = 15.0
+"""Largest age of an unsolicited message that is reported with a failure. Chosen: the longest wait for an answer, and
+the robot's start-up.
 """
-TRAILER_TOLD_S = 60.0
-"""How often at most it is told that an order holds 10 03, which is counted each time. Chosen."""
+TRAILER_NOTICE_S = 60.0
+"""Shortest time between two notices that an order contains 10 03, which is counted each time. Chosen."""
 _QUANTITIES = (Count.BLOCKS_SENT, Count.BLOCKS_RECEIVED, Count.MESSAGES_SENT, Count.MESSAGES_RECEIVED)
 
 
 class S3Link:
-    """Client of the S3 controller's computer link, as `hil_bridge.devices.robots.seam.RobotLink` says.
+    """Client of the S3 controller's computer link, see `hil_bridge.devices.robots.seam.RobotLink`.
 
-    One order at a time, each with exactly one answer, as the link demands. The log is told what is worth a line in
-    the record: repeats, time-outs, noise, spontaneous messages.
+    It sends one order at a time, each with exactly one answer, as the link requires. The log receives what is relevant
+    for the recording: repeats, time-outs, noise, unsolicited messages.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class S3Link:
         log: DeviceLog,
         orders: OrderBook = KNOWN,
     ) -> None:
-        """A log that is `verbose` is told of each bid and ACK too, which costs time in every cycle."""
+        """A log that is `verbose` receives each bid and ACK too, which costs time in every cycle."""
         self.name = transport.name
         self.profile = profile
         self.facts = robot_facts(profile)
@@ -121,32 +121,31 @@ class S3Link:
             lambda failure: log.notice(EventKind.LINK, str(failure)),
         )
         self.begun_at = math.nan
-        """Time at which the first byte of the newest order's bid was handed to the port, s on the run's clock. If the
-        bid had gone out ahead of the order, the time at which the order was handed to the link; NaN where neither
-        happened.
+        """Time at which the first byte of the newest order's bid was passed to the port, s on the run's clock. If the
+        bid was sent ahead of the order, the time at which the order was passed to the link; NaN if neither happened.
         """
         self.transmitted_at = math.nan
-        """Time at which its last character, which ends the message, has left the line. Ports do not tell it, so it is
-        calculated from the hand-over to the port, at the line's rate.
+        """Time at which its last character, which ends the message, has left the line. Ports do not report it, so it is
+        calculated from the time of passing it to the port and the line's rate.
         """
         self._answered_at = math.nan
         self._answer_time = answer_time(profile)
-        """Time of a status answer on the line, s: its pose is as old when the answer is complete."""
+        """Time of a status answer on the line, s: the age of its pose when the answer is complete."""
         self._reports = 0
         self._soon = False
-        """The order under way is followed by another at once."""
+        """Whether the present order is followed by another at once."""
         self._status: Status | None = None
-        """The newest."""
+        """Newest status."""
         self._fit: Status | None = None
         """Status of the robot when the movement began."""
-        self._said: deque[tuple[float, str]] = deque(maxlen=3)
-        """Unasked messages of the robot with their times, s on the run's clock."""
+        self._messages: deque[tuple[float, str]] = deque(maxlen=3)
+        """Unsolicited messages of the robot with their times, s on the run's clock."""
         self._troubles: Counter[str] = Counter()
-        """Trouble on the link since the newest order began."""
-        self._trailer_told_at = -math.inf
-        """When it was last told that an order holds 10 03, s on the run's clock."""
+        """Problems on the link since the newest order began."""
+        self._trailer_noticed_at = -math.inf
+        """Time of the last notice that an order contains 10 03, s on the run's clock."""
         self._explaining = False
-        """The order under way is to tell why another one failed."""
+        """Whether the present order is to explain the failure of another."""
 
     @property
     def counters(self) -> Mapping[str, int]:
@@ -154,20 +153,20 @@ class S3Link:
         return self._host.link.counters
 
     def start(self) -> None:
-        """Begin to listen."""
+        """Start to receive."""
         self._requests.start()
 
     async def aclose(self) -> None:
-        """Hand over what is queued and close the port."""
+        """Send what is queued and close the port."""
         await self._transport.aclose()
 
     @property
     def sent(self) -> Sent:
-        """When the newest order went out, and when its answer was complete."""
+        """Times at which the newest order was sent and its answer was complete."""
         return Sent(self.begun_at, self.transmitted_at, self._answered_at)
 
     async def ready(self) -> RobotReport:
-        """Bring the controller into operation, in which it moves."""
+        """Put the controller into operation, in which it can move."""
         status = await self.read_status()
         if not status.operation and not status.emergency_stop:
             await self.exchange(write_mode(Mode.OPERATION))
@@ -205,30 +204,29 @@ class S3Link:
     ) -> Telegram | Mapping[str, Value]:
         """Send one order and wait for its answer: a telegram for a telegram, or by name and values in their units.
 
-        The names are those of the known orders and of the site's orders file; what is not given is 0. `suffix`
-        chooses another function suffix than the usual one.
+        The names are those of the known orders and of the site's orders file; values that are not given are 0. `suffix`
+        selects another function suffix than the default.
 
-        Raises LocalProtocolError for a name, a value or a length that cannot be, before anything is sent;
-        OrderRefused when the controller refuses, DeviceError when the link fails or the answer is too short,
-        TransportError when the wire does.
+        Raises LocalProtocolError for an invalid name, value or length, before anything is sent; OrderRefused if the
+        controller refuses, DeviceError if the link fails or the answer is too short, TransportError if the wire fails.
         """
         if isinstance(order, Telegram):
             return await self.exchange(order)
         definition = self._orders.named(order)
         answer = await self.exchange(*definition.telegrams(values, suffix, self.profile))
-        return self._understood(definition.answer.decode, answer.data)
+        return self._decode(definition.answer.decode, answer.data)
 
     async def read_status(self, *, soon: bool = False) -> Status:
-        """Mode, flags, reported position and orientation, from the controller; `soon` as in `exchange`."""
+        """Read mode, flags, position and orientation from the controller; `soon` as in `exchange`."""
         answer = await self.exchange(read_status(), soon=soon)
-        self._status = self._understood(Status.from_telegram, answer)
+        self._status = self._decode(Status.from_telegram, answer)
         return self._status
 
     async def receive_program(self, number: int) -> bytes:
-        """The contents of a program, from the controller; errors as `order`, DeviceError also for one that it has
-        not sent.
+        """Read the contents of a program from the controller; errors as for `order`, DeviceError also if it does not
+        send the program.
         """
-        answer = self._understood(ProgramAnswer.from_telegram, await self.exchange(receive_program(number)))
+        answer = self._decode(ProgramAnswer.from_telegram, await self.exchange(receive_program(number)))
         if answer.error:
             raise DeviceError(f"robot on {self.name} did not send program {number}: error {answer.error}")
         if answer.program != number:
@@ -236,14 +234,14 @@ class S3Link:
         return answer.content
 
     async def exchange(self, *telegrams: Telegram, soon: bool = False) -> Telegram:
-        """Send one order, of one block or several, and wait for its answer; errors as `order`.
+        """Send one order, of one block or several, and wait for its answer; errors as for `order`.
 
-        With `soon` the bid for the next order goes out with the end of the answer. The controller then acknowledges it
-        while the caller still decides, unless the profile's `bid_ahead` is off. The caller must give an order then, and
+        With `soon` the bid for the next order is sent with the end of the answer. The controller then acknowledges it
+        while the caller still decides, unless the profile's `bid_ahead` is off. The caller must then give an order
         soon.
 
-        The error of an order that was refused, or not answered, also tells other messages of the robot shortly before.
-        It tells the robot's status, if the robot still answers.
+        The error of an order that was refused, or not answered, also contains recent unsolicited messages of the robot,
+        and the robot's status, if it still answers.
         """
 
         def order() -> None:
@@ -258,65 +256,65 @@ class S3Link:
             answer = await self._requests.exchange(order)
         except DeviceError as error:
             if not self._explaining:
-                await self._tell_more(error, telegrams[0])
+                await self._explain(error, telegrams[0])
             raise
         return answer
 
-    async def _tell_more(self, error: DeviceError, order: Telegram) -> None:
-        """Add to an error what else is known of its cause."""
+    async def _explain(self, error: DeviceError, order: Telegram) -> None:
+        """Add what else is known about its cause to an error."""
         failed_at, refused, facts = self._clock.now(), isinstance(error, OrderRefused), []
         if self._status is not None and not (refused and order.function == _READ_STATUS):
             self._explaining = True
             try:
                 async with asyncio.timeout(STATUS_S):
-                    shows = describe_new_stop(await self.read_status(), self._fit)
-                if shows:
-                    facts.append(f"its status now shows: {shows}")
+                    stop = describe_new_stop(await self.read_status(), self._fit)
+                if stop:
+                    facts.append(f"its status is now: {stop}")
                 elif not refused:
-                    facts.append("now it answers again, and its status shows no stop")
+                    facts.append("it answers again, and its status shows no stop")
             except (BridgeError, TimeoutError):
-                pass  # the link does not answer any more
+                pass  # the link no longer answers
             finally:
                 self._explaining = False
-        facts += self._said_before(failed_at)
+        facts += self._recent_messages(failed_at)
         error.remedy = "; ".join(filter(None, (error.remedy, *facts)))
 
-    def _understood(self, read: Callable[[_Raw], _Meaning], raw: _Raw) -> _Meaning:
-        """Message in an answer. Raises DeviceError when it cannot be read."""
+    def _decode(self, read: Callable[[_Raw], _Meaning], raw: _Raw) -> _Meaning:
+        """Decode an answer. Raises DeviceError if it is invalid."""
         try:
             return read(raw)
         except RemoteProtocolError as error:
-            text = f"robot on {self.name} gave an answer that cannot be read: {error}"
+            text = f"robot on {self.name} sent an invalid answer: {error}"
             raise DeviceError(text, cause=Cause.ROBOT_FAILED) from error
 
     def fault(self, status: Status) -> str:
-        """Reasons in a status that forbid to move, in words with their known cause; empty if there are none."""
-        if shown := describe_stop(status, self.profile.check_flags):
-            facts = (*shown, *self._said_before(self._clock.now()))
-            return f"robot on {self.name} cannot move; its status now shows: {'; '.join(facts)}"
+        """Describe the flags in a status that prevent motion, with their known cause; "" if there are none."""
+        if stop := describe_stop(status, self.profile.check_flags):
+            facts = (*stop, *self._recent_messages(self._clock.now()))
+            return f"robot on {self.name} cannot move; its status is now: {'; '.join(facts)}"
         fault = orientation_fault(status.quaternion)
         return fault and f"robot on {self.name} reports {fault}"
 
-    def _said_before(self, now: float) -> list[str]:
-        """Unasked messages of the robot shortly before, in words."""
+    def _recent_messages(self, now: float) -> list[str]:
+        """Return descriptions of recent unsolicited messages of the robot."""
         return [
-            f"it had said {now - at:.1f} s before: {text}"
-            for at, text in self._said
-            if 0.0 <= now - at <= SAID_S
+            f"message {now - at:.1f} s before: {text}"
+            for at, text in self._messages
+            if 0.0 <= now - at <= MESSAGE_AGE_S
         ]
 
     async def release(self, report: RobotReport) -> None:
-        """End a movement sequence that an earlier run left open; a controller that has none open refuses, which is
-        well.
+        """End a movement sequence that an earlier run left open. If none is open, the controller refuses, which is
+        ignored.
         """
         end = S3Motion(self, _SLOWEST_M_S).telegram(MoveKind.END, *report.pose)
         with suppress(OrderRefused):
             await self.exchange(end)
-            self._log.notice(EventKind.MOTION, "a movement sequence that was left open has been closed")
+            self._log.notice(EventKind.MOTION, "an open movement sequence of an earlier run was closed")
 
     @asynccontextmanager
     async def motion(self, limits: MotionLimits) -> AsyncIterator[S3Motion]:
-        """A movement sequence, at the speed and in the bounds of the limits; the others are for streams."""
+        """Run a movement sequence with the speed and bounds of the limits; the other limits are for streams."""
         self._fit = status = self._status
         stands = None if status is None else Pose(status.position, status.quaternion)
         bounds = limits.bounds or Bounds()
@@ -346,11 +344,11 @@ class S3Link:
             await motion.end()
 
     def encoded(self, move: Move) -> Telegram:
-        """A move as it travels on this link: of the profile's length, and by a neighbouring step where its place or
-        orientation would hold 10 03, which a controller may take for the block's end.
+        """Encode a move for this link, with the profile's length. If its position or orientation would contain 10 03,
+        which a controller may take for the end of the block, a neighbouring step is used.
 
-        No coordinate is then further than one step of 0.125 mm from the one ordered, into the surface as little as out
-        of it. It is counted.
+        No coordinate is then farther than one step of 0.125 mm from the ordered one, into the surface no more than out
+        of it. This is counted.
         """
         length = self.profile.move_length
         telegram = move.to_telegram(length)
@@ -358,11 +356,11 @@ class S3Link:
             return telegram
         avoiding = move.to_telegram(length, avoid_trailer=True)
         if avoiding != telegram:
-            self._host.link.note(NoticeKind.TRAILER_AVOIDED, "a move gave way by one step")
+            self._host.link.note(NoticeKind.TRAILER_AVOIDED, "a move was shifted by one step")
         return avoiding
 
     def _passed(self, direction: Direction, data: bytes) -> None:
-        """Stamp an order's way out: the first bid, and what ended it last."""
+        """Stamp the transmission of an order: its first bid, and its last character."""
         if direction is not _SENT or not self._requests.under_way:
             return
         if data[-1] == _ENQ and math.isnan(self.begun_at):
@@ -383,22 +381,22 @@ class S3Link:
             case OrderFailed():
                 self._requests.resolve(self._explain_silence(event))
             case SpontaneousReceived(spontaneous=spontaneous):
-                self._said.append((self._clock.now(), spontaneous.text))
+                self._messages.append((self._clock.now(), spontaneous.text))
                 self._log.notice(EventKind.ROBOT, spontaneous.text)
             case LinkNotice(kind=kind, text=text):
                 if kind not in ROUTINE:
                     self._troubles[kind] += 1
                 if kind is NoticeKind.TRAILER_SENT:
-                    if self._clock.now() < self._trailer_told_at + TRAILER_TOLD_S:
+                    if self._clock.now() < self._trailer_noticed_at + TRAILER_NOTICE_S:
                         return
-                    self._trailer_told_at = self._clock.now()
-                self._tell_link_event(kind + ": " + text, routine=kind in ROUTINE)
+                    self._trailer_noticed_at = self._clock.now()
+                self._log_link_event(kind + ": " + text, routine=kind in ROUTINE)
             case LinkFailed(reason=reason, text=text, remedy=remedy):
-                self._tell_link_event(f"{reason}: {Trouble(text, remedy)}")
+                self._log_link_event(f"{reason}: {Trouble(text, remedy)}")
             case UnexpectedReceived():
-                self._tell_link_event(event.text)
+                self._log_link_event(event.text)
 
-    def _tell_link_event(self, text: str, *, routine: bool = False) -> None:
+    def _log_link_event(self, text: str, *, routine: bool = False) -> None:
         self._log.link_event("robot", text)
         if not routine:
             self._log.notice(EventKind.LINK, text)
@@ -412,12 +410,12 @@ class S3Link:
         line = f"{self.profile.baudrate} 8{self.profile.parity}{self.profile.stop_bits}"
         match failed.reason:
             case LinkFailure.NO_ANSWER | LinkFailure.ONLY_NOISE if self._status is not None:
-                advice = "it has answered before, so the line is set right: is it off, or a cable out?"
+                advice = "it answered before, so the line settings are correct: check its power and the cable"
             case LinkFailure.NO_ANSWER | LinkFailure.ONLY_NOISE:
                 advice = f"{failed.remedy}; this end is set to {line}"
             case _ if self._troubles:
                 counts = ", ".join(f"{kind} {count}" for kind, count in self._troubles.items())
                 advice = f"on the link meanwhile: {counts}"
             case _:
-                advice = "see the record for what went over the link"
+                advice = "see the recording for the traffic on the link"
         return DeviceError(f"robot on {self.name}: {failed.text}", remedy=advice, cause=Cause.DEAD_LINK)

@@ -1,4 +1,4 @@
-"""A movement sequence of the S3: a start, any number of points, an end at the last point."""
+"""Movement sequence of the S3: a start, any number of points, an end at the last point."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -13,52 +13,53 @@ from protocol.robot import pose_fault
 
 _POINT = MoveKind.POINT
 _ZEROS: Vector = (0.0, 0.0, 0.0)
-"""Coordinates that a start carries."""
+"""Coordinates of a start."""
 
 
 class Orders(Protocol):
-    """The part of the link that a sequence needs."""
+    """Part of the link that a sequence uses."""
 
     def encoded(self, move: Move) -> Telegram:
-        """A move as it travels on this link."""
+        """Encode a move for this link."""
 
     async def exchange(self, *telegrams: Telegram, soon: bool = False) -> Telegram:
-        """Give an order and wait for its answer."""
+        """Send an order and wait for its answer."""
 
     @property
     def sent(self) -> Sent:
-        """When the newest order went out."""
+        """Time at which the newest order was sent."""
 
 
 class S3Motion(LastOrder):
-    """A movement sequence under way, as `hil_bridge.devices.robots.seam.Motion` says.
+    """Movement sequence in progress, see `hil_bridge.devices.robots.seam.Motion`.
 
-    The controller has the whole way with each point, so `settled` returns at once and `hold` has nothing to take back.
+    The controller receives the complete path with each point, so `settled` returns at once and `hold` has nothing to
+    discard.
     """
 
     def __init__(
         self,
         link: Orders,
         speed: float,
-        stands: Pose | None = None,
+        present: Pose | None = None,
         judge: Callable[[Pose], str] = lambda pose: "",
         take_back: Callable[[], None] = lambda: None,
     ) -> None:
-        """`stands` is where the robot was reported last: an end without any point before it is ordered there.
+        """`present` is the robot's last reported pose, at which a sequence without points is ended.
 
-        `judge` is the last gate's word on a pose, empty where it may be ordered; `take_back` tells the gate that the
-        robot has not taken that pose.
+        `judge` returns the last gate's reason against a pose, "" if it may be ordered; `take_back` tells the gate that
+        the robot has not accepted that pose.
         """
         self._link, self._judge, self._take_back = link, judge, take_back
-        self._stands = stands
+        self._present = present
         self.speed = speed
-        """Along the path for the orders to come, m/s."""
+        """Speed along the path for the following orders, m/s."""
         super().__init__()
 
     def telegram(
         self, kind: MoveKind, position: Vector = _ZEROS, quaternion: Quaternion = (*_ZEROS, 0.0)
     ) -> Telegram:
-        """The order for one step of the sequence; position in m, quaternion w x y z, tool in base."""
+        """Return the order for one step of the sequence; position in m, quaternion w x y z, tool in base."""
         return self._link.encoded(Move(kind, position, quaternion, self.speed))
 
     async def to(self, target: Pose, *, soon: bool = False) -> Sent:
@@ -80,10 +81,10 @@ class S3Motion(LastOrder):
         return self._link.sent
 
     async def settled(self) -> None:
-        """The controller has the whole way."""
+        """Do nothing: the controller has the complete path."""
 
     def hold(self) -> None:
-        """The controller stays at the end of the way that it has."""
+        """Do nothing: the controller stays at the end of its path."""
 
     async def halt(self) -> Sent:
         self.halted = True
@@ -96,10 +97,10 @@ class S3Motion(LastOrder):
     async def end(self) -> None:
         """End the sequence at the last point ordered, unless it was halted or abandoned."""
         if not (self.halted or self.abandoned):
-            await self._link.exchange(self.telegram(MoveKind.END, *(self._last or self._stands or ())))
+            await self._link.exchange(self.telegram(MoveKind.END, *(self._last or self._present or ())))
 
 
 def ordered_pose(order: Telegram) -> Pose:
-    """The pose that an order's words mean."""
+    """Return the pose that an order encodes."""
     move = Move.from_telegram(order, (len(order.data) + HEADER_SIZE,))
     return Pose(move.position, move.quaternion)

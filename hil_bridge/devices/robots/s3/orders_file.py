@@ -1,17 +1,17 @@
 """Orders that a site defines, read from a TOML file.
 
-One table an order, named as it is called; bytes are counted from the telegram's first one, so that data begin
-at byte 8:
+One table per order, with the order's name; bytes are counted from the first byte of the telegram, so that data begin at
+byte 8:
 
     [read_register]
     function = 6                        # 1 to 255
     meaning = "read a register"
     mark = "observed"                   # observed, derived, standard, assumed (default), chosen
-    suffixes = { 0 = "one register" }   # default: 0 alone; the first one is sent unless another is asked for
-    order_length = 10                   # of the whole telegram, filled up with 0; default: where the fields end
+    suffixes = { 0 = "one register" }   # default: 0 alone; the first one is sent unless another is requested
+    order_length = 10                   # of the complete telegram, padded with 0; default: where the fields end
     answer_length = 12
     blocks = "one"                      # "several": the order may be longer than a block
-    extends = false                     # true: the fields come beside those of a known order
+    extends = false                     # true: the fields are added to those of a known order
     order = [{ name = "number", byte = 8, type = "u16", meaning = "register number" }]
     answer = [
         { name = "number", byte = 8, type = "u16" },
@@ -19,8 +19,8 @@ at byte 8:
     ]
     emulator = { memory = "register", key = ["number"], initial = { value = 1.5 } }
 
-Types are u8 s8 u16 s16 u32 s32 f32, big-endian, and `bytes` for the last field: all that follows. Source of the
-telegram's form: computer-link specification, section 3.
+Types are u8 s8 u16 s16 u32 s32 f32, big-endian, and `bytes` for the last field: the rest of the telegram. Source of the
+telegram's format: computer-link specification, section 3.
 """
 
 from collections.abc import Sequence
@@ -46,7 +46,7 @@ from protocol.devices.s3.arap import (
 from protocol.marks import Mark
 
 SUFFIX_DIGITS = 5
-"""Most digits of a function suffix. Standard: it is a word of 16 bits (computer-link specification, section 3)."""
+"""Most digits of a function suffix. Standard: it is a 16-bit word (computer-link specification, section 3)."""
 
 _MarkName = Literal["observed", "derived", "standard", "assumed", "chosen"]
 _TypeName = Literal["u8", "s8", "u16", "s16", "u32", "s32", "f32", "bytes"]
@@ -57,7 +57,7 @@ class _Table(BaseModel):
 
 
 class _FieldTable(_Table):
-    """One field of an order or an answer."""
+    """Field of an order or an answer."""
 
     name: str
     byte: int
@@ -77,7 +77,7 @@ class _EmulatorTable(_Table):
 
 
 class _OrderTable(_Table):
-    """One order."""
+    """Order."""
 
     function: int
     meaning: str = ""
@@ -93,12 +93,12 @@ class _OrderTable(_Table):
 
 
 def read_orders(path: Path, max_telegram: int) -> OrderBook:
-    """The known orders and those in a file. Raises ConfigError that names file and entry."""
+    """Return the known orders and those in a file. Raises ConfigError that names file and entry."""
     return parse_orders(read_text(path, TOML_LIMIT_BYTES), max_telegram, str(path))
 
 
 def parse_orders(text: str, max_telegram: int, source: str = "orders") -> OrderBook:
-    """The known orders and those that a TOML text defines; errors as `read_orders`.
+    """Return the known orders and those that a TOML text defines; errors as for `read_orders`.
 
     No field may lie beyond `max_telegram` bytes.
     """
@@ -110,11 +110,11 @@ def parse_orders(text: str, max_telegram: int, source: str = "orders") -> OrderB
 
 
 def _dotted(path: Sequence[str | int], values: Any) -> str:
-    """A path for people: a field by its name, or counted from 1 where it has none."""
-    parts, found = [], values
+    """Return a path for display: a field by its name, or counted from 1 if it has none."""
+    parts, item = [], values
     for part in path:
-        found = found[part] if isinstance(part, int) else found.get(part) if isinstance(found, dict) else None
-        name = found.get("name") if isinstance(part, int) and isinstance(found, dict) else None
+        item = item[part] if isinstance(part, int) else item.get(part) if isinstance(item, dict) else None
+        name = item.get("name") if isinstance(part, int) and isinstance(item, dict) else None
         parts.append(str(name or part + 1) if isinstance(part, int) else part)
     return ".".join(parts)
 
@@ -126,7 +126,7 @@ def _definition(name: str, value: object) -> OrderDefinition:
         raise _explain(name, error) from error
     for suffix in table.suffixes:
         if not (suffix.isdecimal() and len(suffix) <= SUFFIX_DIGITS):
-            raise DefinitionError("a suffix is a whole number", name, "suffixes", suffix)
+            raise DefinitionError("a suffix must be a whole number", name, "suffixes", suffix)
     initial = dict(table.emulator.initial)
     return OrderDefinition(
         name,
@@ -148,13 +148,15 @@ def _payload(name: str, part: str, items: list[_FieldTable], length: int | None,
         last = fixed.pop()
         rest = Rest(last.name, Mark(last.mark or mark), last.meaning)
         if length is not None:
-            raise DefinitionError("the field of type bytes says where it begins", name, f"{part}_length")
+            raise DefinitionError(
+                "a field of type bytes sets the length; remove this", name, f"{part}_length"
+            )
         if {"scale", "unit"} & last.model_fields_set:
             raise DefinitionError("a field of type bytes has no scale and no unit", name, part, len(fixed))
         length = last.byte
     for index, item in enumerate(fixed):
         if item.type == "bytes":
-            raise DefinitionError("only the last field can be all that follows", name, part, index, "type")
+            raise DefinitionError("only the last field can have the type bytes", name, part, index, "type")
     found = tuple(
         fields.Field(
             item.name,
@@ -174,14 +176,14 @@ def _payload(name: str, part: str, items: list[_FieldTable], length: int | None,
 
 
 def _explain(name: str, error: ValidationError) -> DefinitionError:
-    """The first thing that has the wrong form, in words."""
+    """Return an error for the first invalid entry."""
     first: Any = error.errors()[0]
     got = f", got {format_value(first['input'])}"
     match first["type"]:
         case "extra_forbidden":
             table = _EmulatorTable if "emulator" in first["loc"] else _FieldTable
             known = _OrderTable.model_fields if len(first["loc"]) == 1 else table.model_fields
-            text = f"there is no such entry; known here: {', '.join(known)}"
+            text = f"unknown entry; known: {', '.join(known)}"
         case "missing":
             text = "is missing"
         case "model_type":

@@ -1,4 +1,4 @@
-"""Programs that the emulated controller holds, one file each, named by the program's number: `7`, `7.prg`."""
+"""Programs of the emulated controller, one file each, named by the program's number: `7`, `7.prg`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,28 +8,28 @@ from hil_bridge.errors.text_files import format_path, open_ordinary, read_up_to,
 from protocol.devices.s3.adlp import HEADER_SIZE, MESSAGE_LIMIT
 
 NUMBER_LIMIT = 0xFFFF
-"""Greatest program number that fits its word."""
+"""Largest program number that fits its word."""
 
 
 def read_programs(folder: Path, max_telegram: int) -> Mapping[int, bytes]:
-    """Contents by program number; hidden files are passed over. Raises ConfigError that names the file."""
-    room = MESSAGE_LIMIT * (max_telegram - HEADER_SIZE) - 4
-    found: dict[int, bytes] = {}
+    """Return the contents by program number; hidden files are ignored. Raises ConfigError that names the file."""
+    size_limit = MESSAGE_LIMIT * (max_telegram - HEADER_SIZE) - 4
+    contents: dict[int, bytes] = {}
     refuse_nul(folder, format_path(folder))
     try:
         for path in sorted(folder.iterdir()):
             if path.name.startswith("."):
                 continue
             number = _number(path)
-            if number in found:
-                raise ConfigError(f"{path}: program {number} is there twice; remove one of the files")
+            if number in contents:
+                raise ConfigError(f"{path}: program {number} has two files; remove one of them")
             with open_ordinary(path) as file:
-                found[number] = read_up_to(file, room + 1)
-            if len(found[number]) > room:
-                raise ConfigError(f"{format_path(path)}: too long to be received, at most {room} bytes")
+                contents[number] = read_up_to(file, size_limit + 1)
+            if len(contents[number]) > size_limit:
+                raise ConfigError(f"{format_path(path)}: too long to be received, at most {size_limit} bytes")
     except OSError as error:
         raise ConfigError(f"cannot read {error.filename or folder}: {error.strerror}") from error
-    return found
+    return contents
 
 
 def _number(path: Path) -> int:

@@ -1,4 +1,4 @@
-"""The S3's room, as the house sees it: its kind of robot, its client and its emulator behind their wires."""
+"""Device package for the S3: its kind of robot, client and emulator."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -30,8 +30,8 @@ from protocol.robot import orientation_fault
 
 
 def robot_wire(url: str, link: LinkProfile) -> tuple[str, LinkProfile]:
-    """A robot URL whose missing line settings come from the profile, and the profile with the line settings of the URL.
-    Raises ConfigError.
+    """Fill in missing line settings of a robot URL from the profile, and set the profile to the line settings of the
+    URL. Raises ConfigError.
     """
     parsed = parse_url(url, CONNECT_BYTES)
     options = parsed.options
@@ -52,7 +52,7 @@ def _line(link: LinkProfile) -> LineSettings:
 
 
 def robot_site(settings: KindSettings[S3Settings, S3Profiles]) -> S3Site:
-    """Orders and programs of the controller from the files of a configuration. Raises ConfigError."""
+    """Read the controller's orders and programs from the files of a configuration. Raises ConfigError."""
     orders, programs = settings.client.orders_file, settings.emulated.robot.program_folder
     return S3Site(
         read_orders(Path(orders), settings.client.link.max_telegram) if orders else KNOWN,
@@ -61,7 +61,7 @@ def robot_site(settings: KindSettings[S3Settings, S3Profiles]) -> S3Site:
 
 
 async def connect(url: str, settings: KindSettings[S3Settings, S3Profiles], wiring: Wiring) -> S3Link:
-    """The controller behind a byte wire, not started yet.
+    """Connect to the controller on a byte wire; it is not started yet.
 
     Raises ConfigError for the URL and the orders file, TransportUnavailable for the wire.
     """
@@ -75,8 +75,8 @@ async def connect(url: str, settings: KindSettings[S3Settings, S3Profiles], wiri
 
 
 async def probe(url: str, settings: KindSettings[S3Settings, S3Profiles], wiring: Wiring) -> ProbeResult:
-    """Findings of a controller with these settings of its link; it is asked for its state alone. A run takes it out of
-    standby by itself, so that standby is no refusal.
+    """Probe a controller with these settings of its link; only its status is read. Standby is not a refusal, because a
+    run ends it by itself.
     """
     robot = await connect(url, settings, wiring)
     try:
@@ -102,28 +102,30 @@ async def probe(url: str, settings: KindSettings[S3Settings, S3Profiles], wiring
 
 
 def facts(url: str, settings: KindSettings[S3Settings, S3Profiles]) -> RobotFacts:
-    """Facts of a controller behind this wire; its servo is assumed to be like the emulated one's."""
+    """Return the facts of a controller on this wire, with a servo like the emulated one's."""
     link = robot_wire(url, settings.client.link)[1] if url else settings.client.link
     return robot_facts(link, settings.emulated.servo)
 
 
 def make(settings: KindSettings[S3Settings, S3Profiles]) -> RobotFactory:
-    """The controller that a cell's section describes, with the orders and programs of its site."""
+    """Return a factory of the controller that the cell's section describes, with the orders and programs of its
+    site.
+    """
     return make_robot(settings.emulated, robot_site(settings))
 
 
 async def serve(
     url: str, robot: Any, settings: KindSettings[S3Settings, S3Profiles], serving: Serving
 ) -> str:
-    """Let the emulated controller listen; a port in memory that names no line has the controller's."""
+    """Let the emulated controller listen. A port in memory without line settings gets the controller's."""
     line = _line(settings.emulated.link)
-    unnamed = url.startswith("memory:") and "?" not in url  # its address does not tell the line
+    unnamed = url.startswith("memory:") and "?" not in url  # its address contains no line settings
     address = await serving.serve_bytes(with_line(url, line) if unnamed else url, robot.endpoint)
     return with_line(address, line) if unnamed else address
 
 
 def usual(settings: KindSettings[S3Settings, S3Profiles], virtual: bool) -> str:
-    """URL at which the robot listens: in real time a line like the real controller's."""
+    """Return the default URL to listen on: in real time a line like the real controller's."""
     return "memory:robot" if virtual else with_line("pty:", _line(settings.emulated.link))
 
 
@@ -133,7 +135,7 @@ MISHAPS = {"refused": "key-manual", "stopped": "safeguard-stop"}
 def late(
     quantiles_ms: Mapping[str, Sequence[float]], url: str, settings: KindSettings[S3Settings, S3Profiles]
 ) -> LateSettings:
-    """Settings of a controller that is so late, on the line as it was: a URL may have set it."""
+    """Return the settings for a controller with this latency, on the recorded line, which its URL may have set."""
     link = settings.client.link
     return LateSettings(NOTES, late_settings(quantiles_ms, robot_wire(url, link)[1] if url else link))
 

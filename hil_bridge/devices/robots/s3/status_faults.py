@@ -1,4 +1,4 @@
-"""Reasons in a status that keep an S3 robot from moving, in words."""
+"""Descriptions of the flags in a status that keep an S3 robot from moving."""
 
 from collections.abc import Sequence
 
@@ -15,15 +15,15 @@ _STATES = (
     ),
     ("operation", False, "in standby", "start again"),
 )
-"""Flags of a status that keep the robot from moving: flag, value, words, remedy."""
+"""Flags of a status that keep the robot from moving: flag, value, text, remedy."""
 _SURE = ("emergency_stop", "operation")
-"""Flags of it that were observed; where the others are is assumed."""
+"""Flags whose position was observed; that of the others is assumed."""
 
 
 def describe_stop(status: Status, check_flags: bool, standby: bool = True) -> tuple[str, str] | None:
-    """Reasons that keep the robot from moving and the first remedy; None if there are none.
+    """Describe what keeps the robot from moving, with the first remedy; None if nothing does.
 
-    `check_flags`: flags whose place is assumed count too. `standby`: standby counts too.
+    `check_flags`: include flags whose position is assumed. `standby`: include standby.
     """
     shown = [
         (words, remedy)
@@ -36,7 +36,9 @@ def describe_stop(status: Status, check_flags: bool, standby: bool = True) -> tu
 
 
 def describe_new_stop(status: Status, fit: Status | None) -> str:
-    """Reasons that keep the robot from moving, except those that held already when it was `fit` to move; or empty."""
+    """Describe what keeps the robot from moving, except what already did when its status was `fit`; "" if
+    nothing does.
+    """
     new = [
         words
         for name, value, words, _ in _STATES

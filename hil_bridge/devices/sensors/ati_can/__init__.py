@@ -1,1 +1,1 @@
-"""The bridge's room for an ATI NETCANOEM board."""
+"""ATI NETCANOEM board."""

@@ -1,4 +1,4 @@
-"""Settings of the emulated board that is as noisy as a measured one."""
+"""Settings of the emulated board with the noise of a measured one."""
 
 import math
 from typing import Any
@@ -7,7 +7,7 @@ from hil_bridge.devices.emulator_fit import Sections, SensorFigures, given, know
 
 
 def match(settings: Any, figures: SensorFigures) -> Sections:
-    """As `hil_bridge.devices.emulator_fit` says: the noise of a gage that makes that of the axes, on the mean."""
+    """Return the gage noise that causes the mean noise of the axes, see `hil_bridge.devices.emulator_fit`."""
     profile = settings.emulated
     gages = None
     if all(map(math.isfinite, figures.noise)):

@@ -1,4 +1,6 @@
-"""The room of an ATI NETCANOEM board: a CAN bus of 250 kbit/s, real, in memory, or behind an emulated slcan adapter."""
+"""Device package for an ATI NETCANOEM board: a CAN bus of 250 kbit/s, real, in memory, or on an emulated slcan
+adapter.
+"""
 
 from typing import Any
 
@@ -15,7 +17,7 @@ from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, parse_url
 from protocol.devices.ati_can import BITRATE, AtiCanClient, AtiCanClientProfile, can_messages, describe, heard
 
 _SLCAN = "can+slcan+"
-"""Before a listening byte URL: an emulated slcan adapter on that wire."""
+"""Prefix of a listening byte URL: an emulated slcan adapter on that wire."""
 
 
 async def _connect(

@@ -1,1 +1,1 @@
-"""The bridge's room for a Robotiq FT 300."""
+"""Robotiq FT 300."""

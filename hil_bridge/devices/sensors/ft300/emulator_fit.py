@@ -1,4 +1,4 @@
-"""Settings of the emulated sensor that is as noisy as a measured one."""
+"""Settings of the emulated sensor with the noise of a measured one."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from hil_bridge.devices.emulator_fit import Sections, SensorFigures, given, know
 
 
 def match(settings: Any, figures: SensorFigures) -> Sections:
-    """As `hil_bridge.devices.emulator_fit` says."""
+    """Return noise and drift, see `hil_bridge.devices.emulator_fit`."""
     return {
         "cell.ft300": given(
             noise_n=known(figures.noise[:3]),

@@ -1,6 +1,6 @@
-"""The room of a Robotiq FT 300: a serial line of 19200 baud, 8N1, where the URL says nothing else; or Robotiq's URCap.
+"""Device package for a Robotiq FT 300: a serial line, 19200 baud 8N1 unless the URL sets it, or Robotiq's URCap.
 
-The URCap serves texts at a UR controller: `ft300-urcap+tcp://192.168.1.20:63351`.
+The URCap serves text on a UR controller: `ft300-urcap+tcp://192.168.1.20:63351`.
 """
 
 from typing import Any, TypeAlias
@@ -33,11 +33,12 @@ _URCAP_WIRES = {scheme: CONNECT_BYTES[scheme] for scheme in ("tcp", "memory")}
 
 
 def _parse(url: str, settings: _Settings) -> WireUrl:
-    """Raises ConfigError for the port of a URCap, too, and names its kind."""
+    """Parse a URL. Raises ConfigError for the port of a URCap, too, and names the right kind."""
     parsed = parse_url(with_baudrate(url, BAUDRATE, CONNECT_BYTES), CONNECT_BYTES)
     if parsed.scheme == "tcp" and parsed.host_port[1] == URCAP_PORT:
         raise ConfigError(
-            f"{f'ft300+{url}'!r}: on port {URCAP_PORT} Robotiq's URCap sends texts; did you mean ft300-urcap+{url}?"
+            f"{f'ft300+{url}'!r}: port {URCAP_PORT} is that of Robotiq's URCap, which sends text; "
+            f"did you mean ft300-urcap+{url}?"
         )
     return parsed
 
@@ -56,7 +57,7 @@ async def _serve(url: str, sensor: Any, settings: _Settings, serving: Serving) -
 
 
 _FRAME_BYTES = 16
-"""Derived: bytes of a message of the stream, each of which the line may lose."""
+"""Derived: bytes of a message of the stream, each of which may be lost."""
 
 SENSOR = SensorKind(
     "ft300",

@@ -1,4 +1,4 @@
-"""The port of an emulated URCap: one stream of texts for the clients that came first, while further ones wait."""
+"""Port of an emulated URCap: one stream of text for the first clients, while further ones wait."""
 
 import asyncio
 from collections.abc import Callable
@@ -17,7 +17,9 @@ _WIRES = {scheme: replace(LISTEN_BYTES[scheme], options={}) for scheme in ("tcp-
 
 
 async def serve_texts(url: str, server: Any, most: int, serving: Serving) -> str:
-    """Let a URCap serve so many clients at a time; the URL for a client. Raises ConfigError, TransportUnavailable."""
+    """Let a URCap serve up to `most` clients at a time and return the URL for a client. Raises ConfigError,
+    TransportUnavailable.
+    """
     parsed = parse_url(url, _WIRES)
     port = _Port(parsed.name, most, server.begin)
     if parsed.scheme == "memory":
@@ -34,31 +36,31 @@ async def serve_texts(url: str, server: Any, most: int, serving: Serving) -> str
 
 
 class _Port:
-    """The wires of all clients as one, on which nothing is heard. A `Transport` of bytes."""
+    """Wires of all clients, combined into one; data from them are ignored. A `Transport` of bytes."""
 
     stop: Callable[[], None]
-    """Ends the listening."""
+    """Stops listening."""
 
     def __init__(self, name: str, most: int, on_first: Callable[[], object]) -> None:
         self.name = name
         self._most, self._on_first = most, on_first
         self._wires: list[Transport[bytes]] = []
-        """In the order in which their clients came."""
+        """In order of connection."""
         self._closing: set[asyncio.Task[None]] = set()
 
     def welcome(self, wire: Transport[bytes]) -> None:
-        """A client has come."""
+        """Add a new client."""
         self._wires.append(wire)
         if len(self._wires) == 1:
             self._on_first()
         wire.start(lambda data: None, lambda error: self._left(wire))
 
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
-        """A client that leaves ends nothing."""
+        """Do nothing: a client that disconnects does not end the stream."""
 
     def send(self, data: bytes) -> None:
         for wire in self._wires[: self._most]:
-            with suppress(TransportError):  # it leaves, or does not read
+            with suppress(TransportError):  # it disconnects, or does not read
                 wire.send(data)
 
     async def aclose(self) -> None:

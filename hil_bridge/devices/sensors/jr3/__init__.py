@@ -1,1 +1,1 @@
-"""The room of the JR3 sensors."""
+"""JR3 sensors."""

@@ -1,4 +1,4 @@
-"""Settings of the emulated JR3 that is as noisy as a measured one."""
+"""Settings of the emulated JR3 with the noise of a measured one."""
 
 import math
 from typing import Any
@@ -7,24 +7,24 @@ from hil_bridge.devices.emulator_fit import Sections, SensorFigures, behind_filt
 
 
 def match_gateway(settings: Any, figures: SensorFigures) -> Sections:
-    """As `hil_bridge.devices.emulator_fit` says, behind the filter of the CAN gateway."""
+    """Return the noise behind the filter of the CAN gateway, see `hil_bridge.devices.emulator_fit`."""
     return _match(settings.client.gateway, figures)
 
 
 def match_uart(settings: Any, figures: SensorFigures) -> Sections:
-    """The same of the UART gateway."""
+    """Return the noise behind the filter of the UART gateway."""
     return _match(settings.client.uart, figures)
 
 
 def _match(client: Any, figures: SensorFigures) -> Sections:
-    """The noise in counts before the gateway's filter, on the mean of the axes whose noise is seen."""
+    """Return the noise in counts before the gateway's filter, averaged over the axes with a known noise."""
     counts = [noise / scale for noise, scale in zip(figures.noise, figures.scales, strict=True)]
-    seen = [value for value in counts if math.isfinite(value)]
-    if not seen:
+    known = [value for value in counts if math.isfinite(value)]
+    if not known:
         return {}
-    lowered = 1.0
+    reduction = 1.0
     if client.cutoff_hz:
         weight = -math.expm1(-2.0 * math.pi * client.cutoff_hz * client.sample_period_us * 1e-6)
-        lowered = behind_filter(weight)
-    noise = math.sqrt(sum(value**2 for value in seen) / len(seen)) / lowered
+        reduction = behind_filter(weight)
+    noise = math.sqrt(sum(value**2 for value in known) / len(known)) / reduction
     return {"cell.jr3.sensor": {"noise_counts": round(noise, 3)}}

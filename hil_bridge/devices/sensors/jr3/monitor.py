@@ -1,4 +1,4 @@
-"""The bus of a JR3 gateway, heard frame by frame."""
+"""Monitor of a JR3 gateway's bus, frame by frame."""
 
 import asyncio
 from functools import partial
@@ -13,12 +13,12 @@ from protocol.devices.jr3 import GATEWAY_BITRATE, describe
 
 
 def monitor_can(url: str, raw: bool) -> None:
-    """Print the frames of a JR3 gateway's bus until Ctrl-C; errors as those of a link's monitor."""
+    """Print the frames of a JR3 gateway's bus until Ctrl-C; errors as for a link's monitor."""
     run_real(lambda: listen_can(url, Printer(raw)))
 
 
 async def listen_can(url: str, show: Printer) -> None:
-    """Show a bus until a signal or its end; errors as `monitor_can`."""
+    """Print the frames of a bus until a signal or its end; errors as for `monitor_can`."""
     clock = Clock.running()
 
     def arrived(frames: Frames) -> None:
@@ -45,14 +45,14 @@ async def listen_can(url: str, show: Printer) -> None:
 
 
 def frame_text(frame: CanFrame) -> tuple[str, str, bool]:
-    """A frame of a JR3 gateway: direction, words, and whether something is wrong with it."""
-    told = describe(frame)
-    fields, problems = told["fields"], told["problems"]
+    """Return direction and description of a frame of a JR3 gateway, and whether it has problems."""
+    description = describe(frame)
+    fields, problems = description["fields"], description["problems"]
     assert isinstance(fields, list)
     assert isinstance(problems, list)
-    node = f" node {told['node']}" if told["node"] else ""
-    head = f"{told['op']}{node}" if told["op"] else str(frame)
+    node = f" node {description['node']}" if description["node"] else ""
+    head = f"{description['op']}{node}" if description["op"] else str(frame)
     values = ", ".join(filter(None, (field_text(field, zeros=True) for field in fields)))
     text = ": ".join(filter(None, (head, values)))
-    direction = {"from gateway": "JR3→PC", "to gateway": "PC→JR3"}.get(str(told["direction"]), "?")
+    direction = {"from gateway": "JR3→PC", "to gateway": "PC→JR3"}.get(str(description["direction"]), "?")
     return direction, "; ".join((text, *problems)), bool(problems)

@@ -1,4 +1,4 @@
-"""The JR3's room, as the house sees it: a sensor behind a CAN gateway, a UART gateway or a receiver board."""
+"""Device package for the JR3: a sensor behind a CAN gateway, a UART gateway or a receiver board."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -41,11 +41,11 @@ from protocol.devices.jr3 import (
 from protocol.devices.jr3.registers import BoardClient
 
 SLCAN = "can+slcan+"
-"""Before a listening byte URL: an emulated slcan adapter on that wire."""
+"""Prefix of a listening byte URL: an emulated slcan adapter on that wire."""
 _SECTION = "jr3"
-_UART_BYTES = 18
-"""Derived: bytes of a frame on the UART gateway's line, each of which the line may lose."""
 """Name of the sections that the receivers share."""
+_UART_BYTES = 18
+"""Derived: bytes of a frame on the UART gateway's line, each of which may be lost."""
 
 
 # --- CAN gateway
@@ -88,10 +88,10 @@ async def _serve_can(
 
 
 def slcan_address(port: str) -> str:
-    """The CAN URL of an emulated adapter on a pseudo-terminal, with the rate of its line if it has one."""
-    found = parse_url(port, CONNECT_BYTES)
-    rate = found.options.get("baudrate")
-    return f"can+slcan://{found.target}?bitrate={GATEWAY_BITRATE}{f'&tty_baudrate={rate}' if rate else ''}"
+    """Return the CAN URL of an emulated adapter on a pseudo-terminal, with the rate of its line if it has one."""
+    wire = parse_url(port, CONNECT_BYTES)
+    rate = wire.options.get("baudrate")
+    return f"can+slcan://{wire.target}?bitrate={GATEWAY_BITRATE}{f'&tty_baudrate={rate}' if rate else ''}"
 
 
 def _make_gateway(settings: KindSettings[Jr3Settings, Jr3Profiles]) -> SensorFactory:
@@ -102,7 +102,7 @@ def _make_gateway(settings: KindSettings[Jr3Settings, Jr3Profiles]) -> SensorFac
 
 
 def uart_line(url: str, schemes: Mapping[str, Any]) -> str:
-    """A wire that can be paced or set gets the gateway's line, 115200 baud 8N1, where the URL says nothing else."""
+    """Add the gateway's line settings, 115200 baud 8N1, to the URL of a serial wire without any."""
     head, _, query = url.partition("?")
     known = schemes.get(head.partition(":")[0])
     if known is None or "baudrate" not in known.options or "baudrate=" in query:
@@ -149,7 +149,9 @@ async def _serve_board(
 
 
 def _make_board(settings: KindSettings[Jr3Settings, Jr3Profiles]) -> SensorFactory:
-    """A client's URL may name another filter than its settings; the ground truth then is that of the settings."""
+    """Return a factory of boards. The ground truth uses the filter of the settings, even if a client's URL names
+    another.
+    """
     return make_board(settings.emulated.sensor, settings.emulated.board, settings.client.board.filter)
 
 

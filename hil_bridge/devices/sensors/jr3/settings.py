@@ -1,4 +1,4 @@
-"""Settings of what stands before a JR3 sensor, as the bridge sees it."""
+"""Settings of the gateway or receiver of a JR3 sensor, for the client."""
 
 from dataclasses import dataclass, field
 
@@ -8,7 +8,7 @@ from protocol.devices.jr3.registers import BoardClientProfile
 
 @dataclass(frozen=True, slots=True)
 class Jr3Settings:
-    """Settings in `[sensor.jr3]`, whatever stands before the sensor."""
+    """Settings in `[sensor.jr3]`, for any gateway or receiver."""
 
     gateway: GatewayClientProfile = field(default_factory=GatewayClientProfile)
     """Requests of the client to a CAN gateway."""

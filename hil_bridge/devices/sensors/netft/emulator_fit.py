@@ -1,4 +1,4 @@
-"""Settings of the emulated box that is as noisy as a measured one."""
+"""Settings of the emulated box with the noise of a measured one."""
 
 import math
 from typing import Any
@@ -8,19 +8,19 @@ from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 
 
 def match(settings: Any, figures: SensorFigures) -> Sections:
-    """As `hil_bridge.devices.emulator_fit` says: the nearest filter, and the noise before it."""
+    """Return the nearest filter, and the noise before it, see `hil_bridge.devices.emulator_fit`."""
     number = 0
     if not math.isnan(figures.cutoff_hz):
         number = min(
             range(1, len(FILTERS_HZ)), key=lambda one: abs(math.log(FILTERS_HZ[one] / figures.cutoff_hz))
         )
-    lowered = behind_filter(filter_weight(FILTERS_HZ[number])) if number else 1.0
+    reduction = behind_filter(filter_weight(FILTERS_HZ[number])) if number else 1.0
     rate = None if math.isnan(figures.period_s) else min(max(1, round(1.0 / figures.period_s)), 7000)
     return {
         "cell.netft": given(
             filter=number or None,
-            noise_n=known(figures.noise[:3], 1.0 / lowered),
-            noise_nm=known(figures.noise[3:], 1.0 / lowered),
+            noise_n=known(figures.noise[:3], 1.0 / reduction),
+            noise_nm=known(figures.noise[3:], 1.0 / reduction),
             slope_n_min=known(figures.drift_n_min),
             rate_hz=rate,
         )

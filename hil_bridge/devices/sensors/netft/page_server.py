@@ -1,4 +1,4 @@
-"""The pages of an emulated Net F/T over TCP: one GET a connection, as browsers and clients of others ask."""
+"""Pages of an emulated Net F/T over TCP: one GET per connection, as from browsers and other clients."""
 
 import asyncio
 from collections.abc import Callable
@@ -8,16 +8,16 @@ from hil_bridge.transports import reasons
 CLIENT_LIMIT = 8
 """Chosen: connections at a time; a further one is closed at once."""
 PATIENCE_S = 5.0
-"""Chosen: a client that has not asked by then is sent away."""
+"""Chosen: time after which a client without a request is disconnected."""
 _REQUEST_LIMIT = 16384
 """Chosen: most bytes of a request."""
 
 Answer = Callable[[bytes], bytes | None]
-"""The answer to what has come so far; None while more has to come, or from a box that boots."""
+"""Returns the answer to the bytes received so far; None if more are needed, or while the box boots."""
 
 
 class PageServer:
-    """Answers by `answer`."""
+    """Server that answers with `answer`."""
 
     def __init__(self, answer: Answer) -> None:
         self._answer = answer
@@ -25,7 +25,7 @@ class PageServer:
         self._clients: set[asyncio.Task[None]] = set()
 
     async def listen(self, host: str, port: int) -> int:
-        """Begin; the port that it really has. Raises TransportUnavailable."""
+        """Start to listen and return the actual port. Raises TransportUnavailable."""
         try:
             self._server = await asyncio.start_server(self._serve, host, port)
         except OSError as error:
@@ -53,7 +53,7 @@ class PageServer:
             async with asyncio.timeout(PATIENCE_S):
                 await self._exchange(reader, writer)
         except (TimeoutError, ConnectionError):
-            pass  # it has left, or asks nothing
+            pass  # it has disconnected, or sends no request
         finally:
             self._clients.discard(task)
             writer.close()

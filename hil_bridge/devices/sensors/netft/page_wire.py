@@ -1,4 +1,4 @@
-"""A Net F/T's datagrams, with its page among them: fetched over HTTP beside them, handed to the client as a `Page`."""
+"""Datagrams of a Net F/T, and its page: fetched over HTTP in parallel, passed to the client as a `Page`."""
 
 import asyncio
 from collections.abc import Callable
@@ -11,11 +11,11 @@ from protocol.devices.netft.http import Page, encode_get, read_answer
 from protocol.endpoint import RemoteProtocolError
 
 RETRY_S = 0.25
-"""Between two tries to get the page. Chosen: as netft-cpp does at first."""
+"""Time between two attempts to get the page. Chosen: as netft-cpp does at first."""
 
 
 class WithPage:
-    """A transport of datagrams that fetches the page when it is started, until it has it."""
+    """Transport of datagrams that fetches the page after its start, until it has it."""
 
     def __init__(self, wire: Transport[Datagrams], page_url: str, timeout_s: float, clock: Clock) -> None:
         """`page_url` is the byte wire of the page's server; one answer may take `timeout_s`."""
@@ -28,7 +28,7 @@ class WithPage:
         self._task: asyncio.Task[None] | None = None
 
     def start(self, on_data: Callable[[Datagrams], None], on_end: Callable[[TransportError], None]) -> None:
-        """Begin with both."""
+        """Start both."""
         self._wire.start(on_data, on_end)
         self._task = self._clock.loop.create_task(self._fetch(on_data))
 
@@ -49,7 +49,7 @@ class WithPage:
             await self._clock.sleep_until(self._clock.now() + RETRY_S)
 
     async def _page(self) -> Page:
-        """The page, or the reason why it did not come this time."""
+        """Return the page, or the reason why this attempt failed."""
         try:
             wire = await connect_bytes(self._url, self._clock, lambda kind, text: None)
         except BridgeError as error:
@@ -68,21 +68,21 @@ class WithPage:
         body: asyncio.Future[bytes] = self._clock.loop.create_future()
         received = bytearray()
 
-        def look(ended: bool) -> None:
+        def parse(ended: bool) -> None:
             if body.done():
                 return
             try:
-                found = read_answer(bytes(received), ended)
+                answer = read_answer(bytes(received), ended)
             except RemoteProtocolError as error:
                 body.set_exception(error)
             else:
-                if found is not None:
-                    body.set_result(found)
+                if answer is not None:
+                    body.set_result(answer)
 
         def take(data: bytes) -> None:
             received.extend(data)
-            look(ended=False)
+            parse(ended=False)
 
-        wire.start(take, lambda error: look(ended=True))
+        wire.start(take, lambda error: parse(ended=True))
         wire.send(encode_get(self._url.rpartition("//")[2].partition("?")[0]))
         return await body

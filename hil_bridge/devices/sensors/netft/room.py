@@ -1,4 +1,4 @@
-"""The room of an ATI Net F/T: its URL names the host and port of its records, and the port of its page.
+"""Device package for an ATI Net F/T: its URL contains the host and port of its records, and the port of its page.
 
 `netft+udp://192.168.1.1:49152?http_port=80`. In virtual time both are in memory: the records at `udp+memory:NAME`, the
 page at the byte wire `memory:NAME-page`.
@@ -30,7 +30,7 @@ _MEMORY = "udp+memory"
 
 
 def split_url(url: str) -> tuple[str, int | None]:
-    """The wire's URL of a URL, and the port of the page; None where it names none. Raises ConfigError."""
+    """Split a URL into the wire's URL and the port of the page, None if it contains none. Raises ConfigError."""
     wire, text = split_option(url, _OPTION)
     if text is None:
         return url, None
@@ -40,7 +40,7 @@ def split_url(url: str) -> tuple[str, int | None]:
 
 
 def _page_url(wire: WireUrl, port: int) -> str:
-    """Byte wire of the page beside the datagrams of a wire."""
+    """Return the byte wire of the page that belongs to a wire of datagrams."""
     if wire.scheme == _MEMORY:
         return f"memory:{wire.target}-page"
     host, _ = wire.host_port

@@ -1,4 +1,4 @@
-"""A CAN bus in memory, in real or virtual time."""
+"""CAN bus in memory, in real or virtual time."""
 
 from collections.abc import Sequence
 
@@ -30,16 +30,16 @@ def _buses(clock: Clock) -> dict[str, MemoryCanBus]:
 def join_memory_can(
     name: str, bitrate: int | None, clock: Clock, accept: Sequence[CanFilter] = ()
 ) -> MemoryCanNode:
-    """Join the bus of this name in this loop as a node; the first one makes the bus and sets its bit rate.
+    """Connect a node to the bus of this name in this loop; the first one creates the bus and sets its bit rate.
 
-    Raises ConfigError when the bus is there with another bit rate.
+    Raises ConfigError if the bus exists with another bit rate.
     """
     buses = _buses(clock)
     bus = buses.get(name)
     if bus is None or bus.empty:
         bus = buses[name] = MemoryCanBus(clock, bitrate or BITRATE, f"can+memory:{name}")
     elif bitrate is not None and bitrate != bus.bitrate:
-        raise ConfigError(f"{bus.name}: bitrate={bitrate}, but the others on this bus use {bus.bitrate}")
+        raise ConfigError(f"{bus.name}: bitrate={bitrate}, but this bus has {bus.bitrate}")
     return bus.connect(accept)
 
 
@@ -47,5 +47,5 @@ def memory_can_bus(name: str, clock: Clock) -> MemoryCanBus:
     """Return the bus itself, to read its load or to disturb it. Raises ConfigError for a bus without nodes."""
     bus = _buses(clock).get(name)
     if bus is None or bus.empty:
-        raise ConfigError(f"can+memory:{name}: no node is on this bus; open a node first")
+        raise ConfigError(f"can+memory:{name}: this bus has no nodes; open a node first")
     return bus

@@ -1,4 +1,4 @@
-"""A CAN bus inside one event loop, true to the wire: bit times, arbitration, acknowledge, errors."""
+"""CAN bus inside one event loop, true to the wire: bit times, arbitration, acknowledge, errors."""
 
 import math
 from collections.abc import Sequence
@@ -22,12 +22,12 @@ from protocol.can.line import (
 )
 
 BITRATE = 1_000_000
-"""Bit rate without a choice, bit/s."""
+"""Default bit rate, bit/s."""
 
 
 @dataclass(slots=True)
 class _Attempt:
-    """One frame on the bus, or the same frame repeated while no node is there to acknowledge it."""
+    """Frame on the bus, or the same frame repeated while no node acknowledges it."""
 
     sender: MemoryCanNode
     frame: CanFrame
@@ -35,28 +35,28 @@ class _Attempt:
     start: int
     """Bit time of its start of frame."""
     bits: int
-    """Bit times to its end; the intermission is not part of it."""
+    """Bit times to its end, without the intermission."""
     end: int
-    """Bit time at which it is over."""
+    """Bit time of its end."""
     failed: bool = False
     acknowledge_missing: bool = False
     accepted: bool = True
-    """Whether the receivers take the frame, though it may have failed for its sender."""
+    """Whether the receivers accept the frame, even if it has failed for its sender."""
     repeats: int = 1
 
     @property
     def cycle(self) -> int:
-        """Bit times from one repetition to the next of a node that is error passive."""
+        """Bit times between two repetitions of an error-passive node."""
         return self.bits + INTERMISSION_BITS + SUSPEND_BITS
 
     def repeat(self, times: int) -> None:
-        """Repeat the frame, so often in all."""
+        """Repeat the frame, this many times in total."""
         self.repeats = times
         self.end = self.start + (times - 1) * self.cycle + self.bits
 
 
 def _spoil(attempt: _Attempt, hit: int | None) -> None:
-    """Let the attempt at a whole frame be disturbed at a bit time, and stay without ACK where there is no receiver."""
+    """Disturb the attempt at a complete frame at a bit time, and leave it without ACK if there is no receiver."""
     whole = attempt.bits
     acknowledge = whole - ACK_DELIMITER_BITS - END_OF_FRAME_BITS
     missing = not attempt.receivers and (hit is None or hit > acknowledge)
@@ -70,41 +70,41 @@ def _spoil(attempt: _Attempt, hit: int | None) -> None:
 
 
 class MemoryCanBus:
-    """Any number of nodes on one bus.
+    """Bus with any number of nodes.
 
-    Each sends its own frames in order; among those that wait, the frame whose bits win the arbitration goes first. The
-    others have it at the end of its end of frame, stamped with that time. A frame that is disturbed or gets no
-    acknowledge is followed by an error frame and sent again. The nodes count errors, become error passive, go bus-off
-    and come back as ISO 11898-1 says.
+    Each node sends its own frames in order; of the waiting frames, the one that wins the arbitration is sent first. The
+    others receive it at the end of its end of frame, stamped with that time. A frame that is disturbed or not
+    acknowledged is followed by an error frame and sent again. The nodes count errors, become error passive, go bus-off
+    and recover as ISO 11898-1 specifies.
 
-    Simplified: all nodes see a disturbance in the same bit, so that their error flags coincide. A node that leaves in
-    the middle of a frame has acknowledged it. Two nodes that send the same identifier at once would destroy each
-    other's frames; here they take turns, and `collisions` counts it.
+    Simplified: all nodes detect a disturbance in the same bit, so that their error flags coincide. A node that leaves
+    during a frame has acknowledged it. Two nodes that send the same identifier at once would destroy each other's
+    frames; here they take turns, and `collisions` counts it.
     """
 
     def __init__(self, clock: Clock, bitrate: int = BITRATE, name: str = "can+memory:bus") -> None:
         self.name = name
         self.bitrate = bitrate
         self.errors = 0
-        """Error frames so far."""
+        """Number of error frames."""
         self.collisions = 0
         """Number of times that two nodes sent the same identifier at once."""
         self._disturb: Disturbance | None = None
         self._clock = clock
         self._nodes: list[MemoryCanNode] = []
         self._opened = self._begun = clock.now()
-        """When the bus, and when the present unbroken traffic began."""
+        """Start of the bus, and of the present uninterrupted traffic."""
         self._bits = 0
-        """Bit times from then to where the next frame may begin."""
+        """Bit times from then to the earliest start of the next frame."""
         self._start = 0
         """Bit time of the next arbitration."""
         self._busy = 0
-        """Bit times of frames, error frames and intermissions that are over."""
+        """Bit times of completed frames, error frames and intermissions."""
         self._attempt: _Attempt | None = None
         self._timer: Timer | None = None
-        """End of the attempt, next arbitration, or the next recovery from bus-off."""
+        """Timer of the attempt's end, the next arbitration, or the next recovery from bus-off."""
         self._suspended: MemoryCanNode | None = None
-        """Error passive sender of the last frame, to whom all others are preferred."""
+        """Error-passive sender of the last frame; all others have priority over it."""
         self._free_since: float | None = None
         """Time at which the bus became free while a node is bus-off."""
         self._calling_back = False
@@ -116,7 +116,7 @@ class MemoryCanBus:
 
     @property
     def disturb(self) -> Disturbance | None:
-        """Function that spoils frames; may be replaced while running, from the next frame on."""
+        """Function that disturbs frames; may be replaced while running, from the next frame on."""
         return self._disturb
 
     @disturb.setter
@@ -126,21 +126,21 @@ class MemoryCanBus:
             self._joins()
 
     def now(self) -> float:
-        """Return the bus's time, s."""
+        """Time of the bus, s."""
         return self._clock.now()
 
     def load(self) -> float:
-        """Share of the time since the bus was opened in which it was busy, percent."""
+        """Share of the time since opening in which the bus was busy, percent."""
         elapsed = self._clock.now() - self._opened
         return 100.0 * self.busy_s / elapsed if elapsed > 0.0 else 0.0
 
     @property
     def busy_s(self) -> float:
-        """How long the bus was busy with what is over, s; differences give the load of any window."""
+        """Time for which the bus was busy with completed traffic, s; differences give the load of any window."""
         return self._busy / self.bitrate
 
     def connect(self, accept: Sequence[CanFilter] = ()) -> MemoryCanNode:
-        """Connect a new node that receives what one of the filters accepts; everything without filters."""
+        """Connect a new node that receives frames matching one of the filters, or all frames without filters."""
         node = MemoryCanNode(self, accept)
         self._nodes.append(node)
         if not self._joins():
@@ -148,15 +148,15 @@ class MemoryCanBus:
         return node
 
     def disconnect(self, node: MemoryCanNode) -> None:
-        """Take a node off the bus."""
+        """Remove a node from the bus."""
         self._nodes.remove(node)
         if self._is_ahead():
             self._attempt = None
             self._schedule(self._clock.now())
 
     def wake(self, node: MemoryCanNode) -> None:
-        """Note that a node has something to send."""
-        # else the end of the attempt, of the callbacks or of bus-off sees to it
+        """Handle a node that has something to send."""
+        # otherwise the end of the attempt, of the callbacks or of bus-off handles it
         if node.on_bus and not self._calling_back and not self._joins() and self._attempt is None:
             self._schedule(self._clock.now())
 
@@ -164,11 +164,11 @@ class MemoryCanBus:
         return self._begun + bits / self.bitrate
 
     def _is_ahead(self) -> bool:
-        """Whether the frame that comes next was chosen already and has not begun."""
+        """Return whether the next frame has been selected and has not begun."""
         return self._attempt is not None and self._clock.now() < self._at(self._attempt.start)
 
     def _joins(self) -> bool:
-        """Arbitrate again for a node that comes until the instant at which a frame begins; whether there is one."""
+        """Arbitrate again for a node that joins before the start of a frame; return whether there is one."""
         attempt = self._attempt
         if attempt is None or self._calling_back or self._clock.now() > self._at(attempt.start):
             return False
@@ -177,7 +177,7 @@ class MemoryCanBus:
         return True
 
     def _schedule(self, not_before: float) -> None:
-        """See to it that the next frame begins, as soon as the bus is free."""
+        """Start the next frame as soon as the bus is free."""
         if self._timer is not None:
             self._set_timer(None)
         if self._free_since is not None:
@@ -194,7 +194,7 @@ class MemoryCanBus:
         self._start = start
         at_once = at <= self._clock.now()
         # With one node alone no arbitration is needed, nor its timer, until another node joins. But a node that is
-        # bus-off may have frames to give up at an arbitration.
+        # bus-off may have frames to drop at an arbitration.
         if (
             len(waiting) == 1
             and suspended is None
@@ -249,13 +249,13 @@ class MemoryCanBus:
         self._timer = self._clock.call_at(self._begun + attempt.end / self.bitrate, self._over)
 
     def _repeat_alone(self, attempt: _Attempt) -> None:
-        """Skip the steps until another node comes or the frame is given up: nothing can change before."""
+        """Skip the steps until another node joins or the frame is dropped: nothing can change before."""
         if attempt.sender.state is ErrorState.PASSIVE:
             left = (attempt.sender.queue.give_up_at - self._at(attempt.start)) * self.bitrate
             attempt.repeat(max(1, math.ceil(left / attempt.cycle)))
 
     def _cut_repeats(self) -> None:
-        """Note that a node was connected: the repetition under way is the last one without it."""
+        """Handle a new node: the present repetition is the last one without it."""
         attempt = self._attempt
         if attempt is not None and attempt.repeats > 1:
             passed = (self._clock.now() - self._at(attempt.start)) * self.bitrate
@@ -282,7 +282,7 @@ class MemoryCanBus:
             self._schedule(self._at(self._bits))
 
     def _tell(self, attempt: _Attempt, at: float) -> None:
-        """Let all nodes have the frame or count the error."""
+        """Deliver the frame to all nodes, or let them count the error."""
         sender, sent = attempt.sender, attempt.frame
         if attempt.failed:
             self.errors += attempt.repeats
@@ -302,7 +302,7 @@ class MemoryCanBus:
                 node.receive_failed(at)
 
     def _any_node_off(self) -> bool:
-        """Whether a node is bus-off."""
+        """Return whether a node is bus-off."""
         for node in self._nodes:  # noqa: SIM110 (a generator costs more)
             if not node.on_bus:
                 return True
@@ -312,7 +312,7 @@ class MemoryCanBus:
         return [node for node in self._nodes if node.queue.frames and node.on_bus]
 
     def _rest(self) -> None:
-        """No node has anything to send. A node that is bus-off comes back when the bus was free for long enough."""
+        """Handle an idle bus. A node that is bus-off recovers when the bus was free for long enough."""
         needed = [node.recovery for node in self._nodes if not node.on_bus]
         if needed:
             self._free_since = max(self._at(self._bits), self._clock.now())

@@ -1,4 +1,4 @@
-"""One node of a CAN bus in memory: a controller with its queue, its error counters and its filters."""
+"""Node of a CAN bus in memory: a controller with its queue, its error counters and its filters."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -16,24 +16,24 @@ _NO_CAUSE = ErrorClass(0)
 
 
 class Line(Protocol):
-    """The bus as its nodes see it."""
+    """Bus, as its nodes use it."""
 
     @property
     def name(self) -> str:
         """URL of the bus."""
 
     def now(self) -> float:
-        """Return the bus's time, s."""
+        """Time of the bus, s."""
 
     def wake(self, node: "MemoryCanNode") -> None:
-        """Note that the node has something to send."""
+        """Report that the node has something to send."""
 
     def disconnect(self, node: "MemoryCanNode") -> None:
-        """Disconnect the node."""
+        """Remove the node."""
 
 
 class MemoryCanNode:
-    """A transport of CAN frames. Changes of its error state arrive in band, as error frames."""
+    """Transport of CAN frames. Changes of its error state arrive in band, as error frames."""
 
     __slots__ = (
         "_accept",
@@ -57,11 +57,11 @@ class MemoryCanNode:
         self.queue = SendQueue(bus.name)
         self.counters = ErrorCounters()
         self.state = self.counters.state
-        """State by its counters."""
+        """State according to its counters."""
         self.on_bus = True
-        """Whether it sends, receives and acknowledges: that is, not bus-off."""
+        """Whether it sends, receives and acknowledges, that is, is not bus-off."""
         self.recovery = 0
-        """Sequences of eleven recessive bits that it must still see while bus-off."""
+        """Sequences of eleven recessive bits that it must still detect while bus-off."""
 
     @property
     def name(self) -> str:
@@ -96,7 +96,7 @@ class MemoryCanNode:
     # --- for the bus
 
     def frame_sent(self, at: float) -> None:
-        """Note that the next frame of the queue was acknowledged."""
+        """Handle the acknowledgement of the next frame of the queue."""
         self.queue.left(at)
         if self.counters.transmit:
             self._count(self.counters.sent(), at)
@@ -104,7 +104,7 @@ class MemoryCanNode:
             self._settle()
 
     def frame_received(self, frame: CanFrame, at: float) -> None:
-        """Note that a frame of another node was valid."""
+        """Handle a valid frame of another node."""
         if self.counters.receive:
             self._count(self.counters.received(), at)
         if self._accept:
@@ -117,7 +117,7 @@ class MemoryCanNode:
         self._delivery.data((frame,))
 
     def send_failed(self, acknowledge_missing: bool, at: float, times: int) -> None:
-        """Note that an own frame failed, `times` in a row."""
+        """Handle `times` consecutive failures of an own frame."""
         counters = self.counters
         for _ in range(times):
             after = counters.send_failed(acknowledge_missing)
@@ -127,17 +127,17 @@ class MemoryCanNode:
         self._count(counters, at, ErrorClass.NO_ACKNOWLEDGE if acknowledge_missing else _NO_CAUSE)
 
     def receive_failed(self, at: float) -> None:
-        """Note that a frame of another node was spoilt."""
+        """Handle a disturbed frame of another node."""
         self._count(self.counters.receive_failed(), at)
 
     def recover(self, at: float) -> None:
-        """Come back on the bus, which was free for long enough after bus-off."""
+        """Recover from bus-off after the bus was free for long enough."""
         self.counters, self.on_bus = ErrorCounters(), True
         self.state = self.counters.state
         self._report(CanErrorReport(ErrorClass.RESTARTED), at)
 
     def give_up(self, at: float) -> None:
-        """Drop the frames that have waited for too long, and say so."""
+        """Drop the frames that have waited too long, and report it."""
         if self.queue.give_up(at):
             self._report(CanErrorReport(ErrorClass.TX_TIMEOUT), at)
             self._settle()

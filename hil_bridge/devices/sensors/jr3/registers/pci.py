@@ -1,7 +1,7 @@
-"""A real JR3 PCI board's words, through the resource file that Linux shows of the board's memory.
+"""Words of a real JR3 PCI board, through Linux's resource file of the board's memory.
 
-Where things lie is known from Linux's jr3_pci driver: BAR 0, a block of 0x80000 bytes for each channel, and one word in
-the low half of every four bytes. The reset lies at byte 0x60000 of the block, and the program's two halves below and
+The layout is known from Linux's jr3_pci driver: BAR 0, a block of 0x80000 bytes for each channel, and one word in the
+low half of every four bytes. The reset is at byte 0x60000 of the block, and the program's two halves are below and
 above.
 """
 
@@ -29,7 +29,7 @@ from protocol.endpoint import RemoteProtocolError
 
 SYSFS: Final = Path("/sys/bus/pci/devices")
 DEFAULT_OFFSET: Final = 0x18000
-"""Byte at which a channel's words begin. Observed: the manual says this, the kernel's driver says 0x10000."""
+"""Byte at which a channel's words begin. Observed: this is the manual's value; the kernel's driver uses 0x10000."""
 
 _VENDOR = 0x1762
 _CHANNELS = {0x1111: 1, 0x3111: 1, 0x3112: 2, 0x3113: 3, 0x3114: 4}
@@ -43,12 +43,12 @@ _LIST = "`lspci -d 1762:` lists the boards"
 
 
 class PciRegisters:
-    """The words of one channel. Nothing on the bus keeps a burst together: its words are read one by one."""
+    """Words of one channel. The bus does not keep a burst together: its words are read one by one."""
 
     def __init__(self, memory: mmap.mmap, name: str, offset: int, program: tuple[ProgramWord, ...]) -> None:
         self.name = name
         self._mapping = memory
-        # Whole 32-bit accesses, of which the bus carries the low 16; the board is little-endian as its hosts are.
+        # Complete 32-bit accesses, of which the bus transfers the low 16; the board is little-endian, as its hosts are.
         self._memory = memoryview(memory).cast("I")
         self._first = offset // 4
         self._size = min(MEMORY_WORDS, (_WORDS_END - offset) // 4)
@@ -56,19 +56,19 @@ class PciRegisters:
 
     @property
     def text(self) -> str:
-        """The board's copyright text: nothing of the kind says that offset or program are wrong."""
+        """Copyright text of the board; other text means that the offset or the program is wrong."""
         register = REGISTERS["copyright"]
         words = self.read(register.address, register.count)
         text = "".join(chr(word >> 8) for word in words if 0x20 <= word >> 8 < 0x7F)
         return " ".join(text.split())
 
     def read(self, address: int, count: int, now: float = 0.0) -> tuple[int, ...]:
-        """Words in order of address. Raises RemoteProtocolError outside the memory."""
+        """Return words in order of address. Raises RemoteProtocolError outside the memory."""
         begin = self._begin(address, count)
         return tuple([word & 0xFFFF for word in self._memory[begin : begin + count]])
 
     def burst(self, address: int, count: int, now: float = 0.0) -> bytes:
-        """The same as a wire carries them. Raises RemoteProtocolError outside the memory."""
+        """Return the words as sent on a wire. Raises RemoteProtocolError outside the memory."""
         return pack_words(self.read(address, count))
 
     def write(self, address: int, words: Sequence[int], now: float = 0.0) -> None:
@@ -80,18 +80,18 @@ class PciRegisters:
     def reset(self, now: float = 0.0) -> None:
         """Reset the processor and load its program, as the driver does.
 
-        Raises ResetRefused without a program: a processor that was reset waits for one.
+        Raises ResetRefused without a program: after a reset, the processor waits for one.
         """
         if not self._program:
             raise ResetRefused(
-                f"{self.name}: no program file was given; a board that is reset needs its program"
+                f"{self.name}: no program file was given; a board needs its program after a reset"
             )
         self.load(0, ())
         for word in self._program:
             self.load(word.address, (word.low, word.high))
 
     def load(self, address: int, words: Sequence[int], now: float = 0.0) -> None:
-        """Write instructions, or reset the processor for them. Raises RemoteProtocolError outside its memory."""
+        """Write instructions, or reset the processor before them. Raises RemoteProtocolError outside its memory."""
         check_instructions(address, words)
         if not words:
             self._memory[_RESET] = 0
@@ -100,7 +100,7 @@ class PciRegisters:
             self._memory[_PROGRAM_HIGH + place] = high
 
     def close(self) -> None:
-        """Give the memory back. Harmless when called again."""
+        """Release the memory. Idempotent."""
         self._memory.release()
         self._mapping.close()
 
@@ -118,36 +118,38 @@ def open_pci(
     program: tuple[ProgramWord, ...] = (),
     sysfs: Path = SYSFS,
 ) -> PciRegisters:
-    """Reach a board's channel.
+    """Open a board's channel.
 
-    Raises ConfigError for an impossible address, channel or offset, TransportUnavailable when the board cannot be
-    opened, DeviceError when it is none.
+    Raises ConfigError for an invalid address, channel or offset, TransportUnavailable if the board cannot be opened,
+    DeviceError if the device is not a JR3 board.
     """
-    found = _ADDRESS.fullmatch(address)
-    if found is None:
-        raise ConfigError(f"--pci: an address is like 0000:03:00.0, got {address!r}; {_LIST}")
+    match = _ADDRESS.fullmatch(address)
+    if match is None:
+        raise ConfigError(f"--pci: must be an address such as 0000:03:00.0, got {address!r}; {_LIST}")
     if offset % 4 or not 0 <= offset < _WORDS_END:
-        raise ConfigError(f"--offset: a multiple of 4 below {_WORDS_END:#x}, got {offset:#x}")
-    place = f"{found[1] or '0000'}:{found[2]}".lower()
+        raise ConfigError(f"--offset: must be a multiple of 4 below {_WORDS_END:#x}, got {offset:#x}")
+    place = f"{match[1] or '0000'}:{match[2]}".lower()
     name, folder = f"PCI device {place}", sysfs / place
     if not folder.is_dir():
-        raise TransportUnavailable(f"{name}: there is none; {_LIST}")
+        raise TransportUnavailable(f"{name} does not exist; {_LIST}")
     vendor, device = _number(folder / "vendor", name), _number(folder / "device", name)
     if vendor != _VENDOR or device not in _CHANNELS:
         raise DeviceError(f"{name} is {vendor:04x}:{device:04x}, not a JR3 board; {_LIST}")
     if not 0 <= channel < _CHANNELS[device]:
         channels = ", ".join(map(str, range(_CHANNELS[device])))
-        raise ConfigError(f"--channel: this board (1762:{device:04x}) has {channels}, got {channel}")
-    with suppress(OSError):  # not shown for a simulated board
+        raise ConfigError(
+            f"--channel: must be one of {channels} on this board (1762:{device:04x}), got {channel}"
+        )
+    with suppress(OSError):  # missing for a simulated board
         if (folder / "enable").read_text().strip() == "0":
             raise DeviceError(
-                f"{name} is switched off; `echo 1 | sudo tee {folder}/enable`, or load its driver"
+                f"{name} is disabled; run `echo 1 | sudo tee {folder}/enable`, or load its driver"
             )
     return PciRegisters(_mapped(folder / "resource0", name, channel), name, offset, program)
 
 
 def read_program(path: Path) -> tuple[ProgramWord, ...]:
-    """The board's program from JR3's file (jr3pci.idm): hexadecimal count, address and words, until ffff.
+    """Read the board's program from JR3's file (jr3pci.idm): hexadecimal count, address and words, until ffff.
 
     Raises ConfigError.
     """
@@ -159,15 +161,15 @@ def read_program(path: Path) -> tuple[ProgramWord, ...]:
             address = next(numbers)
             words = [next(numbers) for _ in range(count)]
             if address & 0x4000:
-                continue  # data: the driver does not load them either
+                continue  # data: the driver does not load it either
             if count % 2 or address + count // 2 > INSTRUCTIONS or max(words, default=0) > 0xFFFF:
-                raise ConfigError(f"{path} is no board program: {count} words for {address:#06x}")
+                raise ConfigError(f"{path} is not a board program: {count} words for {address:#06x}")
             pairs = zip(words[::2], words[1::2], strict=True)
             program += [ProgramWord(address + i, low, high) for i, (low, high) in enumerate(pairs)]
     except StopIteration:
-        raise ConfigError(f"{path} is no board program: it has no end mark ffff") from None
+        raise ConfigError(f"{path} is not a board program: it has no end mark ffff") from None
     if not program:
-        raise ConfigError(f"{path} is no board program: it is empty")
+        raise ConfigError(f"{path} is not a board program: it is empty")
     return tuple(program)
 
 
@@ -175,7 +177,7 @@ def _number(path: Path, name: str) -> int:
     try:
         return int(path.read_text(), 16)
     except (OSError, ValueError) as error:
-        raise TransportUnavailable(f"{name}: cannot tell what it is from {path}") from error
+        raise TransportUnavailable(f"{name}: cannot read its type from {path}") from error
 
 
 def _mapped(path: Path, name: str, channel: int) -> mmap.mmap:
@@ -201,7 +203,7 @@ def _unavailable(error: OSError, path: Path, name: str) -> TransportUnavailable:
         errno.EACCES: f"no permission; run as root, or `sudo chown $USER {path}`",
         errno.EPERM: "the kernel forbids it; its driver may hold the board: `sudo modprobe -r jr3_pci`",
         errno.EINVAL: "the kernel forbids it; its driver may hold the board: `sudo modprobe -r jr3_pci`",
-        errno.ENOENT: "it has no memory to map; is it a JR3 board that the kernel has set up?",
+        errno.ENOENT: "it has no memory to map; check that it is a JR3 board and that the kernel has initialized it",
     }
     reason = advice.get(error.errno or 0) or error.strerror
     return TransportUnavailable(f"{name}: {path} cannot be opened: {reason}")

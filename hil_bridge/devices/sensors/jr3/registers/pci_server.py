@@ -1,4 +1,4 @@
-"""A real board served until an operator stops it."""
+"""Server of a real board until it is stopped."""
 
 import asyncio
 import signal
@@ -13,9 +13,9 @@ from hil_bridge.devices.sensors.jr3.registers.wires import Watcher, serve_board
 
 
 def serve_pci(board: PciRegisters, listen: str, offset: int) -> None:
-    """Serve a board's channel on HOST:PORT and print where, until SIGINT or SIGTERM; then close it.
+    """Serve a board's channel on HOST:PORT and print its URL, until SIGINT or SIGTERM; then close it.
 
-    `offset` is where the channel's words begin, bytes. Raises BridgeError.
+    `offset` is the byte at which the channel's words begin. Raises BridgeError.
     """
     try:
         run_real(lambda: _serve(board, f"tcp-listen://{listen}", offset))
@@ -36,7 +36,9 @@ async def _serve(board: PciRegisters, url: str, offset: int) -> None:
             if text := board.text:
                 click.echo(f"board: {text}")
             else:
-                _log(f"{board.name}: no text at byte {offset:#x}: does its program run? is --offset right?")
+                _log(
+                    f"{board.name}: no text at byte {offset:#x}: check that its program runs and that --offset is right"
+                )
             click.echo(f"sensor: jr3-board+{served.address}\nStop with Ctrl-C.")
             await stopped.wait()
         finally:

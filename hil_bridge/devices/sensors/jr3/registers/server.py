@@ -1,8 +1,8 @@
-"""The register server on TCP: several clients at one board, none of which can hurt the others or the board.
+"""Register server on TCP for several clients of one board, none of which can affect the others or the board.
 
-No client holds a place for ever. One whose computer or cable is gone is found by TCP's own questions. Where all places
-are taken, a client that has not sent a single byte makes room for the next. A client that has asked something, and
-neither asks nor streams any more, is dropped after `idle_timeout_s`. One that does not read is cut off.
+No client blocks a place forever. One whose computer or cable is gone is detected by TCP keep-alive. If all places are
+taken, a client that has not sent a single byte is replaced by the next. A client that has sent a request, and neither
+sends more nor streams, is dropped after `idle_timeout_s`. One that does not read is disconnected.
 """
 
 import asyncio
@@ -27,22 +27,22 @@ from protocol.devices.jr3.registers import (
 from protocol.marks import Mark, between, check_settings, setting
 
 _READ_BYTES = 4096
-"""Chosen: a turn of the event loop answers at most 292 requests of a flood, then it is another client's turn."""
+"""Chosen: a turn of the event loop answers at most 292 requests of a flood, then other clients have their turn."""
 _HIGH_BYTES = 65536
-"""Chosen: with so much unread by a client, nothing more is read from it."""
+"""Chosen: unread bytes at which nothing more is read from a client."""
 _BACKLOG_BYTES = 262144
-"""Chosen: with so much unread a client is cut off; the answers to one read of ours and to spare."""
+"""Chosen: unread bytes at which a client is disconnected; more than the answers to one read of ours."""
 _FLUSH_S = 1.0
-"""Chosen: for so long a closing connection hands over what is queued."""
+"""Chosen: time in which a closing connection sends what is queued."""
 
 
 @dataclass(frozen=True)
 class ListenerProfile:
-    """Number of clients that a register server takes, and its settings for each."""
+    """Limit of clients of a register server, and its settings for each."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
-    clients: int = setting(8, Mark.CHOSEN, "clients at a time; the next is told so", between(1, 256))
+    clients: int = setting(8, Mark.CHOSEN, "clients at a time; a further one is rejected", between(1, 256))
     connection: RegisterServerProfile = field(default_factory=RegisterServerProfile)
 
     def __post_init__(self) -> None:
@@ -50,18 +50,18 @@ class ListenerProfile:
 
 
 class SharedRegisters:
-    """A board that several connections use: keeps their common time from running backwards."""
+    """Board shared by several connections, which keeps their common time from running backwards."""
 
     def __init__(self, registers: Registers) -> None:
         self._registers = registers
         self._latest = float("-inf")
 
     def read(self, address: int, count: int, now: float) -> tuple[int, ...]:
-        """Words of one moment. Raises RemoteProtocolError outside the memory."""
+        """Return words of one moment. Raises RemoteProtocolError outside the memory."""
         return self._registers.read(address, count, self._time(now))
 
     def burst(self, address: int, count: int, now: float) -> bytes:
-        """The same as a wire carries them. Raises RemoteProtocolError outside the memory."""
+        """Return the words as sent on a wire. Raises RemoteProtocolError outside the memory."""
         return self._registers.burst(address, count, self._time(now))
 
     def write(self, address: int, words: Sequence[int], now: float) -> None:
@@ -69,7 +69,7 @@ class SharedRegisters:
         self._registers.write(address, words, self._time(now))
 
     def reset(self, now: float) -> None:
-        """Restart the board. Raises ResetRefused where this must not be."""
+        """Restart the board. Raises ResetRefused if this is not allowed."""
         self._registers.reset(self._time(now))
 
     def load(self, address: int, words: Sequence[int], now: float) -> None:
@@ -83,7 +83,7 @@ class SharedRegisters:
 
 
 class RegisterListener:
-    """A listening register server. `on_log` is given a line for every connection that ends badly."""
+    """Listening register server. `on_log` receives one line for every connection that ends with an error."""
 
     def __init__(
         self, registers: Registers, profile: ListenerProfile, clock: Clock, on_log: Callable[[str], None]
@@ -94,17 +94,17 @@ class RegisterListener:
         self._on_log = on_log
         self._server: asyncio.Server | None = None
         self._wires: dict[_ClientWire, None] = {}
-        """Clients in the order in which they came."""
-        self._full_told = False
-        """A client was sent away since the last one was let in: one line says it for all of them."""
+        """Clients in order of connection."""
+        self._rejection_logged = False
+        """Whether a client was rejected since the last one was accepted: one line is logged for all of them."""
 
     @property
     def clients(self) -> int:
-        """Clients that are there."""
+        """Number of connected clients."""
         return len(self._wires)
 
     async def listen(self, host: str, port: int, name: str) -> tuple[str, int]:
-        """Begin; the address and port that it really has. Raises TransportUnavailable naming `name`."""
+        """Start to listen and return the actual address and port. Raises TransportUnavailable naming `name`."""
         try:
             self._server = await self._clock.loop.create_server(
                 lambda: _ClientWire(self._arrived, self._gone), host, port
@@ -115,7 +115,7 @@ class RegisterListener:
         return address[0], address[1]
 
     async def aclose(self) -> None:
-        """Stop listening and close every connection. Harmless when called again."""
+        """Stop listening and close every connection. Idempotent."""
         if self._server is not None:
             self._server.close()
         await asyncio.gather(*(wire.aclose() for wire in self._wires))
@@ -124,10 +124,10 @@ class RegisterListener:
         self._wires.pop(wire, None)
 
     def _make_room(self) -> None:
-        """Send the first client away that has not said anything, if there is one."""
-        silent = next((wire for wire in self._wires if not wire.heard), None)
+        """Disconnect the first client that has not sent anything, if there is one."""
+        silent = next((wire for wire in self._wires if not wire.has_sent), None)
         if silent is not None:
-            self._on_log(f"{silent.name}: sent away for another client: it had not said anything")
+            self._on_log(f"{silent.name}: disconnected in favour of another client: it had not sent anything")
             self._gone(silent)
             silent.send(farewell(Status.TOO_MANY_CLIENTS))
             silent.close()
@@ -136,15 +136,15 @@ class RegisterListener:
         if len(self._wires) >= self._profile.clients:
             self._make_room()
         if len(self._wires) >= self._profile.clients:
-            if not self._full_told:
-                self._full_told = True
-                self._on_log(f"{wire.name}: sent away, {self._profile.clients} clients are here already")
+            if not self._rejection_logged:
+                self._rejection_logged = True
+                self._on_log(f"{wire.name}: rejected, {self._profile.clients} clients are connected")
             wire.start(lambda data: None, lambda error: None)
             wire.send(farewell(Status.TOO_MANY_CLIENTS))
             wire.close()
             return
         self._wires[wire] = None
-        self._full_told = False
+        self._rejection_logged = False
         now = self._clock.now()
         pump: Pump[bytes, ConnectionOver] = Pump(
             RegisterServer(self._registers, self._profile.connection, now),
@@ -172,14 +172,14 @@ class RegisterListener:
 
 
 class _ClientWire(asyncio.BufferedProtocol):
-    """One client's connection, as a transport for a pump."""
+    """Connection of one client, as a transport for a pump."""
 
     def __init__(
         self, on_arrival: Callable[["_ClientWire"], None], on_gone: Callable[["_ClientWire"], None]
     ) -> None:
         self.name = ""
-        self.heard = False
-        """Anything at all has come from it."""
+        self.has_sent = False
+        """Whether anything was received from it."""
         self._buffer = bytearray(_READ_BYTES)
         self._on_arrival = on_arrival
         self._on_gone = on_gone
@@ -204,7 +204,7 @@ class _ClientWire(asyncio.BufferedProtocol):
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        self.heard = True
+        self.has_sent = True
         self._on_data(bytes(self._buffer[:nbytes]))
 
     def pause_writing(self) -> None:
@@ -221,9 +221,9 @@ class _ClientWire(asyncio.BufferedProtocol):
         if self._closing:
             self._on_end(TransportClosed(f"{self.name}: closed"))
         elif exc is None:
-            self._on_end(TransportEnded(f"{self.name}: the client left"))
+            self._on_end(TransportEnded(f"{self.name}: the client disconnected"))
         else:
-            self._on_end(TransportBroken(f"{self.name}: broke: {exc}"))
+            self._on_end(TransportBroken(f"{self.name}: connection failed: {exc}"))
 
     # --- called by the pump
 
@@ -235,7 +235,7 @@ class _ClientWire(asyncio.BufferedProtocol):
         if self._closing or self._transport.is_closing():
             raise TransportClosed(f"{self.name}: closed")
         if self._transport.get_write_buffer_size() + len(data) > _BACKLOG_BYTES:
-            raise TransportError(f"{self.name}: cut off: it does not read what it asked for")
+            raise TransportError(f"{self.name}: disconnected: it does not read its answers")
         self._transport.write(data)
 
     async def aclose(self) -> None:
@@ -243,13 +243,13 @@ class _ClientWire(asyncio.BufferedProtocol):
         await self._gone.wait()
 
     def close(self) -> None:
-        """Close as soon as what is queued was handed over, or after a second."""
+        """Close as soon as what is queued was sent, or after a second."""
         if not self._closing:
             self._closing = True
             self._transport.close()
             self._deadline = asyncio.get_running_loop().call_later(_FLUSH_S, self._transport.abort)
 
     def abort(self) -> None:
-        """Close without handing anything over."""
+        """Close without sending anything."""
         self._closing = True
         self._transport.abort()

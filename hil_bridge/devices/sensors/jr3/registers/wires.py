@@ -1,4 +1,4 @@
-"""Wires of a receiver board: byte wires that carry the register protocol, named behind `jr3-board+`.
+"""Wires of a receiver board: byte wires for the register protocol, after the prefix `jr3-board+`.
 
 | connect | listen |
 |---|---|
@@ -26,34 +26,34 @@ from protocol.devices.jr3.registers import (
 )
 
 DEFAULT_PORT: Final = 1762
-"""Chosen: JR3's PCI vendor number, read as a decimal."""
+"""Chosen: JR3's PCI vendor number, read as decimal."""
 
 _CONNECT = {scheme: CONNECT_BYTES[scheme] for scheme in ("tcp", "memory")}
 _RECONNECT = "reconnect_s"
-"""An option of a byte wire that a board's has not."""
+"""Option of byte wires that a board's wire does not have."""
 _LISTEN = {scheme: LISTEN_BYTES[scheme] for scheme in ("tcp-listen", "memory")}
 
 
 @dataclass(frozen=True, slots=True)
 class ServedBoard:
-    """A board that can be reached."""
+    """Board that is being served."""
 
     address: str
-    """The URL that a client connects to."""
+    """URL for a client."""
     aclose: Callable[[], Awaitable[None]]
 
 
 class Watcher(NamedTuple):
-    """The side that hears how the serving of a board goes."""
+    """Callbacks for the progress of serving a board."""
 
     say: Callable[[str], None]
-    """Given a line for every connection that ends badly."""
+    """Receives one line for every connection that ends with an error."""
     fail: Callable[[BaseException], None]
-    """Given the reason for which the board can no longer be served."""
+    """Receives the reason why the board can no longer be served."""
 
 
 def board_wire(url: str, profile: BoardClientProfile) -> tuple[str, BoardClientProfile]:
-    """The byte wire of a board URL, and the profile with what the URL says of it. Raises ConfigError."""
+    """Split a board URL into its byte wire and the profile with the URL's options. Raises ConfigError."""
     try:
         parts = urlsplit(url)
     except ValueError as error:
@@ -71,7 +71,7 @@ def board_wire(url: str, profile: BoardClientProfile) -> tuple[str, BoardClientP
             raise ConfigError(f"{url!r}: {error}") from error
     if any(key == _RECONNECT for key, _ in options):
         raise ConfigError(
-            f"{url!r}: {_RECONNECT} means nothing here: a stream ends with its connection; leave it out"
+            f"{url!r}: {_RECONNECT} is not supported: a stream ends with its connection; remove it"
         )
     query = urlencode([(key, text) for key, text in options if key != "filter"])
     head = url.partition("?")[0]
@@ -83,7 +83,7 @@ def board_wire(url: str, profile: BoardClientProfile) -> tuple[str, BoardClientP
 async def connect_board(
     url: str, profile: BoardClientProfile, clock: Clock
 ) -> tuple[Transport[bytes], BoardClientProfile]:
-    """The wire to a board, and how it is to be treated.
+    """Open the wire to a board, and return it with the profile for its client.
 
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
@@ -111,11 +111,11 @@ async def serve_board(
         if not isinstance(cause, TransportClosed):
             watcher.fail(cause)
 
-    here = await listen_bytes(wire.text, clock)
-    # One wire for all clients to come: there is nothing to close when one is lost or silent.
+    listening = await listen_bytes(wire.text, clock)
+    # One wire for all clients: there is nothing to close when one is lost or silent.
     endpoint = RegisterServer(registers, RegisterServerProfile(idle_timeout_s=0.0), clock.now())
     pump: Pump[bytes, ConnectionOver] = Pump(
-        endpoint, here.transport, clock, lambda event: watcher.say(f"{url}: {event.text}"), ended
+        endpoint, listening.transport, clock, lambda event: watcher.say(f"{url}: {event.text}"), ended
     )
     pump.start()
-    return ServedBoard(here.address, here.transport.aclose)
+    return ServedBoard(listening.address, listening.transport.aclose)

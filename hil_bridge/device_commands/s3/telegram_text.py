@@ -1,4 +1,4 @@
-"""Telegrams as one line of words, for the monitor."""
+"""Telegrams as one line of text, for the monitor."""
 
 from collections.abc import Mapping
 
@@ -18,7 +18,7 @@ from protocol.endpoint import RemoteProtocolError
 _FLAGS = {"flags_16": FLAG_BITS_16, "flags_17": FLAG_BITS_17}
 _FURTHER = (TelegramType.FURTHER_FROM_PC, TelegramType.FURTHER_FROM_ROBOT)
 _SUFFIXED = (TelegramType.ORDER, TelegramType.SPONTANEOUS, TelegramType.FURTHER_FROM_PC)
-"""Types whose suffix says something even when it is 0."""
+"""Types whose suffix has a meaning even if it is 0."""
 
 
 def telegram_text(
@@ -26,7 +26,7 @@ def telegram_text(
 ) -> tuple[str, int | None]:
     """Describe a telegram; also return its function if another block of it follows.
 
-    `further` is the function of which a block was announced. Fields that are 0 are left out.
+    `further` is the function of an announced block. Fields that are 0 are omitted.
     """
     try:
         telegram = Telegram.decode(raw, from_robot)

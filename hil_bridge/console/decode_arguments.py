@@ -1,15 +1,15 @@
-"""Pasted bytes and frames of `hil-bridge decode`: read from its arguments, and printed as JSON when decoded."""
+"""Bytes and frames for `hil-bridge decode`: read from its arguments, and printed as JSON when decoded."""
 
 import json
 import sys
 
-from hil_bridge.console.options import tell
+from hil_bridge.console.options import echo_lines
 from hil_bridge.errors import ConfigError
 
 
 def print_items(items: list[dict[str, object]]) -> None:
-    """Print decoded items as JSON. Exits with code 2 when anything in them is wrong."""
-    tell([json.dumps(items, indent=1, ensure_ascii=False)])
+    """Print decoded items as JSON. Exits with code 2 if any of them is invalid."""
+    echo_lines([json.dumps(items, indent=1, ensure_ascii=False)])
     if any(item.get("problem") or item.get("problems") or item.get("kind") == "noise" for item in items):
         sys.exit(2)
 
@@ -19,14 +19,14 @@ def read_bytes(hex_bytes: tuple[str, ...]) -> bytes:
     text = "".join(hex_bytes).replace(":", "").replace(",", "")
     text = "".join(text.split())
     if not text:
-        raise ConfigError("HEX: nothing to decode; give byte pairs like 10 02")
+        raise ConfigError("HEX: nothing to decode; give byte pairs such as 10 02")
     for position, character in enumerate(text):
         if character not in "0123456789abcdefABCDEF":
             raise ConfigError(
-                f"HEX: {character!r} at digit {position + 1} is no hexadecimal digit; give byte pairs like 10 02"
+                f"HEX: {character!r} at digit {position + 1} is not a hexadecimal digit; give byte pairs such as 10 02"
             )
     if len(text) % 2:
-        raise ConfigError(f"HEX: {len(text)} digits are no whole bytes; one digit is missing or too many")
+        raise ConfigError(f"HEX: {len(text)} digits are not complete bytes; one digit is missing or too many")
     return bytes.fromhex(text)
 
 
