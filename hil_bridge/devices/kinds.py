@@ -294,7 +294,7 @@ class CellSection(CellProfile):
     surface_kind: str = setting(
         "",
         Mark.CHOSEN,
-        "kind of surface: soft-body, or one from a plug-in; empty: by [cell.surface]",
+        "kind of surface: soft-body, or one that a plug-in offers; empty: by [cell.surface]",
     )
 
 

@@ -251,8 +251,8 @@ def turned(degrees: float) -> Pose:
         (deeper(0.0, 500.0), "100.0 mm outside the workspace"),
         (turned(7.0), "2.0 ° tilted more"),
         (turned(4.9), "0.7 ° turned faster"),
-        (Pose((math.nan, 0.0, 0.0), UPRIGHT), "the position (nan, 0.0, 0.0), which is out of range"),
-        (Pose((1e300, 0.0, 0.0), UPRIGHT), "which is out of range"),
+        (Pose((math.nan, 0.0, 0.0), UPRIGHT), "the position (nan, 0.0, 0.0), which no arm can reach"),
+        (Pose((1e300, 0.0, 0.0), UPRIGHT), "which no arm can reach"),
         (
             Pose(START.position, (0.0, 1.1, 0.0, 0.0)),
             "the orientation (0.0, 1.1, 0.0, 0.0), which is invalid",

@@ -126,7 +126,7 @@ class Gate:
         (x, y, z), (u, v, w), (a, b, c) = pose.position, bounds.start.position, bounds.approach
         (lowest_x, lowest_y, lowest_z), (highest_x, highest_y, highest_z) = self._low, self._high
         if not (abs(x) <= FARTHEST_M and abs(y) <= FARTHEST_M and abs(z) <= FARTHEST_M):
-            return _stopped(f"to the position {pose.position}, which is out of range")
+            return _stopped(f"to the position {pose.position}, which no arm can reach")
         if turned and not abs(math.hypot(*pose.quaternion) - 1.0) <= UNIT:
             return _stopped(f"to the orientation {pose.quaternion}, which is invalid")
         depth, limit = a * (x - u) + b * (y - v) + c * (z - w), min(self._deepest, deepest)
