@@ -183,7 +183,7 @@ def test_the_example_in_the_readers_own_words_can_be_read() -> None:
         (
             "[send_program]",
             "move = 3\n[send_program]",
-            ": write_register.order.value.move: there is no such",
+            ": write_register.order.value.move: unknown entry",
         ),
     ],
 )

@@ -177,7 +177,7 @@ def change(name: str, text: str) -> Callable[[Path], object]:
         ),
         (None, {"address": "03:00.9"}, ConfigError, "must be an address such as"),
         (None, {"address": "../../x"}, ConfigError, "must be an address such as"),
-        (None, {"address": "04:00.0"}, TransportUnavailable, "PCI device 0000:04:00.0: there is none"),
+        (None, {"address": "04:00.0"}, TransportUnavailable, "PCI device 0000:04:00.0 does not exist"),
         (
             None,
             {"channel": 2},
@@ -195,7 +195,7 @@ def change(name: str, text: str) -> Callable[[Path], object]:
         (change("vendor", "0x8086\n"), {}, DeviceError, "0000:03:00.0 is 8086:3112, not a JR3 board"),
         (change("device", "0x1112\n"), {}, DeviceError, "is 1762:1112, not a JR3 board"),
         (change("device", "?\n"), {}, TransportUnavailable, "cannot read its type from"),
-        (change("enable", "0\n"), {}, DeviceError, "is switched off"),
+        (change("enable", "0\n"), {}, DeviceError, "is disabled"),
         (change("resource0", "x"), {}, DeviceError, "has 1 bytes, channel 0 needs 524288"),
         (lambda folder: (folder / "resource0").unlink(), {}, TransportUnavailable, "it has no memory to map"),
     ],
@@ -246,7 +246,7 @@ def test_the_command_says_what_is_wrong(sysfs: Path) -> None:
 
     assert "not a JR3" not in says("--pci", "03:00.0", "--sysfs", str(sysfs), "--channel", "2")
     assert "must be a number such as 0x18000, got 'x'" in says("--pci", "03:00.0", "--offset", "x")
-    assert "there is none" in says("--pci", "09:00.0", "--sysfs", str(sysfs))
+    assert "does not exist" in says("--pci", "09:00.0", "--sysfs", str(sysfs))
     assert "host and port must be such as" in says(
         "--pci", "03:00.0", "--sysfs", str(sysfs), "--listen", "here"
     )

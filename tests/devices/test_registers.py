@@ -108,7 +108,7 @@ def test_a_board_url_is_a_byte_wire_and_a_filter() -> None:
         ("tcp://h:1?filter=7", "filter must be at most 6, got 7"),
         ("tcp://h:1?filter=x", "filter must be a whole number, got 'x'"),
         ("tcp://h:1?filter=1&filter=2", "'filter' is given twice"),
-        ("tcp://h:1?reconnect_s=5", "reconnect_s means nothing here"),
+        ("tcp://h:1?reconnect_s=5", "reconnect_s is not supported"),
         ("tcp://h:1?rate=1", "unknown option 'rate'"),
         ("tcp://h", "host and port"),
         (
