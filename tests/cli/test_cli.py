@@ -112,7 +112,7 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
             ["run", "--virtual", "--robot", "egm", "--link-profile", "default"],
             "--link-profile is of an S3's computer link, and the robot is egm",
         ),
-        (["emulate", "robot", "--panel", "tcp-listen://0.0.0.0:1"], "listens on this computer alone"),
+        (["emulate", "robot", "--panel", "tcp-listen://0.0.0.0:1"], "listens on this computer only"),
         (["emulate", "robot", "--panel", "tcp://127.0.0.1:1"], "unknown scheme 'tcp'; allowed: tcp-listen"),
         (["emulate", "arm"], "No such command 'arm'; see `hil-bridge emulate --help`"),
         (["report", "none.mcap"], "cannot read the recording none.mcap: No such file"),

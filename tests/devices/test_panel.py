@@ -208,9 +208,9 @@ def test_a_client_that_does_not_read_is_not_answered_for_ever() -> None:
 @pytest.mark.parametrize(
     ("url", "text"),
     [
-        ("tcp-listen://0.0.0.0:0", "this computer alone"),
-        ("tcp-listen://192.168.1.5:7000", "this computer alone"),
-        ("tcp-listen://example.org:7000", "this computer alone"),
+        ("tcp-listen://0.0.0.0:0", "this computer only"),
+        ("tcp-listen://192.168.1.5:7000", "this computer only"),
+        ("tcp-listen://example.org:7000", "this computer only"),
         ("tcp-listen://127.0.0.1:0?baudrate=9600", "no options"),
         ("tcp://127.0.0.1:7000", "tcp-listen"),
         ("pty:", "tcp-listen"),
