@@ -239,7 +239,7 @@ def test_a_piece_is_written_as_it_is_read() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("0 PC 5", "line 1: '0 PC 5' is no piece"),
+        ("0 PC 5", "line 1: '0 PC 5' is not a piece"),
         ("0 PC 05\n0 who 05", "line 2"),
         ("x PC 05", "line 1"),
         ("1 PC 05\n0.5 PC 05", "line 2: 0.5 s is before 1 s"),
@@ -251,7 +251,7 @@ def test_a_wrong_line_of_a_capture_is_named(text: str, words: str) -> None:
 
 
 def test_a_recording_with_foreign_pieces_is_refused() -> None:
-    with pytest.raises(ConfigError, match="is no piece"):
+    with pytest.raises(ConfigError, match="is not a piece"):
         list(link_pieces([LinkRecord(0.0, ("nonsense",))], "r"))
 
 
@@ -315,7 +315,7 @@ def test_the_command_reads_text_captures_and_names_what_is_wrong(tmp_path: Path)
     assert "14.9 ms" in first
     assert second.split()[1] == "+0.091900"
     assert total.startswith("2 blocks, 0 repeated")
-    for text, words in (("", "holds no traffic"), ("0 PC 0", "is no piece")):
+    for text, words in (("", "contains no traffic"), ("0 PC 0", "is not a piece")):
         file.write_text(text)
         error = CliRunner().invoke(cli, ["monitor", str(file)]).exception
         assert isinstance(error, ConfigError)
@@ -333,7 +333,7 @@ def test_the_command_reads_text_captures_and_names_what_is_wrong(tmp_path: Path)
         (["nothing"], "it names no kind"),
         (["tcp://a:1", "tcp://a:2"], "did you mean rtde+tcp://a:1 or s3+tcp://a:1?"),
         (["egm+udp-bind://0.0.0.0:1"], "only the link of an s3 can be monitored, not of a egm"),
-        (["s3+tcp://a:1", "s3+tcp://a:2", "s3+tcp://a:3"], "two URLs at most"),
+        (["s3+tcp://a:1", "s3+tcp://a:2", "s3+tcp://a:3"], "at most two URLs"),
         (["jr3+can+socketcan://can0", "s3+tcp://a:1"], "only one CAN bus can be monitored"),
     ],
 )
