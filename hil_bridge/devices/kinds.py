@@ -16,6 +16,7 @@ of one device behind several receivers may share their sections.
 from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any, Generic, NamedTuple, Self, TypeAlias, TypeVar
 
 from emulators.cell import OWN_FAULTS, CellProfile
@@ -28,6 +29,7 @@ from hil_bridge.devices.kind_checks import fault_of
 from hil_bridge.devices.trajectory import PlayTrajectory
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import Cause, ConfigError
+from hil_bridge.errors.extras import install_command
 from hil_bridge.errors.plugins import find_plugin, own_names, plugin_names
 from hil_bridge.transports import Transport
 from hil_bridge.transports.urls import (
@@ -269,17 +271,24 @@ class Registry(Generic[_Kind]):
         """Return the kind of a name. Raises ConfigError for an unknown name and for an invalid kind."""
         found = find_plugin(self.group, self.thing, name)
         if found is None:
-            known = (
-                f"choose one of {', '.join(self.names)}"
-                if self.names
-                else "no installed package provides one"
-            )
-            raise ConfigError(f"there is no {self.thing} {name!r}; {known}")
+            self.refuse_outdated(name)
+            raise ConfigError(f"there is no {self.thing} {name!r}; choose one of {', '.join(self.names)}")
         if not (isinstance(found.value, self.type) and found.value.name == name):
             raise ConfigError(f"{found.where}: {found.source} must be a {self.type.__name__} with that name")
         if fault := fault_of(found.value, _SECTIONS):
             raise ConfigError(f"{found.where}: {found.source} is invalid: {fault}")
         return found.value
+
+    def refuse_outdated(self, name: str) -> None:
+        """Raise ConfigError for a kind of hil-bridge whose entry point is missing, as in a checkout that was updated
+        without installing it again.
+        """
+        room = Path(__file__).parent / f"{self.thing}s" / field_name(name) / "room.py"
+        if not self.own or (name not in self.names and room.is_file()):
+            raise ConfigError(
+                f"the {self.thing} {name!r} is not installed",
+                remedy=f"install hil-bridge again: {install_command()}",
+            )
 
     def split(self, url: str) -> tuple[str, str]:
         """Split a URL into its kind, "" if it names none, and the wire's URL."""
@@ -340,6 +349,7 @@ def _kind_of(url: str, registry: Registry[Any]) -> tuple[Any, str]:
     if suggestions := _suggestions(f"serial://{url}" if url.startswith("/") else url, registry):
         raise ConfigError(f"{url!r} names no kind of {registry.thing}; did you mean {suggestions}?")
     head = url.partition(":")[0]
+    registry.refuse_outdated(head.partition("+")[0])
     if examples := _with_usual_wires(url, registry):
         raise ConfigError(f"{url!r} names no wire; write {examples}")
     which = f"there is no {registry.thing} {head.partition('+')[0]!r}" if "+" in head else "it names no kind"

@@ -5,6 +5,8 @@ import json
 import re
 import sys
 from collections.abc import Iterator
+from functools import partial
+from importlib.metadata import EntryPoints
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from hil_bridge.cli import cli
 from hil_bridge.cli.devices import device_settings
 from hil_bridge.devices.kinds import ROBOTS, SENSORS, SURFACES, default_settings, robot_of, sensor_of
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.offers import offered
 from hil_bridge.lab.conform.real_time import cell_of, make_trial
 from hil_bridge.lab.conform.robots.scenarios import Rules
 from hil_bridge.record import read
@@ -289,6 +292,19 @@ def test_sections_of_a_kind_that_is_not_installed_are_no_settings(tmp_path: Path
 def test_an_option_without_a_colon_is_the_name_of_a_kind() -> None:
     told = refusal("run", "--virtual", "--robot", "toyarm")
     assert told == f"--robot: there is no robot 'toyarm'; choose one of {', '.join(ROBOTS.names)}"
+
+
+@pytest.mark.parametrize("groups", [(), ("hil_bridge.robots",)])
+def test_kind_outdated_installation_names_remedy(
+    monkeypatch: pytest.MonkeyPatch, groups: tuple[str, ...]
+) -> None:
+    kept = [point for point in offered() if point.group in groups and point.name != "s3"]
+    monkeypatch.setattr("hil_bridge.errors.plugins.offered", lambda: EntryPoints(kept))
+    for choose in (partial(ROBOTS.kind, "s3"), partial(robot_of, "s3+serial:///dev/ttyUSB0")):
+        with pytest.raises(
+            ConfigError, match=r"robot 's3' is not installed; install hil-bridge again: pip install"
+        ):
+            choose()
 
 
 @pytest.mark.parametrize(
