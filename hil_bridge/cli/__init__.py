@@ -1,7 +1,7 @@
 """The command line `hil-bridge`.
 
-The commands are found by entry point, and a command is imported when it is used. Each imports what it needs when it
-runs, so that help comes at once.
+The commands come from entry points, and each is imported when it is used. A command imports what it needs when it
+runs, so that help appears at once.
 """
 
 import io
@@ -20,7 +20,7 @@ from hil_bridge.errors.text_files import harmless
 EXIT_INTERRUPTED = 130
 """Exit code that a shell expects of a command that Ctrl-C ended."""
 EXIT_BUG = 70
-"""Apart from what a command tells by its own. Source: EX_SOFTWARE of sysexits(3)."""
+"""Exit code of a bug, distinct from those of the commands. Source: EX_SOFTWARE of sysexits(3)."""
 
 HELP_SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Run": ("run", "free"),
@@ -32,7 +32,7 @@ HELP_SECTIONS: Mapping[str, tuple[str, ...]] = {
 }
 """Names of the commands of hil-bridge by purpose, in the order of the help."""
 PLUGINS = "Plug-ins"
-"""Title of the commands of other packages in the help."""
+"""Title of the commands of plug-ins in the help."""
 FIRST_COMMANDS = """\
 Closed-loop force control for position-controlled robots, over the real link or
 an emulated one.
@@ -68,16 +68,16 @@ PACKAGED: Mapping[str, str] = {"experiment": "./examples/paper-experiments"}
 """Commands that packages of the checkout offer, with the package's path."""
 
 
-class ReaderLeft(Exception):
-    """The reader of the output's pipe has left. Not an OSError, of which click makes exit code 1."""
+class OutputClosed(Exception):
+    """The reader of the output's pipe has closed it. Not an OSError, which click turns into exit code 1."""
 
 
 class Bug(Exception):
-    """An exception that no person was meant to read; the text is what the screen shows of it."""
+    """An unexpected exception; its text is what the terminal shows."""
 
 
 class _Commands(EntryPointGroup):
-    """The commands, with the ends of each told apart."""
+    """The commands of hil-bridge, which translate every exception that ends one."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return the command of this name; None if there is none.
@@ -115,14 +115,14 @@ class _Commands(EntryPointGroup):
                     formatter.write_dl([(f"{name:{width}}", text) for name, text in rows])
 
     def make_context(self, *arguments: Any, **options: Any) -> click.Context:
-        """Parse the command line, which may print help. Raises ReaderLeft."""
+        """Parse the command line, which may print help. Raises OutputClosed."""
         try:
             return super().make_context(*arguments, **options)
         except BrokenPipeError as error:
-            raise ReaderLeft from error
+            raise OutputClosed from error
 
     def invoke(self, context: click.Context) -> Any:
-        """Run a command. Raises ReaderLeft, Bug, and what click and the commands raise for an operator."""
+        """Run a command. Raises OutputClosed, Bug, and the exceptions of click and the commands that the user reads."""
         try:
             return super().invoke(context)
         except BridgeError as error:
@@ -135,7 +135,7 @@ class _Commands(EntryPointGroup):
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
         except BrokenPipeError as error:
-            raise ReaderLeft from error
+            raise OutputClosed from error
         except BaseException as error:
             from hil_bridge.errors.cancelling import is_interrupt
             from hil_bridge.errors.failures import failure, of_others, traceback_of
@@ -145,7 +145,7 @@ class _Commands(EntryPointGroup):
             if of_others(error):
                 if debug_wanted(context):
                     click.echo(traceback_of(error), err=True)
-                raise ConfigError(f"plug-in code failed: {failure(error)}") from error
+                raise ConfigError(f"code of a plug-in failed: {failure(error)}") from error
             if isinstance(error, SystemExit):
                 raise
             what = "; ".join([f"{type(error).__name__}: {error}", *getattr(error, "__notes__", ())])
@@ -173,7 +173,7 @@ def cli(context: click.Context) -> None:
 
 
 def main() -> None:
-    """Entry point: errors that an operator is meant to read become one line on standard error and an exit code."""
+    """Run hil-bridge: print an error that the user can handle as one line on standard error, and exit with its code."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal without "→" must not end a command
@@ -184,17 +184,17 @@ def main() -> None:
         code = ended.code
     except (click.Abort, KeyboardInterrupt):
         code = EXIT_INTERRUPTED
-    except OSError:  # nothing takes what is said, not even why it ends
+    except OSError:  # standard error is closed too, so the cause cannot be printed
         code = EXIT_BUG
     leave(code)
 
 
 def _run() -> int | str | None:
-    """Run the command; its exit code, with one line for what ended it."""
+    """Run the command, print one line for the error that ended it, and return the exit code."""
     try:
         code: int | str | None = cli.main(prog_name="hil-bridge", standalone_mode=False)
         return code
-    except ReaderLeft:  # `| head`: nothing more can be said
+    except OutputClosed:  # as by `| head`: nothing more can be printed
         return 0
     except BridgeError as error:
         click.echo(f"hil-bridge: {harmless(str(error))}", err=True)

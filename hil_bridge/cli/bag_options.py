@@ -1,4 +1,4 @@
-"""The options of commands that read a bag of ROS 2 beside recordings."""
+"""Options of the commands that read ROS 2 bags as well as recordings."""
 
 import functools
 from collections.abc import Callable
@@ -10,7 +10,7 @@ _GIVEN = ("topic", "axis", "wrench_in", "sign", "zero_s", "contact_n", "stamps")
 
 
 def bag_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Gives a command the options, and the argument `bag` with what they chose."""
+    """Add the options to a command, which receives their values as the argument `bag`."""
     for option in reversed(_OPTIONS):
         command = option(command)
 
@@ -28,7 +28,7 @@ def bag_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _topics(_context: click.Context, _parameter: click.Parameter, given: tuple[str, ...]) -> list[list[str]]:
-    """Role and topic of each."""
+    """Return the role and the topic of each value."""
     pairs = [one.split("=", 1) for one in given]
     for text, pair in zip(given, pairs, strict=True):
         if len(pair) != 2 or not all(pair):
@@ -42,8 +42,8 @@ _OPTIONS = (
         multiple=True,
         callback=_topics,
         metavar="ROLE=TOPIC",
-        help="Topic of a bag as wrench, pose or target; pose=/tf:CHILD takes a frame of /tf. Of several for a role, "
-        "the first that a bag has.  [default: wrench and pose by their types]",
+        help="Topic of a bag for wrench, pose or target; pose=/tf:CHILD takes a frame of /tf. Of several for a role, "
+        "the first that a bag has is used.  [default: wrench and pose by their types]",
     ),
     click.option(
         "--axis",
@@ -57,7 +57,7 @@ _OPTIONS = (
         type=click.Choice(("tool", "base")),
         default="tool",
         show_default=True,
-        help="Axes along which a bag's wrench is told: those of the pose's child frame, or of its parent.",
+        help="Frame in which a bag's wrench is expressed: the pose's child frame (tool) or its parent (base).",
     ),
     click.option(
         "--sign",
@@ -65,7 +65,7 @@ _OPTIONS = (
         default="1",
         show_default=True,
         callback=lambda _context, _parameter, given: int(given),
-        help="1: a bag's wrench acts on the tool; -1: the tool's on its surroundings.",
+        help="1: a bag's wrench acts on the tool; -1: it is exerted by the tool.",
     ),
     click.option(
         "--zero",
@@ -73,7 +73,7 @@ _OPTIONS = (
         type=click.FloatRange(0),
         default=0.0,
         metavar="SECONDS",
-        help="Begin of a bag whose mean wrench is taken off.  [default: none]",
+        help="Time at the start of a bag whose mean wrench is subtracted.  [default: none]",
     ),
     click.option(
         "--contact",
@@ -82,13 +82,13 @@ _OPTIONS = (
         default=1.0,
         show_default=True,
         metavar="NEWTON",
-        help="Force from which the tool of a bag is in contact.",
+        help="Least force at which the tool of a bag counts as in contact.",
     ),
     click.option(
         "--stamps",
         type=click.Choice(("header", "log")),
         default="header",
         show_default=True,
-        help="Times of a bag's messages: the stamps in their headers, or those of the recording.",
+        help="Time stamps of a bag's messages: from their headers, or from when they were logged.",
     ),
 )

@@ -27,7 +27,7 @@ RESULTS = ".sqlite"
     type=click.Choice(("touch", "begin")),
     default="touch",
     show_default=True,
-    help="What all recordings have at 0 s: the first touch, or the start of the run.",
+    help="Event at 0 s in every recording: the first touch, or the start of the run.",
 )
 @json_option
 @overwrite_option
@@ -35,14 +35,14 @@ RESULTS = ".sqlite"
 def compare(
     files: tuple[Path, ...], out: Path, align: str, as_json: bool, overwrite: bool, bag: "BagChoices"
 ) -> None:
-    """Draw forces, motion and times of 2 to 8 recordings over each other, and tell which settings and figures differ.
-    A bag of ROS 2 with a WrenchStamped and a PoseStamped is one of them; it needs the extra ros.
+    """Plot forces, motion and times of 2 to 8 recordings over each other, and list the differing settings and figures.
+    A ROS 2 bag with a WrenchStamped and a PoseStamped counts as a recording; it needs the extra ros.
 
-    Results of campaigns (.sqlite), oldest first, are summed up by cell of the matrix: runs that passed, and medians of
-    figures. The first is tested against the last, by Fisher's exact test and by that of Mann and Whitney. The exit code
+    Results of campaigns (.sqlite), oldest first, are summarized by cell of the matrix: runs that passed, and medians of
+    figures. The first is tested against the last by Fisher's exact test and the Mann-Whitney test. The exit code
     is 1 when the last is significantly worse.
 
-    The page needs no network. With --json no page is written.
+    The page works offline. With --json no page is written.
     """
     kinds = {path.suffix == RESULTS for path in files}
     if len(kinds) > 1:

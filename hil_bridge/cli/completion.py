@@ -1,16 +1,16 @@
-"""Names with which a shell completes the values of options: ours, and those of installed packages."""
+"""Shell completion of option values: built-in names, and those of plug-ins."""
 
 from collections.abc import Callable, Sequence
 
 import click
 
 Names = Callable[[], Sequence[str]]
-"""Gives names, imported when a shell asks."""
+"""Returns the names; imports them only when a shell completes."""
 Completer = Callable[[click.Context, click.Parameter, str], list[str]]
 
 
 def complete(names: Names) -> Completer:
-    """For `shell_complete` of an option. What cannot be found completes nothing: a shell shows no error."""
+    """Return a completer for `shell_complete` of an option. It ignores errors, because a shell cannot show them."""
 
     def completer(context: click.Context, parameter: click.Parameter, begun: str) -> list[str]:
         try:
@@ -22,21 +22,21 @@ def complete(names: Names) -> Completer:
 
 
 def robots() -> Sequence[str]:
-    """Kinds of robots."""
+    """Return the names of the kinds of robot."""
     from hil_bridge.devices.kinds import ROBOTS
 
     return ROBOTS.names
 
 
 def sensors() -> Sequence[str]:
-    """Kinds of sensors."""
+    """Return the names of the kinds of sensor."""
     from hil_bridge.devices.kinds import SENSORS
 
     return SENSORS.names
 
 
 def surfaces() -> Sequence[str]:
-    """Kinds of surfaces of other packages."""
+    """Return the names of the kinds of surface."""
     from hil_bridge.devices.kinds import SURFACES
 
     return SURFACES.names
@@ -50,7 +50,7 @@ def setting_keys() -> Sequence[str]:
 
 
 def link_profiles() -> Sequence[str]:
-    """Named settings of an S3's computer link."""
+    """Return the names of the profiles of an S3's computer link."""
     from hil_bridge.cli.entry_points import extension
 
     names: Sequence[str] = extension("link-profiles", "--link-profile")()
@@ -58,7 +58,7 @@ def link_profiles() -> Sequence[str]:
 
 
 def controllers() -> Sequence[str]:
-    """Names of controllers."""
+    """Return the names of the controllers."""
     from hil_bridge.control.controllers import controller_names
 
     return controller_names()

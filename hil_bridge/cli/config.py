@@ -63,10 +63,10 @@ def facts(config_file: Path | None, everything: bool) -> None:
 @output_option("PICTURE.png", "Draw paths and forces into this file.")
 @overwrite_option
 def program(file: Path, out: Path | None, overwrite: bool) -> None:
-    """Check the program of a configuration as a whole, and print its steps; with -o draw them.
+    """Check the complete program of a configuration and print its steps; with -o, draw them.
 
-    FILE is a configuration, or a file with the steps of a program alone. Times are about: corners are taken slower,
-    and an approach ends where the surface is.
+    FILE is a configuration, or a file that holds only the steps of a program. Times are approximate: the robot slows
+    down in corners, and an approach ends at the surface.
     """
     from hil_bridge.record.files import check_place, write_whole
     from hil_bridge.show.report.task_steps import list_steps, table_lines, total_line
@@ -87,7 +87,7 @@ def program(file: Path, out: Path | None, overwrite: bool) -> None:
 
 
 def _config(file: Path) -> "Config":
-    """The configuration of a file, which may hold the steps alone. Raises ConfigError."""
+    """Load the configuration from a file, which may hold only the steps of a program. Raises ConfigError."""
     from hil_bridge.errors.text_files import read_toml
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.settings.program import is_program
@@ -98,7 +98,7 @@ def _config(file: Path) -> "Config":
 
 
 def _row(config: "Config", file: Path) -> "Row":
-    """The program's steps in one row. Raises ConfigError with the number of the first step that cannot be."""
+    """Return the program's steps as one row. Raises ConfigError with the number of the first impossible step."""
     from dataclasses import replace
 
     from hil_bridge.errors import StepError

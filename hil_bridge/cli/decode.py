@@ -9,38 +9,38 @@ from hil_bridge.console.decode_arguments import print_items, read_bytes, read_fr
 
 
 class _Kinds(EntryPointGroup):
-    """The commands by entry point, and one for each kind of device."""
+    """The commands from entry points, and one for each kind of device."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command of this name. Raises ConfigError for a kind without words, and for a broken package."""
+        """Return the command of this name. Raises ConfigError for a kind without a decoder and for a broken package."""
         return super().get_command(ctx, cmd_name) or _kind_command(cmd_name, self.list_commands(ctx))
 
     def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Name the kinds of device, too; none is imported."""
+        """Add the kinds of device, without importing any."""
         from hil_bridge.devices.kinds import ROBOTS, SENSORS
 
         super().format_help_text(ctx, formatter)
         formatter.write_paragraph()
         with formatter.indentation():
             formatter.write_text(
-                "Every other kind that has words is a command too: `decode KIND HEX…`, on CAN `decode KIND ID#DATA…`. "
+                "Every other kind with a decoder is a command too: `decode KIND HEX…`, on CAN `decode KIND ID#DATA…`. "
                 f"Robots: {', '.join(ROBOTS.names)}. Sensors: {', '.join(SENSORS.names)}."
             )
 
 
 def _kind_command(name: str, others: Sequence[str]) -> click.Command | None:
-    """The command of a kind of device. Raises ConfigError if there is none, naming the kinds and the other commands."""
-    from hil_bridge.devices.kinds import ROBOTS, SENSORS, describer_of
+    """Return the command of a kind of device. Raises ConfigError for an unknown kind, and lists the known ones."""
+    from hil_bridge.devices.kinds import ROBOTS, SENSORS, words_of
     from hil_bridge.errors import ConfigError
 
-    found = [registry.kind(name) for registry in (ROBOTS, SENSORS) if name in registry.names]
-    if not found:
+    kinds = [registry.kind(name) for registry in (ROBOTS, SENSORS) if name in registry.names]
+    if not kinds:
         known = dict.fromkeys((*others, *ROBOTS.names, *SENSORS.names))
-        raise ConfigError(f"there is no kind {name!r} to decode; choose one of {', '.join(known)}")
-    kind = next((kind for kind in found if kind.describe is not None), found[0])
-    describe = describer_of(kind)
+        raise ConfigError(f"unknown kind {name!r}; choose one of {', '.join(known)}")
+    kind = next((kind for kind in kinds if kind.describe is not None), kinds[0])
+    describe = words_of(kind)
     if describe is None:
-        raise ConfigError(f"{name}: there are no words for the bytes of {kind.summary!r}; nothing is decoded")
+        raise ConfigError(f"{name}: {kind.summary!r} has no decoder for its bytes")
     frames = getattr(kind, "bus", None) is not None
 
     def run(texts: tuple[str, ...]) -> None:
@@ -51,11 +51,11 @@ def _kind_command(name: str, others: Sequence[str]) -> click.Command | None:
 
     argument = click.Argument(["texts"], metavar="ID#DATA…" if frames else "HEX…", nargs=-1, required=True)
     pasted_as = (
-        "frames, 201#C800, or lines of candump, each quoted"
+        "frames such as 201#C800, or lines of candump, each quoted"
         if frames
-        else "bytes, of one datagram or of a line"
+        else "the bytes of one datagram or one line"
     )
-    about = f"{kind.summary}: {pasted_as}.\n\nEnds with exit code 2 when anything in it is wrong."
+    about = f"{kind.summary}: {pasted_as}.\n\nThe exit code is 2 when anything in it is invalid."
     return click.Command(name, callback=run, params=[argument], help=about)
 
 
@@ -66,4 +66,4 @@ def _kind_command(name: str, others: Sequence[str]) -> click.Command | None:
     short_help="Decode pasted bytes or frames to JSON.",
 )
 def decode() -> None:
-    """Decode pasted bytes or frames to JSON: fields, units, and what is wrong and where."""
+    """Decode pasted bytes or frames to JSON: fields, units, and the place of every error."""

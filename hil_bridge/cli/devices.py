@@ -1,4 +1,4 @@
-"""Robots, sensors and surfaces as options of a command: by URL, or an emulated one by the name of its kind."""
+"""Options for robot, sensor and surface: a URL for a real device, or the name of a kind for an emulated one."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -10,14 +10,14 @@ from hil_bridge.cli.entry_points import extension
 
 
 def not_empty(context: click.Context, parameter: click.Parameter, url: str | None) -> str | None:
-    """An empty URL is an unset shell variable, not the wish for an emulated device."""
+    """Refuse an empty URL: it is an unset shell variable, not a request for an emulated device."""
     if url == "":
         raise click.BadParameter("it is empty; leave the option out for the emulated device")
     return url
 
 
 def known_profile(context: click.Context, parameter: click.Parameter, name: str | None) -> str | None:
-    """Raises ConfigError for a profile that there is not, with the names that there are."""
+    """Raise ConfigError for an unknown profile, and list the known ones."""
     if name is not None:
         extension("check-link-profile", "--link-profile")(name)
     return name
@@ -36,7 +36,7 @@ def refuse_link_profile(name: str | None, robot: str) -> None:
     """Raise UsageError for settings of an S3's link where the robot is of another kind."""
     if name is not None and robot != "s3":
         raise click.UsageError(
-            f"--link-profile is of an S3's computer link, and the robot is {robot}; leave it out",
+            f"--link-profile applies only to the computer link of an s3, and the robot is {robot}; leave it out",
             click.get_current_context(),
         )
 
@@ -51,7 +51,7 @@ surface_option = click.option(
 
 
 def url_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options --robot and --sensor, with a short help."""
+    """Add the options --robot and --sensor to a command, with a short help."""
     for name, kinds, what in (("--sensor", sensors, "Force sensor"), ("--robot", robots, "Robot")):
         command = click.option(
             name,
@@ -64,7 +64,7 @@ def url_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The options --robot, --sensor and --surface."""
+    """Add the options --robot, --sensor and --surface to a command."""
     for option in (
         surface_option,
         click.option(
@@ -91,17 +91,17 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def device_settings(robot: str | None, sensor: str | None, surface: str | None) -> Mapping[str, object]:
-    """The values of these options in a configuration, by key. A kind alone also lays the file's URL aside."""
+    """Return the values of these options by setting key. A kind alone also clears the URL of the file."""
 
     settings: dict[str, object] = {"cell.surface_kind": surface}
-    for section, said in (("robot", robot), ("sensor", sensor)):
-        if said is None or not _is_kind(said):
-            settings[f"{section}.url"] = said
+    for section, value in (("robot", robot), ("sensor", sensor)):
+        if value is None or not _is_kind(value):
+            settings[f"{section}.url"] = value
         else:
-            settings |= {f"{section}.emulated": said, f"{section}.url": ""}
+            settings |= {f"{section}.emulated": value, f"{section}.url": ""}
     return settings
 
 
-def _is_kind(said: str) -> bool:
-    """Whether a value is a kind's name: URLs have a colon, ports a slash, and addresses a dot."""
-    return not any(mark in said for mark in ":/.")
+def _is_kind(value: str) -> bool:
+    """Return whether a value is the name of a kind: URLs have a colon, ports a slash, and addresses a dot."""
+    return not any(mark in value for mark in ":/.")

@@ -1,4 +1,4 @@
-"""`hil-bridge doctor`: is this computer fit for a run."""
+"""`hil-bridge doctor`: whether this computer is fit for a run."""
 
 import sys
 from pathlib import Path
@@ -17,11 +17,11 @@ EXIT_UNFIT = 3
 @click.argument("robot_file", metavar="[RSI.xml]", required=False, type=FILE)
 @json_option
 def doctor(config_file: Path | None, robot_file: Path | None, as_json: bool) -> None:
-    """Tell of ports, CAN interfaces, clock and scheduler what is good, what is not, and what to do: one line each.
+    """Check ports, CAN interfaces, clock and scheduler; print one line for each, with what to do about a problem.
 
-    With RSI.xml, the Ethernet configuration of a KUKA controller, it tells where that differs from CONFIG.toml.
-    With a configuration it also checks what its URLs name, and ends with exit code 3 when that cannot work. Nothing
-    is sent to any device, but four questions to web services that a robot's URL names.
+    With RSI.xml, the Ethernet configuration of a KUKA controller, it lists the differences from CONFIG.toml.
+    With a configuration it also checks the ports that its URLs name; the exit code is 3 when one cannot work. Nothing
+    is sent to any device, except four requests to the web services that a robot's URL names.
     """
     from hil_bridge.site.doctor import doctor as examine
     from hil_bridge.site.facts import Fact

@@ -1,4 +1,4 @@
-"""`hil-bridge emulate cell`, `robot` and `sensor`: the devices alone, for a bridge or any other client."""
+"""`hil-bridge emulate cell`, `robot` and `sensor`: emulated devices for a bridge or any other client."""
 
 from collections.abc import Callable
 from functools import partial
@@ -100,7 +100,9 @@ def _serve(
     config = load_config(config_file, over(given, options))
     refuse_link_profile(link_profile, config.robot.emulated or "s3")
     if what == "sensor" and config.run.panel_url:
-        raise click.UsageError("run.panel_url: `emulate sensor` serves no robot, and a panel is a robot's")
+        raise click.UsageError(
+            "run.panel_url: `emulate sensor` serves no robot, and only a robot has a panel"
+        )
     operable = "inject with `hil-bridge panel`, see --panel" if what != "sensor" else ""
     refuse_faults(config.faults, "hil-bridge emulate", operable)
     listen = Listen(
@@ -112,7 +114,7 @@ def _serve(
 
 
 def _command(what: str, summary: str, ports: str, *options: _Option) -> click.Command:
-    """Return the command that serves this, with the options of its devices."""
+    """Return the command that serves `what`, with the options of its devices."""
     serve: Callable[..., None] = partial(_serve, what)
     for option in reversed((*options, *_COMMON_OPTIONS)):
         serve = option(serve)

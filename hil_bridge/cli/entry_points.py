@@ -1,4 +1,4 @@
-"""Commands found by entry point: those of hil-bridge, of its devices and of plug-ins.
+"""Commands from entry points: those of hil-bridge, of its devices and of plug-ins.
 
 A package adds a command by the name that a user types:
 
@@ -24,10 +24,10 @@ EXTENSIONS = "hil_bridge.extensions"
 
 
 class EntryPointGroup(click.Group):
-    """A command group with the commands of an entry point group, besides those that were added to it."""
+    """A command group that also offers the commands of an entry point group."""
 
     def __init__(self, *arguments: Any, entry_points: str, **options: Any) -> None:
-        """Takes the name of the entry point group."""
+        """`entry_points` is the name of the entry point group."""
         super().__init__(*arguments, **options)
         self.entry_points = entry_points
 
@@ -47,7 +47,7 @@ class EntryPointGroup(click.Group):
                 formatter.write_dl(self.short_helps(ctx, names, formatter.width - 6 - max(map(len, names))))
 
     def short_helps(self, ctx: click.Context, names: Iterable[str], width: int) -> list[tuple[str, str]]:
-        """Return names with the line of each command in the help; of one that cannot be loaded, with the error."""
+        """Return each name with its line of help, or with the error of a command that cannot be loaded."""
         rows = []
         for name in names:
             try:
@@ -76,7 +76,7 @@ def load_command(group: str, name: str) -> click.Command | None:
 def extension(name: str, subject: str) -> Callable[..., Any]:
     """Return the function that extends a command of the core, by its name in the group `hil_bridge.extensions`.
 
-    `subject` is what it does, for the error. Raises ConfigError if it is not installed, or cannot be loaded.
+    `subject` names its purpose in the error. Raises ConfigError if it is not installed, or cannot be loaded.
     """
     function: Callable[..., Any] | None = _load(EXTENSIONS, "extension", name)
     if function is None:
@@ -97,9 +97,9 @@ def _load(group: str, thing: str, name: str) -> Any:
     if len(points) == 1:
         try:
             return points[0].load()
-        except (Exception, SystemExit):  # find_plugin meets it again, and explains it
+        except (Exception, SystemExit):  # raised again and explained by find_plugin
             pass
-    from hil_bridge.errors.plugins import find_plugin  # slow, and needed for an error alone
+    from hil_bridge.errors.plugins import find_plugin  # slow, and needed only for an error
 
-    found = find_plugin(group, thing, name)
-    return None if found is None else found.value
+    plugin = find_plugin(group, thing, name)
+    return None if plugin is None else plugin.value

@@ -11,7 +11,7 @@ FORMAT_NAMES = ("candump", "blf", "asc", "dbc", "bytes", "csv", "parquet", "rosb
 
 
 def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -> tuple[str, ...]:
-    """Names of formats with commas between them."""
+    """Split a list of format names at its commas."""
     names = tuple(name.strip() for name in given.split(",")) if given else ()
     for name in names:
         if name not in FORMAT_NAMES:
@@ -31,10 +31,10 @@ def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -
     callback=_formats,
     default="",
     metavar="FORMAT,…",
-    help=f"{', '.join(FORMAT_NAMES)}.  [default: all that the recording has something for, "
-    "but dbc, parquet, rosbag2, mf4 and layouts]",
+    help=f"{', '.join(FORMAT_NAMES)}.  [default: all that the recording has data for, "
+    "except dbc, parquet, rosbag2, mf4 and layouts]",
 )
-@output_option("DIR", "Where to put the files.  [default: beside the recording]")
+@output_option("DIR", "Folder for the files.  [default: that of the recording]")
 @click.option(
     "--channel", default="can0", metavar="NAME", help="CAN interface in candump's text.  [default: can0]"
 )
@@ -42,7 +42,7 @@ def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -
     "--epoch",
     type=click.FloatRange(0, 2e9),
     metavar="SECONDS",
-    help="Stamp of the run's zero in a bag of ROS 2.  [default: UNIX time of the recording]",
+    help="Time stamp of the start of the run in a ROS 2 bag.  [default: UNIX time of the recording]",
 )
 @overwrite_option
 def export(
@@ -53,35 +53,35 @@ def export(
     epoch: float | None,
     overwrite: bool,
 ) -> None:
-    """Write a recording in the formats of other programs, named like it.
+    """Write a recording in the formats of other programs, under its own name.
 
     \b
     candump  .log          frames of a CAN sensor, for can-utils; UNIX time
     blf      .blf          the same for Vector's tools; UNIX time
     asc      .asc          the same as text; seconds since the first frame
-    dbc      .dbc          what the bytes of these frames mean, for tools that decode them
+    dbc      .dbc          layout of these frames, for tools that decode them
     bytes    .robot.txt    bytes of the robot's wire, for `hil-bridge monitor`; run's clock
              .sensor.txt   bytes of the sensor's wire, where that is not CAN; run's clock
     csv      .cycle.csv    every control cycle; run's clock
              .sensor.csv   every frame of the sensor, in N and N·m and raw; run's clock
     parquet  .parquet      the same tables; needs an extra
-    rosbag2  .rosbag2/     a bag of ROS 2 without ROS; UNIX time, or from --epoch;
+    rosbag2  .rosbag2/     a ROS 2 bag, written without ROS; UNIX time, or from --epoch;
                            needs an extra
-    mf4      .mf4          a measurement of ASAM with units, comments, events; run's clock;
+    mf4      .mf4          an ASAM measurement file with units, comments, events; run's clock;
                            needs an extra
     layouts  .foxglove.json .plotjuggler.xml .ros2-foxglove.json .ros2-plotjuggler.xml
                            panels to import into Foxglove, Lichtblick and PlotJuggler: force,
                            depth, stiffness, events, frames in 3-D; ros2- for messages of ROS 2
 
-    The last line tells the UNIX time at which the run's clock was 0. `canplayer -I run.log vcan0=can0` plays the CAN
-    frames back. Files that are there already are kept, unless --overwrite is given.
+    The last line is the UNIX time at which the run's clock was 0. `canplayer -I run.log vcan0=can0` replays the CAN
+    frames. Existing files are kept unless --overwrite is given.
     """
     from hil_bridge.errors import ConfigError
     from hil_bridge.record.export import Choices
     from hil_bridge.record.export import export as write
 
     if not channel.isascii() or not channel.isprintable() or not channel or " " in channel:
-        raise ConfigError(f"--channel {channel!r} is no name of a CAN interface; write like can0")
+        raise ConfigError(f"--channel {channel!r} is not the name of a CAN interface; give one such as can0")
     choices = Choices(channel, epoch)
     for line in write(recording, formats, recording.parent if out is None else out, overwrite, choices):
         click.echo(line)

@@ -1,4 +1,4 @@
-"""`hil-bridge list faults`: everything that can be made to go wrong in the emulated cell."""
+"""`hil-bridge list faults`: every fault that can be injected into the emulated cell."""
 
 import click
 
@@ -29,7 +29,7 @@ from hil_bridge.console.options import echo_json, json_option
 def faults(robot: str, sensor: str, surface: str | None, as_json: bool) -> None:
     """List every fault of the emulated cell by target, with its parameters, defaults and ranges.
 
-    A configuration injects one with a table [[faults]], an operator with `hil-bridge panel URL inject`:
+    Inject one with a table [[faults]] of the configuration, or by hand with `hil-bridge panel URL inject`:
 
     \b
       [[faults]]

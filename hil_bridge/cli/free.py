@@ -1,4 +1,4 @@
-"""`hil-bridge free`: lift a tool off that a stop left in contact."""
+"""`hil-bridge free`: lift off a tool that a stop left in contact."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from hil_bridge.console.paths import FILE
     "--tool-mass-kg",
     type=click.FloatRange(min=0.0),
     metavar="M",
-    help="Mass below the sensor: forces are then told without its weight.",
+    help="Mass below the sensor: forces are then reported without its weight.",
 )
 @click.option(
     "--distance-mm",
@@ -27,7 +27,7 @@ from hil_bridge.console.paths import FILE
     "--back-to",
     metavar="RECORDING",
     type=FILE,
-    help="Then go back to where this recorded run began, so that the next one begins there too.",
+    help="Then return to where this recorded run began, so that the next one begins there too.",
 )
 def free(
     config_file: Path | None,
@@ -37,14 +37,14 @@ def free(
     distance_mm: float | None,
     back_to: Path | None,
 ) -> None:
-    """Lift a tool off from whatever state a stop left it in; stand at the cell while it moves.
+    """Lift a tool off, whatever state a stop left it in; stay at the cell while it moves.
 
-    The tool moves against frame.approach in small slow steps, and stands still if the force rises. A movement
-    sequence that was left open is closed first. No zero is taken, and no program is run.
+    The tool moves against frame.approach in small slow steps, and stops if the force rises. A movement
+    sequence that was left open is closed first. The sensor is not zeroed, and no program is run.
 
-    With --back-to it then goes across to above the recorded start and down to it, in small steps. It stands still at a
-    touch. The tool must be known, and the orientation stays as it is. The recording must be of a run on this kind of
-    robot, and not of an emulated one.
+    With --back-to it then moves sideways to above the recorded start and down to it, in small steps. It stops at a
+    touch. The tool's load must be known, and the orientation stays as it is. The recording must be of a run on this
+    kind of robot, and not of an emulated one.
     """
     from hil_bridge.errors import ConfigError
     from hil_bridge.record import read

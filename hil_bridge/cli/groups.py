@@ -1,4 +1,4 @@
-"""Groups of commands found by entry point: `config`, `emulate`, `identify`, `list`."""
+"""Groups of commands from entry points: `config`, `emulate`, `identify`, `list`."""
 
 import click
 

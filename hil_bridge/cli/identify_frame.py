@@ -19,16 +19,16 @@ from hil_bridge.console.paths import FILE
     type=(float, float),
     multiple=True,
     metavar="X Y",
-    help="A place in the work frame that is set now, mm; give three: new origin, a place on the new x axis, any third.",
+    help="Point in the present work frame, mm; give three: new origin, a point on the new x axis, any third.",
 )
 @click.option("--force-n", type=float, default=3.0, show_default=True, help="Force of each touch, N.")
 @device_options
 @click.option("--tool-mass-kg", type=click.FloatRange(min=0.0), metavar="M", help="Mass below the sensor.")
 @click.option("--virtual", is_flag=True, help="Virtual time, with the emulated cell.")
 @click.option(
-    "--record", type=FILE, metavar="FILE", help="Record the run there.  [default: a new folder under runs/]"
+    "--record", type=FILE, metavar="FILE", help="Record the run in FILE.  [default: a new folder under runs/]"
 )
-@output_option("FRAME.toml", "Write the frame as a table [frame] there.")
+@output_option("FRAME.toml", "Write the frame to this file as a table [frame].")
 @overwrite_option
 @debug_option
 def identify_frame(
@@ -44,10 +44,10 @@ def identify_frame(
     out: Path | None,
     overwrite: bool,
 ) -> None:
-    """Touch three places of a plane under force control, and print the work frame that they define.
+    """Touch three points of a plane under force control, and print the work frame that they define.
 
-    The first place is its origin, the second lies on its x axis, the third anywhere off that axis. Places count from
-    the present position of the tool, or from frame.origin_mm where that is set. The robot moves between them at its
+    The first point is its origin, the second lies on its x axis, the third anywhere off that axis. Points are relative
+    to the present position of the tool, or to frame.origin_mm where that is set. The robot moves between them at its
     present height. A program of the configuration is not run.
     """
     from hil_bridge.errors.text_files import toml_pair
@@ -59,7 +59,7 @@ def identify_frame(
     from hil_bridge.site.teach import frame_of, touches
 
     if len(places) != 3:
-        raise click.UsageError("give --place three times: origin, a place on the x axis, a third one")
+        raise click.UsageError("give --place three times: origin, a point on the x axis, a third point")
     if out is not None:
         check_place(out, overwrite)
     overrides = {
@@ -73,8 +73,8 @@ def identify_frame(
     assert outputs.record is not None
     if code := execute(config, virtual, outputs, False, config_file):
         sys.exit(code)
-    found = {step.name: step.found for step in read(outputs.record).steps if step.found}
-    frame = frame_of(found, config.frame.approach)
+    contacts = {step.name: step.found for step in read(outputs.record).steps if step.found}
+    frame = frame_of(contacts, config.frame.approach)
     lines = ["[frame]", *(toml_pair(name, value) for name, value in frame.items())]
     if out is not None:
         write_whole(out, ("\n".join(lines) + "\n").encode(), overwrite)

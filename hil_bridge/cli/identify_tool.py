@@ -1,4 +1,4 @@
-"""`hil-bridge identify tool`: mass and centre of gravity of what hangs below the sensor."""
+"""`hil-bridge identify tool`: mass and centre of gravity of the load below the sensor."""
 
 import math
 import sys
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from hil_bridge.control import ToolEstimate, ToolPose
 
 LARGE_RESIDUAL = 0.03
-"""Share of the weight above which residuals say that something is wrong. Chosen: a sensor mounted 2° off."""
+"""Share of the weight above which residuals are reported as too large. Chosen: a sensor mounted 2° off."""
 LEAST_ANGLE_DEG = 15.0
-"""Chosen: the sweep's poses tell the centre of gravity from 12° on; less is refused before the robot moves for it."""
+"""Chosen: the sweep's poses determine the centre of gravity from 12° on; less is refused before the robot moves."""
 
 
 @click.command("tool", short_help="Measure the tool's mass and centre of gravity.")
@@ -30,7 +30,7 @@ LEAST_ANGLE_DEG = 15.0
     "--angle-deg",
     type=click.FloatRange(LEAST_ANGLE_DEG, 90.0),
     metavar="A",
-    help="How far to turn the tool to either side.  [default: 30, or what the robot can]",
+    help="Angle to turn the tool to either side.  [default: 30, or as far as the robot can]",
 )
 @click.option(
     "--lift-mm",
@@ -38,7 +38,7 @@ LEAST_ANGLE_DEG = 15.0
     default=50.0,
     show_default=True,
     metavar="D",
-    help="How far to pull back from the surface before turning.",
+    help="Distance to pull back from the surface before turning.",
 )
 @click.option(
     "--settle-s",
@@ -54,7 +54,7 @@ LEAST_ANGLE_DEG = 15.0
     default=1.0,
     show_default=True,
     metavar="S",
-    help="Average for so long.",
+    help="Averaging time at each pose.",
 )
 @click.option(
     "--from",
@@ -63,8 +63,8 @@ LEAST_ANGLE_DEG = 15.0
     metavar="POSES.csv",
     help="Compute from this table; no device is opened, nothing moves.",
 )
-@click.option("--save", type=FILE, metavar="POSES.csv", help="Keep the poses and readings.")
-@output_option("FILE.toml", "Write [tool] and the sensor's bias.")
+@click.option("--save", type=FILE, metavar="POSES.csv", help="Write the poses and readings to this file.")
+@output_option("FILE.toml", "Write [tool] and the sensor's bias to this file.")
 @overwrite_option
 def identify_tool(
     config_file: Path | None,
@@ -80,10 +80,11 @@ def identify_tool(
     out: Path | None,
     overwrite: bool,
 ) -> None:
-    """Find mass and centre of gravity of the tool, and the sensor's bias.
+    """Identify the mass and centre of gravity of the tool, and the sensor's bias.
 
     The robot pulls back from the surface, turns the tool slowly about its tip to either side about two level axes, and
-    returns. Nothing may be in reach of the turning tool. No zero is taken. Copy what -o writes into the configuration.
+    returns. Keep the space around the turning tool clear. The sensor is not zeroed. Copy what -o writes into the
+    configuration.
 
     A table for --from has a line of column names: qw qx qy qz (tool in base) and fx_n fy_n fz_n mx_nm my_nm mz_nm (mean
     readings in the sensor frame, N and N·m). It may also have their standard deviations sd_fx_n … sd_mz_nm.
@@ -98,11 +99,11 @@ def identify_tool(
     for option, file in (("-o", out), ("--save", save)):
         if file is None:
             continue
-        for other, taken in (("the configuration", config_file), ("the table", table)):
-            if taken is not None and file.resolve() == taken.resolve():
+        for other, source in (("the configuration", config_file), ("the table", table)):
+            if source is not None and file.resolve() == source.resolve():
                 raise ConfigError(f"{option} {file} would overwrite {other}; name another file")
         if not file.resolve().parent.is_dir():
-            raise ConfigError(f"{option} {file}: there is no such folder; make it or name another place")
+            raise ConfigError(f"{option} {file}: no such folder; create it or name another")
         check_place(file, overwrite)
     config = load_config(config_file, device_settings(robot, sensor, None))
     if table is not None:
@@ -128,13 +129,13 @@ def identify_tool(
         write_whole(save, poses_as_csv(poses).encode(), overwrite)
         click.echo(f"poses: {save}")
     estimate = tool_estimate(poses, wrist(config))
-    _tell(poses, estimate)
+    _print(poses, estimate)
     if out is not None:
         write_whole(out, tool_as_toml(estimate).encode(), overwrite)
         click.echo(f"tool: {out}")
 
 
-def _tell(poses: "Sequence[ToolPose]", estimate: "ToolEstimate") -> None:
+def _print(poses: "Sequence[ToolPose]", estimate: "ToolEstimate") -> None:
     from hil_bridge.control.geometry.frames import STANDARD_GRAVITY
 
     def numbers(values: "Sequence[float]", digits: int, unit: float = 1.0) -> str:

@@ -1,4 +1,4 @@
-"""`hil-bridge latency`: where a recorded run's time went, and the same for an emulation."""
+"""`hil-bridge latency`: latency budget of a recorded run, and settings for an emulation that is as late."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 @json_option
 @overwrite_option
 def latency(recording: Path, out: Path | None, as_json: bool, overwrite: bool) -> None:
-    """Tell where the time between a force and the motion that answers it went in a recorded run.
+    """Break down the time from a force to the motion that answers it, by part, for a recorded run.
 
-    With -o the site's turnaround and the jitter of its sensor become a configuration: `hil-bridge run SITE.toml`
-    then draws them again, by the seed, in an emulated cell with the same gateway or board.
+    -o writes the site's turnaround and the jitter of its sensor as a configuration: `hil-bridge run SITE.toml`
+    then draws from them, by the seed, in an emulated cell with the same gateway or board.
     """
     from hil_bridge.errors import ConfigError
     from hil_bridge.errors.text_files import harmless
@@ -45,60 +45,60 @@ def latency(recording: Path, out: Path | None, as_json: bool, overwrite: bool) -
         else:
             click.echo(f"no times: {NO_CYCLE}")
         return
-    found = latency_of(record)
-    if found is None:
+    budget = latency_of(record)
+    if budget is None:
         robot = devices_of(record).robot
         if robot.hops is None and robot.kind not in ("", "s3"):
             raise ConfigError(
-                f"{recording}: a {robot.kind} does not tell how its stamps divide a cycle (RobotFacts.hops)"
+                f"{recording}: the kind {robot.kind!r} does not declare the hops of a cycle (RobotFacts.hops)"
             )
-        raise ConfigError(f"{recording} holds no cycle that was stamped at every hop; record a longer run")
+        raise ConfigError(f"{recording} has no cycle with a time stamp at every hop; record a longer run")
     robot = devices_of(record).robot
     answers = answers_of(record.cycles, robot, end_of(record).link)
-    lines = [*_lines(found), *(_answer_lines(answers) if answers is not None else ())]
+    lines = [*_lines(budget), *(_answer_lines(answers) if answers is not None else ())]
     if record.truncated:
-        lines.append("the recording is cut short or damaged: this is what came before")
+        lines.append("the recording is cut short or damaged; the figures cover what precedes that")
     if out is not None:  # before the first output: a reader such as `head` may have closed the pipe
         text, left_out = _site(record)
         write_whole(out, text.encode(), overwrite)
         lines.append(f"wrote {out}{left_out and f'; {left_out}'}")
     if as_json:
-        echo_json({**_values(found, answers), "truncated": record.truncated})
+        tell_json({**_values(budget, answers), "truncated": record.truncated})
         return
     for line in lines:
         click.echo(harmless(line))
 
 
-def _values(found: "Latency", answers: "Answers | None") -> "dict[str, Any]":
-    """The table as values, ms."""
+def _values(budget: "Latency", answers: "Answers | None") -> "dict[str, Any]":
+    """Return the table as values, ms."""
 
     def row(part: "Part") -> "dict[str, Any]":
         hop = part.hop
         return {"hop": hop.name, "whose": hop.owner, "meaning": hop.words, **part.times.as_ms()}
 
-    told: dict[str, Any] = {
-        "name": found.name,
-        "chain": [row(part) for part in found.chain],
-        "beside": [row(part) for part in found.beside],
-        "total": found.total.as_ms(),
-        "largest": found.largest.hop.name,
+    values: dict[str, Any] = {
+        "name": budget.name,
+        "chain": [row(part) for part in budget.chain],
+        "beside": [row(part) for part in budget.beside],
+        "total": budget.total.as_ms(),
+        "largest": budget.largest.hop.name,
         "not_stamped": [
-            {"meaning": one.words, "ms": one.seconds * 1e3, "source": one.source} for one in found.constants
+            {"meaning": one.words, "ms": one.seconds * 1e3, "source": one.source} for one in budget.constants
         ],
         "answers": None,
     }
     if answers is not None:
-        told["answers"] = {
+        values["answers"] = {
             **answers.times.as_ms(),
             "late": answers.late,
             "packets": answers.packets,
             "cycle_ms": answers.cycle_s * 1e3,
         }
-    return told
+    return values
 
 
 def _site(record: "Recording") -> tuple[str, str]:
-    """A configuration file whose emulated cell is as late as the recorded one, and what it leaves out, if anything."""
+    """Return a configuration whose emulated cell is as late as the recorded one, and what it omits, if anything."""
     from hil_bridge.errors import ConfigError
     from hil_bridge.runs.replay import recorded_config
     from hil_bridge.settings.devices import robot_in, sensor_in
@@ -109,8 +109,8 @@ def _site(record: "Recording") -> tuple[str, str]:
     late_sensor = None if sensor.kind.emulation is None else sensor.kind.emulation.late
     if late_robot is None or late_sensor is None:
         raise ConfigError(
-            "-o writes settings of an emulated s3 and a JR3; "
-            f"this was a {robot.kind.name} with a {sensor.kind.name}: leave -o out"
+            "-o writes settings only for an emulated s3 with a jr3; "
+            f"this was {robot.kind.name} with {sensor.kind.name}: leave -o out"
         )
     return site_settings(record, lambda times: late_robot(times, robot.url, robot.settings), late_sensor)
 
@@ -120,9 +120,9 @@ def site_settings(
     late_robot: "Callable[[Mapping[str, Sequence[float]]], LateSettings]",
     late_sensor: "LateSensor",
 ) -> tuple[str, str]:
-    """A configuration file whose emulated cell is as late as the recorded one, and what it leaves out, if anything.
+    """Return a configuration file whose emulated cell is as late as the recorded one, and what it omits, if anything.
 
-    Raises ConfigError for a recording that is too short or was not stamped.
+    Raises ConfigError for a recording that is too short or has no time stamps.
     """
     from hil_bridge.record.analysis.site_latency import (
         as_configuration,
@@ -132,23 +132,23 @@ def site_settings(
 
     robot = late_robot(robot_quantiles_ms(record))
     sensor = late_sensor(lambda: frame_quantiles_ms(record))
-    notes = (*robot.notes, *sensor.notes, "In a file that has a section already, its lines go there.")
+    notes = (*robot.notes, *sensor.notes, "If a file already has a section, add the lines to it.")
     left_out = "; ".join(filter(None, (robot.left_out, sensor.left_out)))
     return as_configuration(notes, {**robot.sections, **sensor.sections}), left_out
 
 
-def _lines(found: "Latency") -> "Iterator[str]":
+def _lines(budget: "Latency") -> "Iterator[str]":
     yield f"{'hop':<19}{'whose':<10}{'p50':>8}{'p90':>8}{'p99':>8}{'max':>8}  ms"
-    for part in found.chain:
+    for part in budget.chain:
         yield _row(part)
-    total = found.total
-    yield f"{found.name:<29}" + _figures(total.p50_s, total.p90_s, total.p99_s, total.max_s)
-    yield f"largest: {found.largest_words}"
-    if found.beside:
-        yield "beside it:"
-        for part in found.beside:
+    total = budget.total
+    yield f"{budget.name:<29}" + _figures(total.p50_s, total.p90_s, total.p99_s, total.max_s)
+    yield f"largest: {budget.largest_words}"
+    if budget.beside:
+        yield "in parallel:"
+        for part in budget.beside:
             yield _row(part)
-    for constant in found.constants:
+    for constant in budget.constants:
         yield f"not stamped: {constant.words}, {constant.seconds * 1e3:.1f} ms ({constant.source})"
 
 

@@ -1,4 +1,4 @@
-"""`hil-bridge monitor`: what goes over a link, in words."""
+"""`hil-bridge monitor`: decoded traffic of a link."""
 
 from pathlib import Path
 from typing import Any
@@ -9,27 +9,27 @@ from hil_bridge.cli.entry_points import EXTENSIONS, extension
 from hil_bridge.console.paths import FILE
 
 _OTHERWISE = "monitor-s3"
-"""Extension that takes what names no other device: text captures, and the links of robots."""
+"""Extension for everything that names no other device: text captures, and the links of robots."""
 
 
 @click.command(short_help="Monitor a link, one line per block.")
 @click.argument("sources", metavar="FILE|URL [URL]", nargs=-1, required=True)
-@click.option("--raw", is_flag=True, help="Also the bytes, hexadecimal.")
+@click.option("--raw", is_flag=True, help="Also print the bytes in hexadecimal.")
 @click.option(
     "--device",
     type=click.Choice(["robot", "sensor", "both"]),
-    help="Whose traffic of a recording to show.  [default: both; of a run with an S3: robot]",
+    help="Device of a recording whose traffic to show.  [default: both; for a run with an S3: robot]",
 )
-@click.option("--save", type=FILE, metavar="FILE", help="Keep what is heard as a text capture.")
+@click.option("--save", type=FILE, metavar="FILE", help="Write received traffic to FILE as a text capture.")
 @click.option(
     "--config",
     "config_file",
     type=FILE,
     metavar="FILE",
-    help="Configuration whose [robot.s3.link] holds, and whose sensor sent the frames of a log of candump.",
+    help="Configuration with [robot.s3.link], and with the sensor that sent the frames of a candump log.",
 )
 @click.option(
-    "--orders", "orders_file", type=FILE, metavar="FILE", help="TOML file of orders that the site knows."
+    "--orders", "orders_file", type=FILE, metavar="FILE", help="TOML file of orders used at this site."
 )
 def monitor(
     sources: tuple[str, ...],
@@ -39,15 +39,15 @@ def monitor(
     config_file: Path | None,
     orders_file: Path | None,
 ) -> None:
-    """Show a link as one line for each block: time, time since the line before, direction, time on the line, meaning.
+    """Show a link as one line per block: time, time since the last line, direction, time on the line, meaning.
 
     FILE is a recording of a run with any devices, or a text capture of an S3 with lines like `0.013402 S3 06`. Bytes
-    of a device without words are shown hexadecimal. FILE may be a log of candump, of its console or of `candump -l`;
-    with --config it is in the words of that sensor. Two URLs are two ports: the first hears the PC, the second the
-    robot. One URL is a port that hears both. Each is named as the S3's, `s3+serial:///dev/ttyUSB0`. A URL
+    of a device without a decoder are shown in hexadecimal. FILE may be a candump log, from its console or `candump -l`;
+    with --config it is decoded as that sensor's. Two URLs are two ports: the first receives the PC, the second the
+    robot. One URL is a port that receives both. Each is named as the S3's, `s3+serial:///dev/ttyUSB0`. A URL
     `jr3+can+socketcan://can0` shows the frames of a JR3 gateway.
-    Nothing is ever sent. Times are those at which the bytes were seen. In a recording, bytes from the PC are seen when
-    they are handed to the port, before they are on the line.
+    Nothing is ever sent. Times are those of reception. In a recording, bytes from the PC have the time at which
+    they were handed to the port, before they are on the line.
     """
     from hil_bridge.devices.kinds import SENSORS
     from hil_bridge.errors import ConfigError
@@ -65,7 +65,7 @@ def monitor(
 
     first = sources[0]
     if device and not (len(sources) == 1 and is_recording(Path(first))):
-        raise ConfigError("--device chooses from a recording; name one")
+        raise ConfigError("--device applies only to a recording; name one")
     if (
         len(sources) == 1
         and is_recording(Path(first))
@@ -78,7 +78,7 @@ def monitor(
         sensor = sensor_in(config).kind if config_file else None
         if sensor is not None and sensor.bus is None:
             raise ConfigError(
-                f"{first} has frames of CAN, and the sensor of {config_file} is a {sensor.name}"
+                f"{first} has CAN frames, but the sensor of {config_file}, {sensor.name}, is not on CAN"
             )
         monitor_candump(Path(first), sensor, raw)
         return

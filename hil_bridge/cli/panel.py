@@ -1,11 +1,11 @@
-"""`hil-bridge panel`: press, turn and break things at an emulated controller that runs in another terminal."""
+"""`hil-bridge panel`: operate the panel of an emulated controller in another terminal, and inject faults."""
 
 from typing import Any
 
 import click
 
 _URL = "panel"
-"""Key of the panel's URL among the facts of a call."""
+"""Key of the panel's URL in the metadata of click's context."""
 
 
 def _ask(context: click.Context, request: dict[str, Any]) -> dict[str, Any]:
@@ -15,14 +15,14 @@ def _ask(context: click.Context, request: dict[str, Any]) -> dict[str, Any]:
 
 
 def _do(context: click.Context, request: dict[str, Any]) -> None:
-    """Ask, and show the state afterwards."""
+    """Send a request and print the state that follows."""
     from hil_bridge.devices.panel import state_text
 
     click.echo(state_text(_ask(context, request)))
 
 
 def _robots_with() -> dict[str, tuple[str, list[str]]]:
-    """Each control with its positions and its meaning, and the kinds of robots that have it."""
+    """Return each control with its positions, its meaning, and the kinds of robots that have it."""
     from hil_bridge.devices.kinds import ROBOTS
 
     known: dict[str, tuple[str, list[str]]] = {}
@@ -35,7 +35,7 @@ def _robots_with() -> dict[str, tuple[str, list[str]]]:
 
 
 class _Controls(click.Group):
-    """The commands that every panel takes, and the controls of the one that is asked."""
+    """The commands that every panel accepts, and the controls of the one at the URL."""
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         own = super().get_command(context, name)
@@ -53,7 +53,7 @@ class _Controls(click.Group):
 
 
 def _control(name: str) -> click.Command:
-    """A command that moves a control; the panel knows its positions, and the usual one."""
+    """Return the command that moves a control; the panel knows its positions and its default."""
 
     @click.pass_context
     def move(context: click.Context, to: str | None) -> None:
@@ -88,7 +88,7 @@ def panel(context: click.Context, url: str) -> None:
 
 
 def _request(name: str, text: str) -> click.Command:
-    """A command that is one request."""
+    """Return a command that sends one request."""
 
     @click.pass_context
     def act(context: click.Context) -> None:
@@ -97,13 +97,13 @@ def _request(name: str, text: str) -> click.Command:
     return click.Command(name, callback=act, help=text, short_help=text)
 
 
-@panel.command(short_help="Show it again and again, until Ctrl-C.")
+@panel.command(short_help="Show the panel continuously, until Ctrl-C.")
 @click.option(
     "--every", "every_s", type=click.FloatRange(0.05, 60.0), default=0.5, show_default=True, metavar="S"
 )
 @click.pass_context
 def watch(context: click.Context, every_s: float) -> None:
-    """Show state, position, program and faults again and again, until Ctrl-C. Another terminal can press meanwhile."""
+    """Show state, position, program and faults continuously, until Ctrl-C. Operate it from another terminal."""
     from hil_bridge.console.redraw import redraw_until_interrupted
     from hil_bridge.devices.panel import state_text
 
@@ -121,25 +121,25 @@ def controls(context: click.Context) -> None:
 
 
 panel.add_command(_request("show", "Show state, position, program and faults."))
-panel.add_command(_request("disarm", "Forget the faults that wait for their moment."))
-panel.add_command(_request("mend", "End the faults that last."))
+panel.add_command(_request("disarm", "Cancel pending faults."))
+panel.add_command(_request("mend", "End active faults."))
 
 
 @panel.command()
 @click.argument("words", nargs=-1, required=True, metavar="[TARGET] FAULT [PARAM=VALUE]...")
 @click.pass_context
 def inject(context: click.Context, words: tuple[str, ...]) -> None:
-    """Let one fault happen; `faults` lists them. A fault of the controller needs no target."""
+    """Inject one fault; `faults` lists them. A fault of the controller needs no target."""
     from hil_bridge.devices.kinds import fault_targets
 
     target, rest = ({"target": words[0]}, words[1:]) if words[0] in fault_targets() else ({}, words)
     if not rest:
-        raise click.BadParameter(f"{words[0]} is a target; name one of its faults too")
+        raise click.BadParameter(f"{words[0]} is a target; also name one of its faults")
     given: dict[str, str] = {}
     for item in rest[1:]:
         name, sign, value = item.partition("=")
         if not (name and sign) or name in given:
-            raise click.BadParameter(f"each parameter once, as NAME=VALUE, got {item!r}")
+            raise click.BadParameter(f"give each parameter once, as NAME=VALUE, got {item!r}")
         given[name] = value
     _do(context, {"do": "inject", **target, "fault": rest[0], "with": given})
 

@@ -8,23 +8,23 @@ import click
 from hil_bridge.console.options import echo_json, echo_lines, json_option
 
 OWN = "hil-bridge"
-"""Package of our own."""
+"""Name of the package of built-in kinds."""
 
 
-@click.command(short_help="List what other packages add, and what is wrong with it.")
-@click.option("--all", "with_own", is_flag=True, help="List our own kinds too.")
+@click.command(short_help="List plug-ins, and what is wrong with them.")
+@click.option("--all", "with_own", is_flag=True, help="List built-in kinds too.")
 @json_option
 def plugins(with_own: bool, as_json: bool) -> None:
-    """List the controllers, steps, robots, sensors, surfaces and commands of plug-ins, with package and state.
+    """List the controllers, steps, robots, sensors, surfaces and commands of plug-ins, with their package and state.
 
-    Each is imported, as when it is used; a controller and a step are given one sample. The exit code is 2 if one of
+    Each is imported, as when it is used; a controller and a step are run on one sample. The exit code is 2 if one of
     them cannot be used.
     """
     rows = _rows(with_own)
     if as_json:
         echo_json(rows)
     elif not rows:
-        echo_lines(["no other package offers anything; docs/how-to/devices.md tells how one does"])
+        tell(["no plug-ins are installed; docs/how-to/devices.md describes how to write one"])
     else:
         widths = [max(len(row[key]) for row in rows) for key in ("thing", "name", "package")]
         for row in rows:
@@ -41,15 +41,15 @@ def plugins(with_own: bool, as_json: bool) -> None:
 def controllers(name: str | None, as_json: bool) -> None:
     """List the force controllers; with NAME one of them, with its parameters.
 
-    Units are part of the names: _n is N, _mm is mm. A tuning holds for a sample time: other defaults then.
+    Units are part of the names: _n is N, _mm is mm. A tuning gives other defaults for a sample time.
     """
     from hil_bridge.control.controllers import controller_names
 
-    told = [controller_facts(each) for each in ([name] if name else controller_names())]
+    facts = [controller_facts(each) for each in ([name] if name else controller_names())]
     if as_json:
-        echo_json(told)
+        tell_json(facts)
         return
-    for number, one in enumerate(told):
+    for number, one in enumerate(facts):
         lines = [""] if number else []
         lines.append(f"{one['name']}: {one['meaning']}")
         lines.append(f"  made for a sample every {one['sample_ms']:g} ms; {one['package']}")
@@ -65,7 +65,7 @@ def controllers(name: str | None, as_json: bool) -> None:
 
 
 def _rows(with_own: bool) -> list[dict[str, str]]:
-    """Everything that can be chosen, by thing and name."""
+    """Return one row for each plug-in, and with `with_own` for each built-in kind, by thing and name."""
     from functools import partial
 
     from hil_bridge.cli.entry_points import COMMANDS, load_command
@@ -76,42 +76,42 @@ def _rows(with_own: bool) -> list[dict[str, str]]:
     from hil_bridge.errors.offers import GROUPS
     from hil_bridge.errors.plugins import offers
 
-    found: list[tuple[str, Any, str, list[str]]] = [
+    sources: list[tuple[str, Any, str, list[str]]] = [
         ("controller", controllers.controller_kind, controllers.GROUP, list(controllers.OURS)),
         ("step", kinds.step_kind, kinds.GROUP, list(kinds.BUILT_IN)),
     ]
-    found += [
+    sources += [
         (f"{group.removeprefix(COMMANDS)[1:]} command".lstrip(), partial(load_command, group), group, [])
         for group in GROUPS
         if group.startswith(COMMANDS)
     ]
     trials = {"controller": controllers.trial, "step": kinds.trial}
-    found += [(one.thing, one.kind, one.group, list(one.own)) for one in (ROBOTS, SENSORS, SURFACES)]
+    sources += [(one.thing, one.kind, one.group, list(one.own)) for one in (ROBOTS, SENSORS, SURFACES)]
     rows = []
-    for thing, choose, group, own in found:
+    for thing, choose, group, own in sources:
         mine = [(name, OWN, "") for name in own] if with_own else []
         for name, package, source in (*mine, *offers(group)):
             try:
                 chosen = choose(name)
-                state, told = "ok", _summary(chosen)
+                state, text = "ok", _summary(chosen)
                 if thing in trials and package != OWN and (fault := trials[thing](name)):
-                    state, told = "wrong", f"WRONG: {thing} {name!r} of {package}: {fault}"
+                    state, text = "wrong", f"WRONG: {thing} {name!r} of {package}: {fault}"
             except ConfigError as error:
-                state, told = "wrong", f"WRONG: {error}"
+                state, text = "wrong", f"WRONG: {error}"
             row = {
                 "thing": thing,
                 "name": name,
                 "package": package,
                 "source": source,
                 "state": state,
-                "told": told,
+                "told": text,
             }
             rows.append(row)
     return rows
 
 
 def _summary(chosen: Any) -> str:
-    """Return the line of an author on a kind, a controller or a command."""
+    """Return the author's one-line summary of a kind, a controller or a command."""
     if isinstance(chosen, click.Command):
         return chosen.get_short_help_str(100)
     return str(getattr(chosen, "summary", "") or _first_line(chosen))
@@ -123,7 +123,7 @@ def _first_line(thing: Any) -> str:
 
 
 def controller_facts(name: str) -> dict[str, Any]:
-    """A controller with its parameters. Raises ConfigError for an unknown name and a broken package."""
+    """Return a controller with its parameters. Raises ConfigError for an unknown name and a broken package."""
     import dataclasses
 
     from hil_bridge.control.controllers import GROUP, OURS, controller_kind, sample_time
@@ -155,15 +155,15 @@ def controller_facts(name: str) -> dict[str, Any]:
 
 
 def _range(kind: Any, name: str) -> list[float] | None:
-    """Ends of the values among which it is tuned; None where its controller declares none."""
+    """Return the bounds within which a parameter is tuned; None if its controller declares none."""
     from hil_bridge.control.types import Range
 
-    found = getattr(kind, "ranges", {}).get(name)
-    return [found.low, found.high] if isinstance(found, Range) else None
+    bounds = getattr(kind, "ranges", {}).get(name)
+    return [bounds.low, bounds.high] if isinstance(bounds, Range) else None
 
 
 def _default(field: Any) -> str:
-    """The default of a parameter as a file would hold it, or that there is none."""
+    """Return the default of a parameter as TOML writes it, or a note that it has none."""
     import dataclasses
 
     from hil_bridge.errors.text_files import format_value

@@ -1,4 +1,4 @@
-"""`hil-bridge probe`: what is at the other end, and how it wants to be spoken to."""
+"""`hil-bridge probe`: identify the device at a URL, and the settings of its link."""
 
 import sys
 from functools import partial
@@ -16,15 +16,15 @@ EXIT_REFUSED = 3
 
 @click.group(no_args_is_help=False)
 def probe() -> None:
-    """Ask a robot or a sensor what it is."""
+    """Identify a robot or a sensor, and show its state."""
 
 
 @probe.command(short_help="Show what a robot is, and its state.")
 @click.argument("url", metavar="URL")
 @click.option(
-    "--config", "config_file", type=FILE, metavar="FILE", help="Configuration whose [robot.KIND] is taken."
+    "--config", "config_file", type=FILE, metavar="FILE", help="Configuration whose [robot.KIND] is used."
 )
-@output_option("FILE", "Write the start of a configuration: the URL, and of an S3 the settings that work.")
+@output_option("FILE", "Write the start of a configuration: the URL, and for an S3 the settings that work.")
 @click.option(
     "--patience",
     "patience_s",
@@ -44,14 +44,14 @@ def robot(
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """Tell what answers at a robot's URL, its rate and its state, and what a run would be refused for.
+    """Show what answers at a robot's URL, its rate and its state, and why a run would be refused.
 
-    Nothing is ordered, so that nothing moves. An EGM robot gets no answer; its web services are read too, where the URL
-    has `rws=HOST:PORT`. An RSI robot is answered with the correction that it has, for it stops without an answer. A
-    Universal Robot is sent no program. Of an S3 the settings of its link are found first, by read status alone: rate,
-    parity, length style and doubling of DLE. What the URL says of the line is tried first.
+    No order is sent, so nothing moves. An EGM robot gets no answer; its web services are read too if the URL
+    has `rws=HOST:PORT`. An RSI robot is sent its present correction, because it stops without an answer. A
+    Universal Robot is sent no program. The link settings of an S3 are detected first, by read status alone: rate,
+    parity, length style and doubling of DLE. Those in the URL are tried first.
 
-    Exit code 3 when nothing answers, and when a run would be refused.
+    The exit code is 3 when nothing answers, and when a run would be refused.
     """
     from hil_bridge.devices.kinds import robot_of
     from hil_bridge.record.files import check_place, write_whole
@@ -66,20 +66,20 @@ def robot(
         wire, settings = extension("probe-s3", "probe robot")(wire, out, patience_s, overwrite, say)
     elif out is not None:
         check_place(out, overwrite)
-    found = robot_probe.probe_robot(kind, wire, settings)
+    result = robot_probe.probe_robot(kind, wire, settings)
     if out is not None and kind.name != "s3":
-        write_whole(out, robot_probe.site_toml(_with_kind(kind.name, wire), found).encode(), overwrite)
+        write_whole(out, robot_probe.site_toml(_with_kind(kind.name, wire), result).encode(), overwrite)
         click.echo(f"wrote {out}\n", err=as_json)
     if as_json:
-        echo_json({"kind": kind.name, "url": _with_kind(kind.name, wire), **robot_probe.probe_values(found)})
+        tell_json({"kind": kind.name, "url": _with_kind(kind.name, wire), **robot_probe.probe_values(result)})
     else:
-        echo_lines(f"{name:<14} {text}" for name, text in robot_probe.probe_rows(found))
-    if found.refusals:
+        tell(f"{name:<14} {text}" for name, text in robot_probe.probe_rows(result))
+    if result.refusals:
         sys.exit(EXIT_REFUSED)
 
 
 def _with_kind(kind: str, wire: str) -> str:
-    """A URL as `run --robot` takes it."""
+    """Return a URL as `run --robot` accepts it."""
     return wire if wire.startswith(kind) else f"{kind}+{wire}"
 
 
@@ -94,17 +94,17 @@ def _with_kind(kind: str, wire: str) -> str:
     "duration_s",
     type=click.FloatRange(min=0.0),
     metavar="S",
-    help="Show the wrench for so long.  [default: until Ctrl-C]",
+    help="Time for which to show the wrench.  [default: until Ctrl-C]",
 )
 @json_option
 def sensor(
     url: str, config_file: Path | None, no_push: bool, duration_s: float | None, as_json: bool
 ) -> None:
-    """Show what a force sensor tells of itself, its noise, and its wrench, live.
+    """Show what a force sensor reports about itself, its noise, and its live wrench.
 
-    On a terminal it asks for a push along +X, +Y and +Z of the tool and names the axis that answers and its sign. Where
-    that is not as configured, it says what to set in [sensor]. Nothing is zeroed, nothing moves. URL is that of
-    `run --sensor`. With --json it looks for a second, asks for no pushes, and ends.
+    On a terminal it asks for a push along +X, +Y and +Z of the tool and names the axis that responds, and its sign. If
+    that differs from the configuration, it prints what to set in [sensor]. Nothing is zeroed, nothing moves. URL is
+    that of `run --sensor`. With --json it reads for one second, asks for no pushes, and ends.
     """
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.site.sensor_probe import find_sensor, probe_sensor

@@ -1,4 +1,4 @@
-"""`hil-bridge replay`: the recorded inputs, decided again."""
+"""`hil-bridge replay`: decide again on the inputs of a recorded run."""
 
 import math
 import sys
@@ -18,14 +18,17 @@ if TYPE_CHECKING:
     from hil_bridge.runs.replay import ReplayedCycle
 
 EXIT_DIFFERENT = 1
-"""The replay of an unchanged run decided otherwise."""
+"""Exit code when the replay of an unchanged run decides differently."""
 
 
 @click.command(short_help="Replay the decisions of a recorded run, and compare.")
 @click.argument("recording", type=FILE)
 @click.argument("config_file", metavar="[CHANGES.toml]", required=False, type=FILE)
 @click.option(
-    "--controller", metavar="NAME", shell_complete=complete(controllers), help="Ask another controller."
+    "--controller",
+    metavar="NAME",
+    shell_complete=complete(controllers),
+    help="Replay with another controller.",
 )
 @click.option(
     "--csv", "table", type=FILE, metavar="FILE", help="Write recorded and replayed commands of every cycle."
@@ -34,11 +37,11 @@ EXIT_DIFFERENT = 1
 def replay(
     recording: Path, config_file: Path | None, controller: str | None, table: Path | None, overwrite: bool
 ) -> None:
-    """Feed a recording's inputs to controller and supervisor and compare every command.
+    """Feed the inputs of a recording to controller and supervisor, and compare every command.
 
-    Unchanged, every command must be the same: otherwise the first difference is told and the exit code is 1. With
-    --controller or a file of changes it shows what would have been commanded in every situation of the run. The file
-    has tables such as [limits] or [controller], laid over the recorded configuration.
+    Without changes, every command must be the same: otherwise it prints the first difference and the exit code is 1.
+    With --controller or a file of changes it prints what would have been commanded in every situation of the run. The
+    file has tables such as [limits] or [controller], which override the recorded configuration.
     """
     from hil_bridge.record import read
     from hil_bridge.record.files import check_place
@@ -65,8 +68,8 @@ def replay(
             echo_lines(_differences(cycle, len(cycles)))
             echo_lines(_versions(record.metadata.get("version", "")))
             sys.exit(EXIT_DIFFERENT)
-    note = "; the recording is cut short or damaged behind them" if record.truncated else ""
-    echo_lines([f"{len(cycles)} cycles replayed, every command identical{note}"])
+    note = "; the recording is cut short or damaged after them" if record.truncated else ""
+    tell([f"{len(cycles)} cycles replayed, every command identical{note}"])
 
 
 def _differences(cycle: "ReplayedCycle", count: int) -> "Iterator[str]":
@@ -76,27 +79,27 @@ def _differences(cycle: "ReplayedCycle", count: int) -> "Iterator[str]":
 
 
 def _versions(recorded: str) -> "Iterator[str]":
-    """Another version may decide otherwise on purpose."""
+    """Name the version that recorded, if it is another: its guard may decide differently."""
     here = version("hil-bridge")
     if recorded != here:
-        yield f"version {recorded or 'unknown'} recorded it, this is {here}, whose guard may decide otherwise"
+        yield f"recorded by version {recorded or 'unknown'}; this is {here}, whose guard may decide differently"
 
 
 def _changes(cycles: "list[ReplayedCycle]", controller: str) -> "Iterator[str]":
-    """Commands that the replay would have given instead, by phase."""
-    yield f"what {controller} and these limits would have commanded in the recorded situations:"
+    """Describe the commands that the replay would have given instead, by phase."""
+    yield f"commands of {controller} with these limits in the recorded situations:"
     yield f"{'phase':<10}{'cycles':>8}{'other':>8}{'rms':>10}{'largest':>10}  of the difference in depth, mm"
     for phase in dict.fromkeys(cycle.record.phase for cycle in cycles):
         chosen = [cycle for cycle in cycles if cycle.record.phase == phase]
-        away = [abs(c.decision.target.depth - c.record.depth_commanded) * 1e3 for c in chosen]
+        deviations = [abs(c.decision.target.depth - c.record.depth_commanded) * 1e3 for c in chosen]
         other = sum(bool(cycle.differences) for cycle in chosen)
-        rms = math.sqrt(sum(a * a for a in away) / len(away))
-        yield f"{phase:<10}{len(chosen):>8}{other:>8}{rms:>10.4f}{max(away):>10.4f}"
-    for verdict, told in (("stop", "stopped the run"), ("clamp", "held the command back")):
+        rms = math.sqrt(sum(a * a for a in deviations) / len(deviations))
+        yield f"{phase:<10}{len(chosen):>8}{other:>8}{rms:>10.4f}{max(deviations):>10.4f}"
+    for verdict, action in (("stop", "stopped the run"), ("clamp", "clamped the command")):
         new = [c for c in cycles if c.decision.verdict.kind == verdict != c.record.verdict]
         if new:
             why = ", ".join(new[0].decision.reasons)
-            yield f"the supervisor would have {told} in {len(new)} more; first in {new[0].record.cycle}: {why}"
+            yield f"the supervisor would have {action} in {len(new)} more; first in {new[0].record.cycle}: {why}"
     first = next((cycle for cycle in cycles if cycle.differences), None)
     if first is None:
         yield "every command would have been the same"

@@ -19,17 +19,17 @@ if TYPE_CHECKING:
     short_help="Make a page with charts from a recording.",
 )
 @click.argument("recording", type=FILE)
-@output_option("DIR", "Where to put it.  [default: beside the recording]")
-@click.option("--png", is_flag=True, help="A picture beside it, report.png.")
-@click.option("--pdf", is_flag=True, help="The same as report.pdf.")
+@output_option("DIR", "Folder for the page.  [default: that of the recording]")
+@click.option("--png", is_flag=True, help="Also write a picture, report.png.")
+@click.option("--pdf", is_flag=True, help="Also write the picture as report.pdf.")
 @overwrite_option
 @bag_options
 def report(
     recording: Path, out: Path | None, png: bool, pdf: bool, overwrite: bool, bag: "BagChoices"
 ) -> None:
-    """Make report.html from a recording: one file with charts that zoom, which needs no network.
+    """Make report.html from a recording: one file with zoomable charts, which works offline.
 
-    RECORDING may be a bag of ROS 2 with a WrenchStamped and a PoseStamped: its folder, or an MCAP file. That needs the
+    RECORDING may be a ROS 2 bag with a WrenchStamped and a PoseStamped: its folder, or an MCAP file. That needs the
     extra ros, and the pictures need matplotlib.
     """
     from hil_bridge.record.analysis.summary import summarise
@@ -37,6 +37,6 @@ def report(
     from hil_bridge.show.report import write_report
 
     record = read_any(recording, bag)
-    pictures = [kind for kind, wanted in (("png", png), ("pdf", pdf)) if wanted]
+    pictures = [kind for kind, chosen in (("png", png), ("pdf", pdf)) if chosen]
     page = write_report(record, summarise(record), out or recording.parent, overwrite, pictures)
     click.echo(page)

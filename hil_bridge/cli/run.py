@@ -20,9 +20,9 @@ from hil_bridge.console.options import overwrite_option
 from hil_bridge.console.paths import FILE
 
 CONTROLLERS = "fuzzy, fuzzy-adaptive, resolution-aware, pi, admittance, predictive"
-"""Ours, for the help text alone: the configuration also knows those of installed packages."""
-_BESIDE = Path("-")
-"""Stands for the recording's folder where --report names none."""
+"""Built-in controllers, for the help text; the configuration also accepts those of plug-ins."""
+_RECORDING_FOLDER = Path("-")
+"""Placeholder for the recording's folder where --report names none."""
 
 
 @click.command(short_help="Run force control, with a recording and a report.")
@@ -33,14 +33,16 @@ _BESIDE = Path("-")
     "--tool-mass-kg",
     type=click.FloatRange(min=0.0),
     metavar="M",
-    help="Mass below the sensor, by whose weight the sensor is checked before the robot moves.",
+    help="Mass below the sensor; the sensor must read its weight before the robot moves.",
 )
-@click.option("--unchecked", is_flag=True, help="Run on a sensor whose tool is not known, unchecked.")
+@click.option(
+    "--unchecked", is_flag=True, help="Run although the tool's load is unknown and cannot check the sensor."
+)
 @click.option(
     "--unverified",
     multiple=True,
     type=click.Choice(("fx", "fy", "fz")),
-    help="Axis that the tool's weight cannot verify, and that you take on; each touch is then tested.",
+    help="Axis to accept although the tool's weight cannot verify it; each touch is then tested.",
 )
 @click.option(
     "--controller",
@@ -56,31 +58,31 @@ _BESIDE = Path("-")
     metavar="FILE.toml",
     help="Program of the run: a file with [[step]] tables.",
 )
-@click.option("--duration", "duration_s", type=float, metavar="S", help="How long to track the surface, s.")
+@click.option("--duration", "duration_s", type=float, metavar="S", help="Time to track the surface, s.")
 @set_option
-@click.option("--virtual", is_flag=True, help="Virtual time: as fast as it computes, and exactly repeatable.")
+@click.option("--virtual", is_flag=True, help="Virtual time: as fast as possible, and exactly repeatable.")
 @click.option("--seed", type=int, metavar="N", help="Seed of every random draw in the emulated cell.")
 @click.option(
     "--record",
     type=FILE,
     metavar="FILE",
-    help="Record the run as MCAP there.  [default: run.mcap and summary.json in a new folder under runs/]",
+    help="Record the run as MCAP in FILE.  [default: run.mcap and summary.json in a new folder under runs/]",
 )
-@click.option("--no-record", is_flag=True, help="Keep no record.")
-@click.option("--summary", type=FILE, metavar="FILE", help="Write the figures as JSON there.")
+@click.option("--no-record", is_flag=True, help="Do not record the run.")
+@click.option("--summary", type=FILE, metavar="FILE", help="Write the figures of the run to FILE as JSON.")
 @click.option(
     "--report",
     type=FILE,
     metavar="[DIR]",
     is_flag=False,
-    flag_value=str(_BESIDE),
-    help="Write report.html.  [without DIR: beside the recording]",
+    flag_value=str(_RECORDING_FOLDER),
+    help="Write report.html to DIR.  [without DIR: to the folder of the recording]",
 )
 @click.option(
     "--resume",
     type=FILE,
     metavar="RECORDING",
-    help="Go on with the program of a recorded run that was cut: move over, zero, approach, and on.",
+    help="Resume the program of a recorded run that was interrupted: move there, zero, approach, continue.",
 )
 @overwrite_option
 @click.option(
@@ -89,14 +91,14 @@ _BESIDE = Path("-")
 @click.option("--no-view", is_flag=True, help="No live view.")
 @click.option("--web", is_flag=True, help="Show the run on a page in the browser, on this machine alone.")
 @click.option(
-    "--web-port", type=click.IntRange(0, 65535), metavar="N", help="Its port.  [default: one that is free]"
+    "--web-port", type=click.IntRange(0, 65535), metavar="N", help="Port of the page.  [default: a free one]"
 )
 @click.option(
     "--web-origin",
     "web_origins",
     multiple=True,
     metavar="URL",
-    help="Let pages of this origin read the run, as https://app.foxglove.dev. Can be given again.",
+    help="Let pages of this origin read the run, such as https://app.foxglove.dev. Repeatable.",
 )
 @debug_option
 def run(
@@ -129,14 +131,14 @@ def run(
 ) -> None:
     """Approach the surface, hold the force while moving along it, retract.
 
-    Without --robot and --sensor it starts the emulated cell itself, over a 9600 baud pseudo-terminal and an emulated
-    slcan adapter. With --virtual it uses in-memory wires. Ctrl-C retracts and ends with a whole record, and so do a
+    Without --robot and --sensor it starts the emulated cell, over a 9600 baud pseudo-terminal and an emulated
+    slcan adapter. With --virtual it uses in-memory wires. Ctrl-C retracts and ends with a complete record, and so do a
     closed terminal and the signals of `kill`.
 
-    A configuration with steps (`[[task.step]]`) runs these instead, and prints a line for each. When all are done and
+    A configuration with steps (`[[task.step]]`) runs these instead, and prints a line for each. If all are done and
     one did not meet its criterion, the exit code is 4.
 
-    A file that exists is overwritten only with --overwrite.
+    Existing files are overwritten only with --overwrite.
     """
     from hil_bridge.errors import StepError
     from hil_bridge.record import read
@@ -170,7 +172,9 @@ def run(
     if resume is None:
         config = load_config(config_file, overrides)
     elif config_file is not None or task_file is not None:
-        raise click.UsageError("--resume takes configuration and program of the recording: leave others out")
+        raise click.UsageError(
+            "--resume uses the configuration and program of the recording: leave others out"
+        )
     else:
         changes: dict[str, object] = {}
         lay_over(changes, overrides)
@@ -178,14 +182,14 @@ def run(
         click.echo(describe_resume(config))
     refuse_link_profile(link_profile, robot_in(config).kind.name)
     views = Views(not no_view, web_options(web, web_port, web_origins))
-    beside = report == _BESIDE
+    with_recording = report == _RECORDING_FOLDER
     outputs = Outputs(
         record,
         summary,
-        None if beside else report,
+        None if with_recording else report,
         overwrite=overwrite,
         own_folder=record is None and not no_record,
-        report_beside=beside,
+        report_beside=with_recording,
     )
     try:
         code = execute(config, virtual, outputs, views, config_file or resume)

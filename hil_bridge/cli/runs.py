@@ -1,4 +1,4 @@
-"""`hil-bridge list runs`: what lies in the folder of runs."""
+"""`hil-bridge list runs`: the runs in a folder."""
 
 from pathlib import Path
 
@@ -16,18 +16,18 @@ from hil_bridge.console.paths import FILE
     default=20,
     show_default=True,
     metavar="N",
-    help="The newest so many.",
+    help="Number of runs to list, the newest ones.",
 )
 @json_option
 def runs(folder: Path, last: int, as_json: bool) -> None:
-    """List the runs that lie in FOLDER, runs/ by default, by their summaries: outcome, controller, forces, cause.
+    """List the runs in FOLDER, runs/ by default, by their summaries: outcome, controller, forces, cause.
 
     Each line begins with the folder of a run, for `hil-bridge report`, `view` and `why`.
     """
     from hil_bridge.record.analysis.listing import list_runs, run_lines
 
-    found = list_runs(folder, last)
+    listed = list_runs(folder, last)
     if as_json:
-        echo_json([one.values for one in found])
+        tell_json([one.values for one in listed])
         return
-    echo_lines(run_lines(found))
+    tell(run_lines(listed))

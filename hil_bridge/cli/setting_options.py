@@ -1,4 +1,4 @@
-"""The option --set of commands that take a configuration: one setting by its dotted key."""
+"""The option --set, which overrides one setting of a configuration by its dotted key."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,14 +9,14 @@ from hil_bridge.cli.completion import complete, setting_keys
 
 
 def _read(context: click.Context, parameter: click.Parameter, given: tuple[str, ...]) -> dict[str, Any]:
-    """Values by key. A value is one of TOML; a word that is none stands for itself."""
+    """Return values by key. A value is parsed as TOML; text that is not TOML is a string."""
     import tomllib
 
     values: dict[str, Any] = {}
     for text in given:
         key, equals, value = (part.strip() for part in text.partition("="))
         if not (equals and key):
-            raise click.BadParameter(f"{text!r}: write KEY=VALUE, as limits.force_limit_n=30")
+            raise click.BadParameter(f"{text!r}: write KEY=VALUE, such as limits.force_limit_n=30")
         if key in values:
             raise click.BadParameter(f"{key} is given twice")
         try:
@@ -27,7 +27,7 @@ def _read(context: click.Context, parameter: click.Parameter, given: tuple[str, 
 
 
 def over(given: Mapping[str, Any], options: Mapping[str, object]) -> dict[str, object]:
-    """The settings of a command, by key: those of options that were given go before those of --set."""
+    """Return the settings of a command by key; options that were given take precedence over --set."""
     return {**given, **{key: value for key, value in options.items() if value is not None}}
 
 
@@ -40,4 +40,4 @@ set_option = click.option(
     shell_complete=complete(setting_keys),
     help="Set one setting by its key: limits.force_limit_n=30. Dedicated options take precedence. Repeatable.",
 )
-"""Gives the command `given`, values by dotted key."""
+"""Passes `given` to the command: values by dotted key."""

@@ -1,4 +1,4 @@
-"""`hil-bridge view`: a recording, a bag of ROS 2 or a campaign's results on a page in the browser."""
+"""`hil-bridge view`: a recording, a ROS 2 bag or a campaign's results on a page in the browser."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,12 +26,12 @@ RECORDING, RESULTS = ".mcap", ".sqlite"
 @bag_options
 def view(file: Path, port: int, bag: "BagChoices") -> None:
     """Serve a page for FILE on this machine alone, until Ctrl-C: a recording (.mcap) with a slider for its time, or the
-    results of a campaign (.sqlite), which may continue meanwhile.
+    results of a campaign (.sqlite), which may still be running.
 
-    FILE may be a bag of ROS 2 with a WrenchStamped and a PoseStamped: its folder, or an MCAP file. Its page is that of
-    `hil-bridge report`, without a slider: a bag tells no phases, targets and limits. That needs the extra ros.
+    FILE may be a ROS 2 bag with a WrenchStamped and a PoseStamped: its folder, or an MCAP file. Its page is that of
+    `hil-bridge report`, without a slider: a bag has no phases, targets or limits. That needs the extra ros.
 
-    A run that continues is shown by `hil-bridge run --web`. Needs the extra web.
+    To watch a live run, use `hil-bridge run --web`. Needs the extra web.
     """
     from hil_bridge.record.ros.bag_file import is_bag
     from hil_bridge.show.web.feed import check_extra
@@ -51,12 +51,12 @@ def view(file: Path, port: int, bag: "BagChoices") -> None:
     else:
         refuse_known_file(file)
         raise ConfigError(
-            f"{file} is neither a recording ({RECORDING}), nor results of a campaign ({RESULTS}), nor a bag of ROS 2"
+            f"{file} is neither a recording ({RECORDING}), nor results of a campaign ({RESULTS}), nor a ROS 2 bag"
         )
 
 
 def _report_of(file: Path, bag: "BagChoices") -> "Report":
-    """The report of a bag. Raises ConfigError."""
+    """Return the report of a bag. Raises ConfigError."""
     from hil_bridge.record.analysis.summary import summarise
     from hil_bridge.record.ros.bag_reader import read_bag
     from hil_bridge.show.report.bag_page import bag_body

@@ -9,19 +9,19 @@ if TYPE_CHECKING:
     from hil_bridge.show.web.feed import WebOptions
 
 
-def web_options(wanted: bool, port: int | None, origins: tuple[str, ...]) -> "WebOptions | None":
-    """The options of the page of a run; None where none is wanted. Raises click.UsageError."""
+def web_options(enabled: bool, port: int | None, origins: tuple[str, ...]) -> "WebOptions | None":
+    """Return the options of a run's page; None if it is not enabled. Raises click.UsageError."""
     from hil_bridge.show.web.feed import WebOptions
 
-    if not wanted:
+    if not enabled:
         if port is not None or origins:
-            raise click.UsageError("--web-port and --web-origin belong to --web", click.get_current_context())
+            raise click.UsageError("--web-port and --web-origin need --web", click.get_current_context())
         return None
     return WebOptions(port or 0, tuple(map(_origin, origins)))
 
 
 def _origin(text: str) -> str:
-    """An origin as a browser sends it: scheme, host and perhaps port."""
+    """Return an origin as a browser sends it: scheme, host and perhaps port."""
     parts = urlsplit(text)
     if not (parts.scheme and parts.netloc) or parts.path not in ("", "/") or parts.query or parts.fragment:
         raise click.BadParameter(f"must be an origin such as https://app.foxglove.dev, got {text!r}")

@@ -13,10 +13,10 @@ from hil_bridge.console.paths import FILE
 @click.argument("recording", type=FILE)
 @json_option
 def why(recording: Path, as_json: bool) -> None:
-    """Tell how a recorded run ended: last good cycle, first symptom, cause, what followed, and what to look at.
+    """Explain how a recorded run ended: last good cycle, first symptom, cause, what followed, and what to check.
 
-    Everything comes from the recording, also the traceback of code that failed. A run that failed before its
-    first control cycle has a cause, too. A promise of the guard that the run did not keep is told as well.
+    All of it comes from the recording, including the traceback of code that failed. A run that failed before its
+    first control cycle has a cause, too. Promises of the guard that the run did not keep are listed as well.
     """
     from msgspec.structs import asdict
 

@@ -106,11 +106,11 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
         (["emulate", "sensor", "--robot", "egm"], "No such option '--robot'"),
         (
             ["emulate", "robot", "--robot", "egm", "--link-profile", "default"],
-            "--link-profile is of an S3's computer link, and the robot is egm",
+            "--link-profile applies only to the computer link of an s3, and the robot is egm",
         ),
         (
             ["run", "--virtual", "--robot", "egm", "--link-profile", "default"],
-            "--link-profile is of an S3's computer link, and the robot is egm",
+            "--link-profile applies only to the computer link of an s3, and the robot is egm",
         ),
         (["emulate", "robot", "--panel", "tcp-listen://0.0.0.0:1"], "listens on this computer only"),
         (["emulate", "robot", "--panel", "tcp://127.0.0.1:1"], "unknown scheme 'tcp'; allowed: tcp-listen"),

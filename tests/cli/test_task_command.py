@@ -273,7 +273,7 @@ def test_the_record_holds_the_steps_of_a_file(hil: Command) -> None:
 
 def test_a_resumed_run_keeps_its_program(hil: Command) -> None:
     said = refused(hil("run", "--virtual", "--resume", "run.mcap", "--task", "steps.toml"))
-    assert said.startswith("--resume takes configuration and program of the recording: leave others out")
+    assert said.startswith("--resume uses the configuration and program of the recording: leave others out")
 
 
 WRONG = {

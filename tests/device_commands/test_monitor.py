@@ -423,7 +423,7 @@ def test_monitor_refuses_what_a_candump_log_cannot_have(tmp_path: Path) -> None:
     assert "can.log: line 2: its time is before that of the line before" in monitored(tmp_path, falling)
     assert "can.log: line 2: no line of candump" in monitored(tmp_path, "can0  201   [0]\nhello\n")
     assert "the sensor of " in monitored(tmp_path, LOG, sensor="netft")
-    assert "--device chooses from a recording" in monitored(tmp_path, LOG, "--device", "sensor")
+    assert "--device applies only to a recording" in monitored(tmp_path, LOG, "--device", "sensor")
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ def test_the_record_tells_how_soon_a_robot_was_answered(robot: str, tmp_path: Pa
     assert done.exit_code == 0, done.output
     for other in ("pi", "fuzzy"):
         asked = CliRunner().invoke(cli, ["replay", record, "--controller", other], catch_exceptions=False)
-        assert f"what {other} and these limits would have commanded" in asked.output
+        assert f"commands of {other} with these limits" in asked.output
     told = CliRunner().invoke(cli, ["latency", record], catch_exceptions=False).output
     assert "answers: " in told
     assert "0 of " in told

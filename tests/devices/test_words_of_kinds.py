@@ -62,9 +62,12 @@ def test_bytes_without_meaning_have_exit_code_2(arguments: tuple[str, ...]) -> N
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("nothing", "00"), "there is no kind 'nothing' to decode; choose one of computer-link"),
-        (("jr3-board", "00"), "jr3-board: there are no words"),
-        (("egm", "0"), "1 digits are not complete bytes"),
+        (("nothing", "00"), "unknown kind 'nothing'; choose one of computer-link"),
+        (
+            ("jr3-board", "00"),
+            "jr3-board: 'JR3 sensor at a DSP receiver board, by its register protocol' has no decoder",
+        ),
+        (("egm", "0"), "1 digits are no whole bytes"),
     ],
 )
 def test_what_cannot_be_decoded_is_one_line(arguments: tuple[str, ...], words: str) -> None:

@@ -67,7 +67,7 @@ def test_frames_and_bytes_without_words_are_shown_too(recordings: Recordings) ->
 def test_a_device_is_chosen_from_a_recording_alone() -> None:
     error = monitored("tcp://127.0.0.1:1", "--device", "sensor").exception
     assert isinstance(error, ConfigError)
-    assert "--device chooses from a recording" in str(error)
+    assert "--device applies only to a recording" in str(error)
 
 
 def test_a_message_that_comes_in_parts_is_read_as_one() -> None:

@@ -100,7 +100,7 @@ def test_files_of_other_kinds_and_a_missing_extra_are_told_in_a_line(
         return str(result.exception)
 
     assert told_by("notes.txt").endswith(
-        "neither a recording (.mcap), nor results of a campaign (.sqlite), nor a bag of ROS 2"
+        "neither a recording (.mcap), nor results of a campaign (.sqlite), nor a ROS 2 bag"
     )
     assert "no such file" in told_by("none.sqlite")
     bag = pressed(tmp_path / "press")
