@@ -30,7 +30,7 @@ class _Kinds(EntryPointGroup):
 
 def _kind_command(name: str, others: Sequence[str]) -> click.Command | None:
     """Return the command of a kind of device. Raises ConfigError for an unknown kind, and lists the known ones."""
-    from hil_bridge.devices.kinds import ROBOTS, SENSORS, words_of
+    from hil_bridge.devices.kinds import ROBOTS, SENSORS, describer_of
     from hil_bridge.errors import ConfigError
 
     kinds = [registry.kind(name) for registry in (ROBOTS, SENSORS) if name in registry.names]
@@ -38,7 +38,7 @@ def _kind_command(name: str, others: Sequence[str]) -> click.Command | None:
         known = dict.fromkeys((*others, *ROBOTS.names, *SENSORS.names))
         raise ConfigError(f"unknown kind {name!r}; choose one of {', '.join(known)}")
     kind = next((kind for kind in kinds if kind.describe is not None), kinds[0])
-    describe = words_of(kind)
+    describe = describer_of(kind)
     if describe is None:
         raise ConfigError(f"{name}: {kind.summary!r} has no decoder for its bytes")
     frames = getattr(kind, "bus", None) is not None
