@@ -36,7 +36,7 @@ from hil_bridge.lab.campaign.plan_file import read_plan
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.invariants import Promise
 from hil_bridge.lab.processes import in_order, own_processes
-from hil_bridge.runs.faults.lying import CONTROLLER, CONTROLLER_FAULTS
+from hil_bridge.runs.faults.wrong_controller import CONTROLLER, CONTROLLER_FAULTS
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.settings.faults import PHASES
 from tools.faults_doc import CELL, ROBOT_NAMES, SENSOR_NAMES, Job, faults_of_device, settings

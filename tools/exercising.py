@@ -29,7 +29,7 @@ from hil_bridge.lab.invariants.model import GuardModel
 from hil_bridge.lab.invariants.tracing import first_unaccepted
 from hil_bridge.record import CycleRecord, EventRecord, Recording
 from hil_bridge.runs.running import Running
-from hil_bridge.runs.watching import Listener
+from hil_bridge.runs.watchers import Listener
 
 GROUPS = ("causes", "faults", "promises", "criteria", "unaccepted")
 

@@ -145,7 +145,7 @@ def run(
     from hil_bridge.runs.outputs import Outputs
     from hil_bridge.runs.resuming import describe_resume, resume_config
     from hil_bridge.runs.session import execute
-    from hil_bridge.runs.shown import Views
+    from hil_bridge.runs.views import Views
     from hil_bridge.settings.configuration import lay_over, load_config
     from hil_bridge.settings.devices import robot_in
     from hil_bridge.settings.program import in_file

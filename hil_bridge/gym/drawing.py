@@ -9,7 +9,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.draw_file import draw_of, try_options
 from hil_bridge.lab.campaign.drawing import EVERY, Draw, draw_values, numbers_of
 from hil_bridge.lab.campaign.overlay import config_with
-from hil_bridge.runs.faults.lying import CONTROLLER
+from hil_bridge.runs.faults.wrong_controller import CONTROLLER
 from hil_bridge.settings.configuration import Config, dump, lay_over
 from hil_bridge.settings.given import Source, config_of
 

@@ -24,16 +24,16 @@ from hil_bridge.runs.bounds import check_depth, run_bounds
 from hil_bridge.runs.cycle_record import Course, cycle_record
 from hil_bridge.runs.ending import Act, Ending, Stimulus
 from hil_bridge.runs.journal import Journal
-from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
 from hil_bridge.runs.pace import cycle_starts
 from hil_bridge.runs.result import RunResult
+from hil_bridge.runs.retreat import ARRIVED_M, FallbackRetraction, FinalState, stand_still
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.sampling import Sampler
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.slow_cycles import SlowCycles
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.starting import check_start
-from hil_bridge.runs.steps_told import StepTeller
+from hil_bridge.runs.step_reports import StepReporter
 from hil_bridge.runs.zeroing import Zeroing
 from protocol.geometry import Pose, Quaternion, Vector
 from protocol.wrench import WrenchFrame
@@ -61,8 +61,8 @@ class Run:
         self._sampler = Sampler(config, clock, self._zeroing, sensor, self._journal)
         if self._loop.program.turns:
             self._sampler.expect_turns()
-        self._steps = StepTeller(self._loop.program, clock, log, self._journal.event)
-        self._way_out = WayOut(config, clock, robot, sensor, self._loop)
+        self._steps = StepReporter(self._loop.program, clock, log, self._journal.event)
+        self._fallback = FallbackRetraction(config, clock, robot, sensor, self._loop)
         self._start: RobotReport
         self._orientation: Quaternion
         """Orientation of the last order that was taken; that of the start where no program turns the tool."""
@@ -220,9 +220,9 @@ class Run:
         if self._state is None or motion.halted:
             return
         self._journal.enter(Phase.RETRACT)
-        await self._way_out.retract(motion, self._state, self._orientation, self._journal.blame)
+        await self._fallback.retract(motion, self._state, self._orientation, self._journal.blame)
 
-    async def _left(self, start: RobotReport, commanded: Vector, answers: bool) -> Left:
+    async def _left(self, start: RobotReport, commanded: Vector, answers: bool) -> FinalState:
         """Where the tool was left; a tool that is left pressing has not completed."""
         state, sensor = self._state, self._sensor
         origin = (start if state is None else self._start).pose.position
@@ -231,7 +231,7 @@ class Run:
             sensor.peaks.rezero(zero)
         if state is None:  # it has come no farther than the way to the zero
             sensor.peaks = self._zeroing.judge_at_rest()
-        depth, force = await self._way_out.rest(origin, commanded, answers)
+        depth, force = await self._fallback.rest(origin, commanded, answers)
         hidden = 0.0
         unverified: tuple[str, ...] = ()
         if state is not None:
@@ -243,7 +243,7 @@ class Run:
         if answers and self._loop.supervisor.witness is not None:
             own = await self._zeroing.own_force.beside(force, self._loop.supervisor.witness, self._robot)
         tolerance = self._config.limits.weight_tolerance_n
-        left = Left(
+        left = FinalState(
             depth=depth,
             force=force,
             tolerance=tolerance,

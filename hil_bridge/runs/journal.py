@@ -10,7 +10,7 @@ from hil_bridge.errors.failures import CodeFailed, traceback_of
 from hil_bridge.record import EventKind, EventRecord
 from hil_bridge.record.ending import Check
 from hil_bridge.runs.ending import Ending, Stimulus
-from hil_bridge.runs.watching import Log
+from hil_bridge.runs.watchers import Log
 
 
 class Journal:

@@ -1,7 +1,7 @@
 """Facts for the end of a run: its cycles, steps, faults and tracebacks, and the words for its views."""
 
 from hil_bridge.record import CycleRecord, EventKind, EventRecord, StepRecord
-from hil_bridge.runs.watching import Listener
+from hil_bridge.runs.watchers import Listener
 from protocol.faults import FaultStage
 
 

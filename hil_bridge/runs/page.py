@@ -8,13 +8,13 @@ from hil_bridge.console.screen import Terminal
 from hil_bridge.errors.causes import Cause
 from hil_bridge.record import CycleRecord, EventKind, RunEnd
 from hil_bridge.record.topics import RECORDS, Record
-from hil_bridge.runs.beside import going_on
+from hil_bridge.runs.background_tasks import background_task
 from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import Running
 from hil_bridge.runs.setup import Setup
-from hil_bridge.runs.shown import health_of, scene_of
 from hil_bridge.runs.stopping import Stopping
+from hil_bridge.runs.views import health_of, scene_of
 from hil_bridge.show.terminal import REFRESH_SECONDS
 from hil_bridge.show.web.feed import Feed
 
@@ -76,7 +76,7 @@ class Page:
                 feed.show_panel()
                 await asyncio.sleep(REFRESH_SECONDS)
 
-        async with going_on(pulses(), "page"):
+        async with background_task(pulses(), "page"):
             yield
 
     def end(self, end: RunEnd) -> None:

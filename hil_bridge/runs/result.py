@@ -6,7 +6,7 @@ from hil_bridge.errors import Cause, Reason
 from hil_bridge.errors.cause_row import COMPLETED
 from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.record import Outcome
-from hil_bridge.runs.leaving import Left
+from hil_bridge.runs.retreat import FinalState
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,7 @@ class RunResult:
     """Place at which the tool was left, in words; empty where it never moved."""
     followed: tuple[Reason, ...] = ()
     """Causes after the first one."""
-    rest: Left | None = None
+    rest: FinalState | None = None
     """The same place as values; None where it never moved."""
 
     @property

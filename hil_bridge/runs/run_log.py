@@ -23,7 +23,7 @@ from hil_bridge.record import (
     WireRecord,
 )
 from hil_bridge.record.topics import Record
-from hil_bridge.runs.watching import Watcher
+from hil_bridge.runs.watchers import Watcher
 from hil_bridge.settings.configuration import Config, dump
 from hil_bridge.transports import Direction
 from protocol.wrench import WrenchFrame

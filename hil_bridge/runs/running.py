@@ -30,7 +30,7 @@ from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.truth import GroundTruth
-from hil_bridge.runs.watching import Listener
+from hil_bridge.runs.watchers import Listener
 from protocol.unmodelled import NotModelled
 
 

@@ -14,7 +14,7 @@ from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import gc_frozen, real_time_thread
 from hil_bridge.devices.panel import panel_address
 from hil_bridge.errors import BridgeError, DeviceError
-from hil_bridge.runs.beside import going_on
+from hil_bridge.runs.background_tasks import background_task
 from hil_bridge.runs.compose import ServedCell, check_controls, emulated_cell, follow_unmodelled
 from hil_bridge.runs.lateness import Lateness
 from hil_bridge.runs.setup import Setup
@@ -99,9 +99,9 @@ async def _serve(setup: Setup, as_json: bool, executor: ThreadPoolExecutor | Non
             lateness = Lateness(_cycle_of(served.robot), _log)
             with gc_frozen():
                 async with (
-                    going_on(lateness.watch(clock), "lateness"),
-                    going_on(_show_panel(feed), "page"),
-                    going_on(report_hindrances(served, clock, _log), "hindrances"),
+                    background_task(lateness.watch(clock), "lateness"),
+                    background_task(_show_panel(feed), "page"),
+                    background_task(report_hindrances(served, clock, _log), "hindrances"),
                 ):
                     await stopped.wait()
             if lateness.describe():

@@ -31,11 +31,11 @@ from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog, metadata_of
 from hil_bridge.runs.running import Running, run_end, running
 from hil_bridge.runs.setup import Setup
-from hil_bridge.runs.shown import Views, open_feed
 from hil_bridge.runs.signals import Signals, unless_hung_up
 from hil_bridge.runs.stopping import Stopping
 from hil_bridge.runs.terminal_view import TerminalView
-from hil_bridge.runs.watching import Listener, Watcher
+from hil_bridge.runs.views import Views, open_feed
+from hil_bridge.runs.watchers import Listener, Watcher
 from hil_bridge.settings.configuration import Config
 from hil_bridge.show.web.feed import Feed
 

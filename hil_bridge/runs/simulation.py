@@ -37,7 +37,7 @@ from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog, metadata_of
 from hil_bridge.runs.running import Running, run_end, running
 from hil_bridge.runs.setup import Setup
-from hil_bridge.runs.watching import Listener
+from hil_bridge.runs.watchers import Listener
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.faults import refuse_faults
 

@@ -11,11 +11,11 @@ from hil_bridge.console.screen import Terminal
 from hil_bridge.errors.causes import Cause
 from hil_bridge.record import CycleRecord, EventKind, EventRecord
 from hil_bridge.record.ending import Check
-from hil_bridge.runs.beside import going_on
+from hil_bridge.runs.background_tasks import background_task
 from hil_bridge.runs.running import Running
-from hil_bridge.runs.shown import health_of, scene_of
 from hil_bridge.runs.stopping import Stopping
-from hil_bridge.runs.watching import Listener
+from hil_bridge.runs.views import health_of, scene_of
+from hil_bridge.runs.watchers import Listener
 from hil_bridge.show.terminal import REFRESH_SECONDS
 
 if TYPE_CHECKING:
@@ -84,8 +84,8 @@ class TerminalView(Listener):
         view = self._view = LiveView(scene, screen.stream)
         loop, board = asyncio.get_running_loop(), Keys(run, stopping)
         try:
-            async with going_on(self._refresh(view, run), "view"):
-                with keys.listen_for_keys(lambda key: loop.call_soon_threadsafe(board.press, key)):
+            async with background_task(self._refresh(view, run), "view"):
+                with keys.hearing(lambda key: loop.call_soon_threadsafe(board.press, key)):
                     yield
         finally:
             screen.do(view.close)

@@ -23,7 +23,7 @@ from hil_bridge.lab.campaign.shrinking import shrink_bad, smaller
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.working import missing, work
 from hil_bridge.lab.commands.campaign import campaign
-from hil_bridge.runs.faults.lying import CONTROLLER_FAULTS
+from hil_bridge.runs.faults.wrong_controller import CONTROLLER_FAULTS
 from hil_bridge.runs.replay import replay
 
 pytestmark = pytest.mark.sweep

@@ -27,7 +27,7 @@ from hil_bridge.runs.compose import emulated_cell
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Listen, Setup
-from hil_bridge.runs.watching import Listener
+from hil_bridge.runs.watchers import Listener
 from hil_bridge.settings.configuration import read_config
 from protocol.devices.jr3.board import REGISTERS, check_range, pack_words, to_signed
 from protocol.devices.jr3.registers import (

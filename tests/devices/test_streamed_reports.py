@@ -15,7 +15,7 @@ from hil_bridge.devices.robots.seam import MotionLimits, Pacing, RobotFacts, Sen
 from hil_bridge.devices.robots.setpoint_responder import SetpointResponder
 from hil_bridge.devices.robots.streamed import SILENT_S, StreamedLink
 from hil_bridge.errors import DeviceError, Reason, TransportClosed
-from hil_bridge.runs.leaving import WayOut
+from hil_bridge.runs.retreat import FallbackRetraction
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.small_steps import SmallSteps
 from hil_bridge.settings.configuration import Config
@@ -229,12 +229,12 @@ def test_a_tool_is_retracted_only_where_the_robot_tells_so() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         config = Config()
-        way_out = WayOut(config, cell.clock, cell.link, NO_SENSOR, Setup(config).loop)
-        rests.append(await way_out.rest(START.position, START.position, True))
-        rests.append(await way_out.rest(START.position, START.position, False))
+        fallback = FallbackRetraction(config, cell.clock, cell.link, NO_SENSOR, Setup(config).loop)
+        rests.append(await fallback.rest(START.position, START.position, True))
+        rests.append(await fallback.rest(START.position, START.position, False))
         cell.robot.silent = True
         await cell.wait(3 * CYCLE)
-        rests.append(await way_out.rest(START.position, START.position, True))
+        rests.append(await fallback.rest(START.position, START.position, True))
 
     run_cell(script)
     told, unasked, silent = (depth for depth, _ in rests)
@@ -269,8 +269,8 @@ def test_a_retraction_is_judged_again_after_each_step() -> None:
                 def __getattr__(self, name: str) -> Any:
                     return getattr(motion, name)
 
-            way_out = WayOut(config, cell.clock, cell.link, NO_SENSOR, Setup(config).loop)
-            await way_out.retract(Noted(), replace(state, supervisor=deep), DOWN, blamed.append)
+            fallback = FallbackRetraction(config, cell.clock, cell.link, NO_SENSOR, Setup(config).loop)
+            await fallback.retract(Noted(), replace(state, supervisor=deep), DOWN, blamed.append)
         assert len(ordered) > 2
 
     run_cell(script)

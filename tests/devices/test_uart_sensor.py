@@ -21,7 +21,7 @@ from hil_bridge.runs.compose import connect_sensor
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import Running, running
 from hil_bridge.runs.setup import Setup
-from hil_bridge.runs.watching import Listener
+from hil_bridge.runs.watchers import Listener
 from hil_bridge.settings.configuration import Config, load_config, read_config
 from hil_bridge.settings.devices import sensor_at
 from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES

@@ -30,8 +30,8 @@ from hil_bridge.errors import (
 from hil_bridge.errors.failures import CodeFailed, code_failed, explain_exception, link_cause
 from hil_bridge.record.analysis.summary import end_of
 from hil_bridge.runs.ending import Ending, result_after
-from hil_bridge.runs.leaving import not_away
 from hil_bridge.runs.result import RunResult
+from hil_bridge.runs.retreat import not_away
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import known_wrist
 from hil_bridge.settings.configuration import read_config

@@ -18,7 +18,7 @@ from hil_bridge.runs.ending import (
     result_after,
 )
 from hil_bridge.runs.result import RunResult
-from hil_bridge.runs.watching import Listener
+from hil_bridge.runs.watchers import Listener
 
 ASKING = Stimulus.ASKED, Stimulus.ASKED_AGAIN, Stimulus.HUNG_UP_AGAIN
 MOVING = RunState.MOVING, RunState.LEAVING, RunState.STOPPING

@@ -21,7 +21,7 @@ from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup
-from hil_bridge.runs.watching import Listener
+from hil_bridge.runs.watchers import Listener
 from hil_bridge.settings.configuration import Config, read_config
 from tests.near_surface import merged
 

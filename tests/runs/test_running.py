@@ -15,7 +15,7 @@ from hil_bridge.devices.device_log import CallbackLog
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.record import CycleRecord, EventKind, EventRecord, LinkRecord, Outcome, RunEnd, TruthRecord
 from hil_bridge.runs import compose
-from hil_bridge.runs.beside import going_on
+from hil_bridge.runs.background_tasks import background_task
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.faults.schedule import FaultSchedule
 from hil_bridge.runs.outputs import Outputs
@@ -26,7 +26,7 @@ from hil_bridge.runs.session import execute
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.shown import health_of
 from hil_bridge.runs.truth import GroundTruth
-from hil_bridge.runs.watching import Listener, Watcher
+from hil_bridge.runs.watchers import Listener, Watcher
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.settings.faults import Condition
 from hil_bridge.transports.wrappers import Direction
@@ -293,12 +293,12 @@ def test_work_beside_a_run_ends_with_it_and_does_not_end_it() -> None:
             raise
 
     async def move() -> None:
-        async with going_on(fail(), "view"):
+        async with background_task(fail(), "view"):
             await asyncio.sleep(1.0)
             order.append("the run ends")
 
     async def stop() -> None:
-        async with going_on(wait(), "view"):
+        async with background_task(wait(), "view"):
             await asyncio.sleep(1.0)
             raise ConfigError("the run's own")
 

@@ -12,7 +12,7 @@ from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Listen, Setup
-from hil_bridge.runs.watching import Listener
+from hil_bridge.runs.watchers import Listener
 from hil_bridge.settings.configuration import Config
 
 URLS = {

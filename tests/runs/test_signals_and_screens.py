@@ -14,8 +14,8 @@ from hil_bridge.console.screen import Screen, Terminal
 from hil_bridge.control import ControlLoop
 from hil_bridge.record import CycleRecord, EventKind, read
 from hil_bridge.runs import outputs, session
-from hil_bridge.runs.leaving import WayOut
 from hil_bridge.runs.notes import Notes
+from hil_bridge.runs.retreat import FallbackRetraction
 from hil_bridge.runs.signals import ENDING, Signals, as_ctrl_c
 from tests.command_line import Command
 
@@ -70,14 +70,14 @@ def test_a_hangup_that_is_ignored_stays_ignored(hil: Command, monkeypatch: pytes
 
 def resting(monkeypatch: pytest.MonkeyPatch, *numbers: signal.Signals) -> None:
     """Let these come when the movement has ended and the tool comes to rest."""
-    rest = WayOut.rest
+    rest = FallbackRetraction.rest
 
     async def signalled_rest(*arguments: object) -> object:
         for number in numbers:
             signal.raise_signal(number)
         return await rest(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(WayOut, "rest", signalled_rest)
+    monkeypatch.setattr(FallbackRetraction, "rest", signalled_rest)
 
 
 def test_a_signal_after_the_movement_changes_nothing_of_what_is_told(

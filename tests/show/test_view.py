@@ -17,8 +17,8 @@ from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.robots.s3.facts import robot_facts
 from hil_bridge.record import CycleRecord, EventKind, EventRecord
 from hil_bridge.runs.setup import Setup
-from hil_bridge.runs.shown import scene_of
 from hil_bridge.runs.terminal_view import TerminalView
+from hil_bridge.runs.views import scene_of
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.show.terminal import Health, Scene, Snapshot, ViewModel
 from hil_bridge.show.terminal.chart import SCALE_WIDTH, chart

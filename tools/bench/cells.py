@@ -9,7 +9,7 @@ from hil_bridge.record import CycleRecord, EventRecord, Outcome, SensorRecord
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Listen, Setup
-from hil_bridge.runs.watching import Listener
+from hil_bridge.runs.watchers import Listener
 from hil_bridge.settings.configuration import Config
 
 CAN, BOARD = "jr3+can+memory:sensor", "jr3-board+memory:sensor"

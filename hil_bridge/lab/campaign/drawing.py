@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import msgspec
 
 from hil_bridge.devices.kinds import EmulatedKinds
-from hil_bridge.runs.faults.lying import CONTROLLER, CONTROLLER_FAULTS
+from hil_bridge.runs.faults.wrong_controller import CONTROLLER, CONTROLLER_FAULTS
 from hil_bridge.settings.faults import FaultConfig
 
 EVERY = "*"

@@ -20,7 +20,7 @@ from hil_bridge.lab.invariants import (
     violation_words,
 )
 from hil_bridge.record.analysis.summary import summarise
-from hil_bridge.runs.beside import going_on
+from hil_bridge.runs.background_tasks import background_task
 
 REFUSED = "refused"
 """Outcome of a run with contradictory settings, or that a device refused before any motion."""
@@ -100,7 +100,7 @@ def run(config: Config) -> RunFigures:
                 observed.simulation = running
                 watch = observed.watch = Watch(running)
                 try:
-                    async with going_on(watch.watch(), "watch"):
+                    async with background_task(watch.watch(), "watch"):
                         await running.finished()
                 finally:
                     watch.sample()

@@ -7,7 +7,7 @@ from typing import Any
 
 from hil_bridge.control import make_controller
 from hil_bridge.control.laws.policy import PolicyFile
-from hil_bridge.runs.faults.lying import CONTROLLER, CONTROLLER_FAULTS, LyingController
+from hil_bridge.runs.faults.wrong_controller import CONTROLLER, CONTROLLER_FAULTS, LyingController
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, lay_over, read_config
 from hil_bridge.settings.given import config_of

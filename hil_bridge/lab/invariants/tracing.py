@@ -25,7 +25,7 @@ from hil_bridge.lab.invariants.model import (
     Way,
 )
 from hil_bridge.record import CycleRecord, EventKind, EventRecord, Outcome, Recording
-from hil_bridge.runs.leaving import ARRIVED_M
+from hil_bridge.runs.retreat import ARRIVED_M
 
 ROUNDING_M = 1e-6
 """Chosen: two orders for the same depth differ by less, m."""

@@ -7,8 +7,8 @@ from typing import Any
 
 
 @asynccontextmanager
-async def going_on(work: Coroutine[Any, Any, None], name: str) -> AsyncIterator[None]:
-    """Inside, `work` continues as a task of this name; it is cancelled at the end.
+async def background_task(work: Coroutine[Any, Any, None], name: str) -> AsyncIterator[None]:
+    """Inside, `work` goes on as a task of this name; it is cancelled at the end.
 
     A failure of the work is raised at the end: what looks at a run must not end its movement, as a task group would. An
     error from inside stays what it is, where a group would wrap it.

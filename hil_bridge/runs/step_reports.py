@@ -21,7 +21,7 @@ class StepLog(Protocol):
         """Report a step of a program that has ended."""
 
 
-class StepTeller:
+class StepReporter:
     """Tells each step of a program once, when it has ended; nothing for a run whose steps no person has written."""
 
     def __init__(

@@ -65,7 +65,7 @@ def not_away(depth: float, force: str) -> Reason:
 
 
 @dataclass(frozen=True, slots=True)
-class Left:
+class FinalState:
     """Where the tool was left, as far as it is known."""
 
     depth: float
@@ -152,7 +152,7 @@ class Left:
         return f"{self.place}{'' if self.retracted else because}"
 
 
-class WayOut:
+class FallbackRetraction:
     """Retracts a tool whose run can decide no more."""
 
     def __init__(
