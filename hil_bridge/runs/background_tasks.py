@@ -1,4 +1,4 @@
-"""Work that continues beside a run, and never decides over it."""
+"""Background tasks of a run, which never end its movement."""
 
 import asyncio
 from collections.abc import AsyncIterator, Coroutine
@@ -8,10 +8,10 @@ from typing import Any
 
 @asynccontextmanager
 async def background_task(work: Coroutine[Any, Any, None], name: str) -> AsyncIterator[None]:
-    """Inside, `work` goes on as a task of this name; it is cancelled at the end.
+    """Run `work` as a task of this name while the context is open; cancel it at the end.
 
-    A failure of the work is raised at the end: what looks at a run must not end its movement, as a task group would. An
-    error from inside stays what it is, where a group would wrap it.
+    A failure of the work is raised at the end: an observer of a run must not end its movement, as a task group would.
+    An error from inside stays what it is, where a group would wrap it.
     """
     task = asyncio.create_task(work, name=name)
     try:

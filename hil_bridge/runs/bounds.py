@@ -12,7 +12,7 @@ from protocol.geometry import Pose, Vector
 
 DECIDES_S = 0.1
 """Chosen: time that one decision may last longer than the next one; two orders come as much sooner one after the other.
-The guard tells of a computer that stands still for longer.
+The guard reports a computer that stalls for longer.
 """
 WORDS = 2.0
 """Steps of a robot's words between an order and its pose. Derived: two places that are each a step off."""

@@ -34,15 +34,15 @@ _MEMORY_CAN = "can+memory"
 
 @dataclass(frozen=True, slots=True)
 class ServedCell:
-    """An emulated cell, and its devices with the URLs at which they are reached; None for what is not served."""
+    """An emulated cell and its devices, with the URLs at which they are reached; None for a device not served."""
 
     cell: Cell[Any, Any]
     robot: Robot | None
     sensor: Sensor | None
     panel: str | None
-    """URL of the emulated controller's panel, for people."""
+    """URL of the emulated controller's panel, for operators."""
     operated: LocalPanel | None = None
-    """The same panel for this process; None for a kind without one, and where no robot is served."""
+    """The same panel for this process; None for a kind without one, and if no robot is served."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class Devices:
 
     @property
     def cell(self) -> Cell[Any, Any] | None:
-        """The emulated cell; None where both devices are real."""
+        """The emulated cell; None if both devices are real."""
         return None if self.served is None else self.served.cell
 
 
@@ -212,7 +212,7 @@ def _operate(cell: Cell[Any, Any], kind: str, controls: Controls, serving: Servi
             return panel.perform(request, serving.clock.now())
         except ValueError:
             raise
-        except Exception as error:  # plug-in code
+        except Exception as error:  # code of a plug-in
             raise ValueError(f"the panel of {kind} fails: {one_line(repr(error))}") from error
         finally:
             serving.wake()
@@ -258,7 +258,7 @@ async def emulated_cell(
 
 
 async def _serve(device: _Device, emulator: Any, serving: Serving) -> _Device:
-    """Serve the device where its client reaches it."""
+    """Serve the device at the URL that its client uses."""
     device = choose_port(device, serving.clock.is_virtual)
     wire_at = await _emulation(device.kind).serve(device.url, emulator, device.settings, serving)
     return replace(device, url=wire_at)
@@ -298,7 +298,7 @@ class _FaultEnd:
             self._timer = self._clock.call_at(at, lambda: self._ledger.handle_deadline(at))
 
     def cancel(self) -> None:
-        """Wait for nothing."""
+        """Return at once."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

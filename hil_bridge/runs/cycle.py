@@ -54,7 +54,7 @@ class Run:
         self._clock = clock = log.clock
         self._robot, self._sensor, self._log = robot, sensor, log
         self.ending = ending
-        """How the run ends, shared with what may end it from outside."""
+        """End of the run, shared with what may end it from outside."""
         self._loop = setup.loop_for(robot.facts)
         self._journal = Journal(clock, log, ending, robot.facts.cycle_s or math.inf)
         self._zeroing = Zeroing(config, clock, robot, sensor, self._journal.check)
@@ -65,14 +65,14 @@ class Run:
         self._fallback = FallbackRetraction(config, clock, robot, sensor, self._loop)
         self._start: RobotReport
         self._orientation: Quaternion
-        """Orientation of the last order that was taken; that of the start where no program turns the tool."""
+        """Orientation of the last accepted order; that of the start if no program turns the tool."""
         self._state: LoopState | None = None
         self._held = False
         self._pause = 0.0
 
     @property
     def legs(self) -> tuple[Leg, ...]:
-        """A program's steps, passes counted; empty without one."""
+        """Steps of a program, each pass counted; empty without one."""
         return self._steps.legs
 
     @property
@@ -87,7 +87,7 @@ class Run:
         return self.ending.ask(by)
 
     def fail(self, reason: Reason | None) -> None:
-        """Retract from the next cycle on, and end, because of a failure beside the cycles; nothing without a reason."""
+        """Retract from the next cycle on, and end, because of a failure outside the cycles; None: no failure."""
         if reason is not None:
             self.ending.fail_beside(reason)
 
@@ -97,7 +97,7 @@ class Run:
         return self._held
 
     def stand_still(self, seconds: float) -> None:
-        """Let the next decision last so much longer, s: a computer that stands still, in virtual time."""
+        """Make the next decision last `seconds` longer: a computer that stalls, in virtual time."""
         self._pause = seconds
 
     async def __call__(self) -> RunResult:
@@ -124,7 +124,7 @@ class Run:
         self.ending.begin_movement()
         moved, answers, commanded = False, True, start.pose.position
         cancelled: asyncio.CancelledError | None = None
-        self._journal.heart.take()  # a pause before this movement is no gap of it
+        self._journal.heart.take()  # a pause before this movement does not count as a gap
         try:
             async with self._robot.motion(self._limits(start)) as motion:
                 try:
@@ -216,7 +216,7 @@ class Run:
         return reason if self._state is None else self._loop.program.where(self._state.program, reason)
 
     async def _retract(self, motion: Motion) -> None:
-        """Back to the depth of the start by orders alone."""
+        """Retract to the depth of the start by orders alone."""
         if self._state is None or motion.halted:
             return
         self._journal.enter(Phase.RETRACT)
@@ -241,7 +241,9 @@ class Run:
             unverified = self._zeroing.axes.unverified(aside=aside)
         own = math.nan
         if answers and self._loop.supervisor.witness is not None:
-            own = await self._zeroing.own_force.beside(force, self._loop.supervisor.witness, self._robot)
+            own = await self._zeroing.own_force.disagreement(
+                force, self._loop.supervisor.witness, self._robot
+            )
         tolerance = self._config.limits.weight_tolerance_n
         left = FinalState(
             depth=depth,
@@ -307,7 +309,7 @@ class Run:
             check_depth(decision.position, self._start.pose, self._config, decision.target.depth)
             unpaced = not self._config.run.period_ms  # then an order is always followed by another at once
             sent = await motion.to(Pose(decision.position, orientation), soon=unpaced)
-            self._orientation = orientation  # an order that was refused turns no way out
+            self._orientation = orientation  # a refused order does not turn the retreat
         self._state = after
         course = Course(
             cycle=cycle,

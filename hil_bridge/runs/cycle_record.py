@@ -1,4 +1,4 @@
-"""The record of a cycle, from all that its course has made."""
+"""Record of a cycle."""
 
 import math
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from protocol.geometry import Vector
 
 
 class Course(NamedTuple):
-    """The values that only the course of a cycle knows, by the names of the record."""
+    """Values of a cycle that only its course provides, by the names of the record."""
 
     cycle: int
     started_at: float
@@ -31,7 +31,7 @@ class Course(NamedTuple):
 def cycle_record(
     report: RobotReport, sample: Sample, decision: Decision, course: Course, task: TaskParameters
 ) -> CycleRecord:
-    """Record of a cycle."""
+    """Return the record of a cycle."""
     output = decision.intent
     command = output.command or Command(decision.target.depth, 0.0)
     stamps = dict(report.stamps)

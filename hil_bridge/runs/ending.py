@@ -1,4 +1,4 @@
-"""How a run ends: one table of what each stimulus leads to in each state, and the first cause. Pure.
+"""End of a run: one table of the effect of each stimulus in each state, and the first cause. Pure.
 
 Every way to end a run goes through `Ending`: signals, keys, the page, a program, the guard, a device, a plug-in, an
 output that fails, an exception that nothing takes, and the cancellation of the task.
@@ -16,28 +16,28 @@ from hil_bridge.record import Outcome
 from hil_bridge.runs.result import RunResult
 
 FOLLOWED_MAX = 5
-"""Chosen: most causes that are kept behind the first one."""
+"""Chosen: most causes that are kept after the first one."""
 
 
 class RunState(StrEnum):
-    """Where a run is."""
+    """State of a run."""
 
     OPENING = "opening"
     """Devices connect, the sensor is checked: no order has been given."""
     CLOSING = "closing"
-    """It ends before any order: what was opened is closed."""
+    """It ends before any order: open devices are closed."""
     MOVING = "moving"
     """A movement sequence is under way."""
     LEAVING = "leaving"
-    """It retracts because an end was asked for."""
+    """It retracts because an end was requested."""
     STOPPING = "stopping"
     """It retracts because something is wrong."""
     ENDED = "ended"
-    """The movement has ended: the tool comes to rest, outputs are written."""
+    """The movement has ended: the tool comes to a standstill, outputs are written."""
 
 
 class Stimulus(StrEnum):
-    """What may end a run."""
+    """Stimulus that may end a run."""
 
     ASKED = "asked"
     """By a signal, a key, the page or a program."""
@@ -45,12 +45,12 @@ class Stimulus(StrEnum):
     HUNG_UP_AGAIN = "a further SIGHUP"
     """A shell that closes sends two."""
     FAILED = "a failure"
-    """Of guard, device, plug-in or output; an exception that nothing takes."""
+    """Of guard, device, plug-in or output, or an unhandled exception."""
     CANCELLED = "the task is cancelled"
 
 
 class Act(StrEnum):
-    """What a stimulus leads to."""
+    """Effect of a stimulus."""
 
     CLOSE = "ends at once"
     RETRACT = "retracts and ends"
@@ -60,12 +60,12 @@ class Act(StrEnum):
 
 
 class Transition(NamedTuple):
-    """What a stimulus leads to in one state."""
+    """Effect of a stimulus in one state."""
 
     act: Act
     state: RunState
     outcome: Outcome | None = None
-    """Outcome of the run from here on; None: as before."""
+    """Outcome of the run from here on; None: unchanged."""
 
 
 _S, _T, _A = RunState, Stimulus, Act
@@ -109,19 +109,19 @@ stays. Nothing shortens a retraction. `docs/explanation/safety.md` prints this t
 
 
 class Ending:
-    """The end of one run: its state, what was asked for, and the causes so far."""
+    """End of one run: its state, the request for it, and the causes so far."""
 
     def __init__(self) -> None:
         self.state = RunState.OPENING
         self.outcome = Outcome.COMPLETED
         self.reason: Reason | None = None
-        """The first failure, else what was asked for; None while the run continues."""
+        """The first failure, else the request; None while the run continues."""
         self.followed: list[Reason] = []
-        """Failures behind the first one."""
+        """Failures after the first one."""
         self.asked: Cause | None = None
-        """By what the end was asked for; None while it was not."""
+        """Source of the request to end; None without one."""
         self.failed: Reason | None = None
-        """Failure beside the cycles that no cycle has answered yet."""
+        """Failure outside the cycles that no cycle has handled yet."""
         self.result: RunResult | None = None
         """Result of a run that has ended, also where its task was cancelled while the tool moved."""
 
@@ -139,7 +139,7 @@ class Ending:
         self.state = RunState.ENDED
 
     def ask(self, cause: Cause, stimulus: Stimulus = Stimulus.ASKED) -> Act:
-        """Ask for the end, and return what that leads to; the first cause stays. It sets flags alone, so that a signal
+        """Request the end, and return the effect; the first cause stays. It only sets flags, so that a signal
         handler may call it.
         """
         act, self.state, _ = TRANSITIONS[self.state, stimulus]
@@ -148,7 +148,7 @@ class Ending:
         return act
 
     def fail_beside(self, reason: Reason) -> Act:
-        """Take a failure beside the cycles, and return what it leads to. The next cycle answers it; before the first
+        """Accept a failure outside the cycles, and return its effect. The next cycle handles it; before the first
         one it is up to the caller to close.
         """
         self.failed = self.failed or reason
@@ -159,7 +159,7 @@ class Ending:
         self.state = RunState.CLOSING
 
     def end_as_asked(self) -> Reason:
-        """Take what was asked for as the reason of the end; return it."""
+        """Make the request the reason of the end; return it."""
         assert self.asked is not None
         self.outcome, self.reason = Outcome.INTERRUPTED, Reason(self.asked)
         return self.reason
@@ -170,13 +170,13 @@ class Ending:
         return self.outcome is Outcome.STOPPED
 
     def fail(self, reason: Reason, stimulus: Stimulus = Stimulus.FAILED) -> None:
-        """Take the first failure: it takes the place of what was asked for."""
+        """Accept the first failure, which replaces a request as the reason."""
         transition = TRANSITIONS[self.state, stimulus]
         self.state, self.reason = transition.state, reason
         self.outcome = transition.outcome or self.outcome
 
     def follow(self, reason: Reason) -> bool:
-        """Keep a failure behind the first one; return whether its fact is new."""
+        """Keep a failure after the first one; return whether its fact is new."""
         known = any(each is not None and each.text == reason.text for each in (self.reason, *self.followed))
         if known or len(self.followed) >= FOLLOWED_MAX:
             return False

@@ -1,4 +1,4 @@
-"""What a run reports beside its cycles: phases, checks, causes with their tracebacks; each to the log, once."""
+"""Events of a run outside its cycles: phases, checks, causes with their tracebacks; each is logged once."""
 
 import math
 
@@ -14,14 +14,14 @@ from hil_bridge.runs.watchers import Log
 
 
 class Journal:
-    """The events of one run, and the causes of its end."""
+    """Events of one run, and the causes of its end."""
 
     def __init__(self, clock: Clock, log: Log, ending: Ending, cycle_s: float = math.inf) -> None:
         """`cycle_s` is the cycle of the robot, s."""
         self.heart = Heartbeat(clock)
         self.phase = ""
         self.stopped_at: float | None = None
-        """When the run failed, s on the run's clock; None while it has not."""
+        """Time at which the run failed, s on the run's clock; None if it has not."""
         self.error: Exception | None = None
         """Error that the log raised for an event; the next cycle raises it."""
         self._clock, self._log, self._ending, self._cycle_s = clock, log, ending, cycle_s
@@ -30,11 +30,11 @@ class Journal:
 
     @property
     def late_s(self) -> float:
-        """Time by which the computer was late lately, s."""
+        """Recent lateness of the computer, s."""
         return self.heart.recent(self._cycle_s)
 
     def enter(self, phase: str) -> None:
-        """Report the phase, if it is another one."""
+        """Report the phase if it has changed."""
         if phase != self.phase:
             self.phase = phase
             self.event(EventKind.PHASE, phase)

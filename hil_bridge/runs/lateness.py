@@ -1,4 +1,4 @@
-"""Tells when a process that emulates devices was late: its clients see late or missing packets then."""
+"""Lateness of a process that emulates devices, whose clients then observe late or missing packets."""
 
 from collections.abc import Callable
 
@@ -7,17 +7,17 @@ from hil_bridge.clock.heartbeat import RECENT_S
 
 
 class Lateness:
-    """Counts the seconds in which the process was late; tells the first one and each that is worse than all before."""
+    """Counts the seconds in which the process was late; reports the first one and each new maximum."""
 
     def __init__(self, cycle_s: float, tell: Callable[[str], None]) -> None:
-        """`cycle_s` is the cycle of the emulated robot, s, infinite where it has none."""
+        """`cycle_s` is the cycle of the emulated robot, s; infinite if it has none."""
         self._cycle = cycle_s
         self._tell = tell
         self._seconds = self._late = 0
         self._longest = 0.0
 
     async def watch(self, clock: Clock) -> None:
-        """Look once a second, until it is cancelled."""
+        """Check once a second until cancelled."""
         heart = Heartbeat(clock)
         heart.start()
         try:
@@ -36,7 +36,7 @@ class Lateness:
             self._tell(f"this process was late by up to {late_s * 1e3:.0f} ms, and its devices with it")
 
     def describe(self) -> str:
-        """All of it in one line; empty for a process that was in time."""
+        """Summary in one line; empty for a process that was on time."""
         if not self._late:
             return ""
         often = f"late in {self._late} of {self._seconds} s, by up to {self._longest * 1e3:.0f} ms"

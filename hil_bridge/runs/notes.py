@@ -1,4 +1,4 @@
-"""Facts for the end of a run: its cycles, steps, faults and tracebacks, and the words for its views."""
+"""Facts for the end of a run: its cycles, steps, faults and tracebacks, and texts for its views."""
 
 from hil_bridge.record import CycleRecord, EventKind, EventRecord, StepRecord
 from hil_bridge.runs.watchers import Listener
@@ -6,7 +6,7 @@ from protocol.faults import FaultStage
 
 
 class Notes(Listener):
-    """A watcher that keeps little of a run."""
+    """A watcher that keeps a few facts of a run."""
 
     def __init__(self) -> None:
         super().__init__({CycleRecord: self._cycle, EventRecord: self._event, StepRecord: self._step})
@@ -15,13 +15,13 @@ class Notes(Listener):
         self.steps: list[StepRecord] = []
         """Steps of a program that have ended."""
         self.faults: list[str] = []
-        """Outcome of each injected fault, in words."""
+        """Description of the outcome of each injected fault."""
         self.bugs: list[str] = []
-        """Tracebacks that the run told."""
+        """Tracebacks that the run reported."""
         self.traces: list[str] = []
-        """Tracebacks of failures of other packages' code."""
+        """Tracebacks of failures of plug-ins."""
         self.checked = self.warning = ""
-        """Words on the sensor, and on trouble, for a page."""
+        """Remarks on the sensor, and on trouble, for a page."""
 
     def _cycle(self, record: CycleRecord) -> None:
         self.cycles += 1

@@ -49,7 +49,7 @@ class Outputs:
     own_folder: bool = False
     """A run without a named record goes into a new folder under `RUNS`, and its summary too unless it is named."""
     report_beside: bool = False
-    """The report goes beside the record."""
+    """The report goes into the folder of the record."""
     temporary: bool = False
     """The record goes when the run has ended."""
 
@@ -63,7 +63,7 @@ def settle_outputs(outputs: Outputs, config_file: Path | None) -> Outputs:
     beside = None if outputs.record is None else outputs.record.parent
     if outputs.report_beside and beside is None and not outputs.own_folder:
         raise ConfigError(
-            "--report without a folder goes beside the recording, and none is made; name a folder for it"
+            "--report without a folder uses that of the recording, but nothing is recorded; give --report a folder"
         )
     if outputs.report_beside and beside is not None:
         outputs = replace(outputs, report=beside)

@@ -1,4 +1,4 @@
-"""A recording as programs and notebooks use it: with arrays, figures, plots and its report."""
+"""Recording for programs and notebooks, with arrays, figures, plots and its report."""
 
 from dataclasses import fields
 from functools import cached_property
@@ -22,7 +22,7 @@ _TIME = "time"
 
 
 class Arrays(Columns):
-    """The control cycles of a run as arrays, by the names of `CycleRecord`; beside them those of its other records.
+    """The control cycles of a run as arrays, by the names of `CycleRecord`, and those of its other records.
 
     The array `time` (n,) has the times at which the force was sampled, s since the begin of the run, as in charts.
     """

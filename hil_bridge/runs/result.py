@@ -1,4 +1,4 @@
-"""How a run ended, as values."""
+"""Result of a run."""
 
 from dataclasses import dataclass
 
@@ -15,26 +15,26 @@ class RunResult:
 
     outcome: Outcome
     reason: Reason | None = None
-    """Why it ended; None for a program that went to its end. Without words where it went as it was meant to."""
+    """Why it ended; None for a program that ran to its end. Without a text if it ended as intended."""
     left: str = ""
-    """Place at which the tool was left, in words; empty where it never moved."""
+    """Description of where the tool was left; empty if it never moved."""
     followed: tuple[Reason, ...] = ()
     """Causes after the first one."""
     rest: FinalState | None = None
-    """The same place as values; None where it never moved."""
+    """The same place as values; None if it never moved."""
 
     @property
     def cause(self) -> Cause | None:
-        """Row of the table of causes; None for a run that went to its end."""
+        """Row of the table of causes; None for a run that completed."""
         return None if self.reason is None else self.reason.cause
 
     @property
     def text(self) -> str:
-        """The cause in words, in one line; empty without one."""
+        """The cause as one line of text; empty without one."""
         return "" if self.reason is None else str(self.reason)
 
     @property
     def exit_code(self) -> int:
-        """Exit code of a program that ends so, by the table of causes."""
+        """Exit code for this result, by the table of causes."""
         code = None if self.cause is None else ROWS[self.cause].exit_code
         return COMPLETED if code is None else code

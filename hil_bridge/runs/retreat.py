@@ -1,6 +1,6 @@
-"""The ways out of a movement: back to where the run started, by orders alone, and where the tool was left.
+"""Retreat without decisions: back to the depth of the start by orders alone, and the final state of the tool.
 
-A run that can still decide retracts by its own cycles. What is here serves when it cannot: an order was refused, the
+A run that can still decide retracts by its own cycles. This module serves when it cannot: an order was refused, the
 link was cut, or a bug ended it.
 """
 
@@ -19,31 +19,31 @@ from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Quaternion, Vector
 
 TRY_AGAIN_S = 0.3
-"""Chosen: pause before an order that was refused is given again."""
+"""Chosen: pause before a refused order is repeated."""
 UNKNOWN = (math.nan, math.nan, math.nan)
-"""A position that no robot tells."""
+"""Position of a robot that does not report one."""
 ARRIVED_M = 0.3e-3
-"""Chosen: distance from the last order at which the robot counts as come to rest, m."""
+"""Chosen: distance from the last order at which the robot counts as arrived, m."""
 ARRIVAL_S = 3.0
-"""Chosen: how long is waited for that."""
+"""Chosen: longest wait for that."""
 UNSEEN_S = 1.0
-"""Chosen: how long is waited for a robot to come to rest that does not tell where it is."""
+"""Chosen: wait for the standstill of a robot that does not report its position."""
 TIME_CONSTANTS = 7.0
-"""Time constants of the sensor's filter, waited for at the end. Derived: after as many less than 0.1 % is left."""
+"""Time constants of the sensor's filter to wait at the end. Derived: less than 0.1 % then remains."""
 REST_S = 0.05
-"""Chosen: waited for beside the filter, for a servo to come to rest."""
+"""Chosen: additional wait for the standstill of a servo."""
 HASTE = 2.0
-"""Chosen: how many times faster than `task.retract_speed_mm_s` the tool leaves when a run can decide no more. An order
+"""Chosen: factor on `task.retract_speed_mm_s` for a run that can decide no more. An order
 alone takes about half of a cycle, and each goes as far as in a cycle.
 """
 SOONEST_S = 0.02
-"""Chosen: time from one such order to the next at least, for a robot that takes them at once."""
+"""Chosen: least time between two such orders, for a robot that accepts them at once."""
 FRAME_S = 1.0
-"""Chosen: how long is waited for a frame of that moment."""
+"""Chosen: longest wait for a frame of that moment."""
 
 
 async def stand_still(motion: Motion) -> Sent:
-    """Let the robot forget what it was ordered to. Where it does not take that, the last order stays the last."""
+    """Cancel the robot's orders. If it does not accept that, the last order remains in force."""
     with suppress(BridgeError):
         return await motion.halt()
     return Sent(math.nan)
@@ -57,7 +57,7 @@ def in_words(force: float, saturated: bool) -> str:
 
 
 def not_away(depth: float, force: str) -> Reason:
-    """Why a tool has not come back, from its depth below the start, m, and its force in words."""
+    """Return the reason for a tool that is not back, from its depth below the start, m, and its force as text."""
     if math.isfinite(depth):
         text = f"the robot reports the tool {depth * 1e3:.1f} mm from the start, with {force}"
         return Reason(Cause.NOT_AWAY, text)
@@ -66,22 +66,22 @@ def not_away(depth: float, force: str) -> Reason:
 
 @dataclass(frozen=True, slots=True)
 class FinalState:
-    """Where the tool was left, as far as it is known."""
+    """Final depth of the tool and force on it, as far as known."""
 
     depth: float
-    """Reported position along the approach direction from the start point, m; NaN where it is not known."""
+    """Reported position along the approach direction from the start point, m; NaN if unknown."""
     force: float
-    """Length of the contact force, N; NaN where it is not known."""
+    """Length of the contact force, N; NaN if unknown."""
     tolerance: float
     """Force up to which the tool counts as free, N."""
     saturated: bool = False
-    """The sensor was at the end of its range, so that the force may be any above."""
+    """The sensor was at the end of its range, so the force may be larger."""
     own_force: float = math.nan
-    """Length of the force that the robot itself feels, N, where that is no ordinary difference; else NaN."""
+    """Length of the force measured by the robot itself, N, if it differs by more than usual; else NaN."""
     hidden: float = 0.0
     """Force across the approach that the moments show and the force axes do not, N."""
     unverified: tuple[str, ...] = ()
-    """Force axes on which something may press that nothing has verified in this run."""
+    """Force axes that were not verified in this run, on which something may press."""
     because: str = ""
     """Why it was not retracted."""
 
@@ -97,12 +97,12 @@ class FinalState:
 
     @property
     def retracted(self) -> bool:
-        """Whether the tool is off the surface, by all that is known."""
+        """Whether the tool is off the surface, as far as known."""
         return self.is_away and not self.is_pressing and math.isnan(self.own_force)
 
     @property
     def failure(self) -> Reason | None:
-        """Why a run that left the tool here has failed; None where it has not."""
+        """Why a run with this final state has failed; None if it has not."""
         force = in_words(self.force, self.saturated)
         if not self.is_away:
             return not_away(self.depth, force)
@@ -120,7 +120,7 @@ class FinalState:
 
     @property
     def values(self) -> dict[str, bool | float | list[str] | None]:
-        """The same as plain values, for the record; None for what is not known."""
+        """The same as plain values, for the record; None for an unknown value."""
         depth = self.depth if math.isfinite(self.depth) else None
         known = math.isfinite(self.force) and not self.saturated and not self.hidden
         return {
@@ -132,7 +132,7 @@ class FinalState:
 
     @property
     def place(self) -> str:
-        """Where it was left, in words."""
+        """Description of the final state."""
         force = in_words(self.force, self.saturated) if math.isfinite(self.force) else "force unknown"
         if math.isfinite(self.own_force):
             force += f" (the robot itself feels {self.own_force:.0f} N)"
@@ -147,13 +147,13 @@ class FinalState:
 
     @property
     def text(self) -> str:
-        """The result in words, for the last line of a run."""
+        """Last line of a run: the final state, and the remedy if the tool is not retracted."""
         because = f", because {self.because}; hil-bridge free lifts it off"
         return f"{self.place}{'' if self.retracted else because}"
 
 
 class FallbackRetraction:
-    """Retracts a tool whose run can decide no more."""
+    """Retracts the tool of a run that can decide no more."""
 
     def __init__(
         self, config: Config, clock: Clock, robot: RobotLink, sensor: ForceSensor, loop: ControlLoop
@@ -169,7 +169,7 @@ class FallbackRetraction:
         orientation: Quaternion,
         blame: Callable[[Reason], None],
     ) -> None:
-        """Order the tool back to the depth of the start, where it has been, as long as the robot takes orders.
+        """Order the tool back to the depth of the start, where it has been, as long as the robot accepts orders.
 
         Orders that are refused or not answered are given again for `limits.retract_patience_s`. `blame` is given what
         prevents it. At least one order is given where the robot may yet take one that the state does not know: it may
@@ -274,7 +274,7 @@ class FallbackRetraction:
         return depth, force
 
     async def _settle(self) -> float:
-        """Wait until the filter has settled at a tool that stands; when it has, s."""
+        """Wait until the filter has settled at a stationary tool; return the time, s."""
         settled = self._clock.now() + REST_S + TIME_CONSTANTS * self._sensor.delay
         await self._clock.sleep_until(settled)
         return settled
@@ -284,7 +284,7 @@ class FallbackRetraction:
         return sum((p - s) * n for p, s, n in offsets)
 
     def _force(self, since: float) -> float:
-        """Length of the contact force in a frame that is fresh enough, N; NaN if there is none."""
+        """Return the length of the contact force in a sufficiently fresh frame, N; NaN without one."""
         newest, peaks = self._sensor.newest, self._sensor.peaks
         try:
             self._sensor.check()

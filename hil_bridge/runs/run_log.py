@@ -127,7 +127,7 @@ class RunLog:
         self.put(record.answered_at, record)
 
     def event(self, record: EventRecord) -> None:
-        """Something happened beside the cycles."""
+        """Log an event outside the cycles."""
         self.put(record.at, record)
 
     def step(self, record: StepRecord) -> None:

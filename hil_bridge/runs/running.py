@@ -1,11 +1,11 @@
-"""The one harness of a run: devices, loop, faults and truth joined, with any number of watchers beside.
+"""Harness of every run: devices, loop, faults and truth, with any number of watchers.
 
     log = RunLog(clock, watchers)
     async with running(setup, log) as run:
         result = await run()
     log.close(run_end(result, run))
 
-Command line, Python interface, experiments, benchmarks and tests are watchers of it.
+The command line, the Python interface, experiments, benchmarks and tests are its watchers.
 """
 
 import time
@@ -35,7 +35,7 @@ from protocol.unmodelled import NotModelled
 
 
 class Running:
-    """A run over its open devices; call it once. What acts on a run holds this, what watches it does not."""
+    """A run over its open devices; call it once. Code that acts on a run holds this, watchers do not."""
 
     def __init__(self, setup: Setup, log: RunLog, devices: compose.Devices, ending: Ending) -> None:
         self.setup, self.log, self.devices = setup, log, devices
@@ -66,7 +66,7 @@ class Running:
 
 
 class _Truth:
-    """The truth of the emulated cell for the log, in which plug-in code may have a part."""
+    """The truth of the emulated cell for the log; code of plug-ins may be involved."""
 
     def __init__(self, running: Running, cell: Cell[Any, Any]) -> None:
         streamed = running.setup.facts.pacing is Pacing.STREAMED
@@ -86,7 +86,7 @@ class _Truth:
             self._log.attach(REMOVED_NAME, MEDIA_TYPE, removed.as_json())
 
     def _ask(self, ask: Callable[[GroundTruth], object]) -> None:
-        """Ask for the truth; no more once that has failed."""
+        """Query the truth; never again after a failure."""
         if self._truth is None:
             return
         try:

@@ -40,7 +40,7 @@ from hil_bridge.settings.configuration import Config
 from hil_bridge.show.web.feed import Feed
 
 TELL_SECONDS = 5.0
-"""Longest wait for a blocked output when a signal that comes from no keyboard ended the run. Chosen."""
+"""Longest wait for a blocked output when a signal other than from the keyboard ended the run. Chosen."""
 KEPT_RECORDS = 500_000
 """Records of a run in virtual time that stay in memory for its figures. Chosen: an hour with a stream of 100 Hz, some
 300 MB; of a longer run they are read from its file.
@@ -169,11 +169,11 @@ class Session:
 
     @property
     def hurried(self) -> bool:
-        """A further signal came when the movement had ended already: the process shall end at once."""
+        """Another signal came after the movement had ended: the process must end at once."""
         return self._stopping is not None and self._stopping.hurried
 
     def take_stray(self, error: BaseException) -> bool:
-        """As of `Stopping`."""
+        """See `Stopping`."""
         return self._stopping is not None and self._stopping.take_stray(error)
 
     def recording(self) -> Recording:
@@ -183,7 +183,7 @@ class Session:
         return read(self._path)
 
     async def main(self) -> RunResult:
-        """Open everything, run, close everything; the record is whole whatever happened."""
+        """Open everything, run, close everything; the record is complete in any case."""
         clock, setup = Clock.running(), self._setup
         map_buffers()
         metadata = metadata_of(setup.config, clock.is_virtual)
@@ -241,14 +241,14 @@ class Session:
             clock.close()
 
     def _close(self, log: RunLog) -> None:
-        """Finish the record. Harmless when called again."""
+        """Finish the record. Idempotent."""
         try:
             log.close(self.end)
         except BridgeError as error:
             self.record_error = error
 
     def _look_at(self, recorder: Recorder, log: RunLog, view: TerminalView) -> None:
-        """Tell trouble of the recorder at once. The run continues, since nothing in it depends on its record."""
+        """Report trouble of the recorder at once. The run continues, since nothing in it depends on its record."""
         if not recorder.trouble or self.notes.warning:
             return
         text = f"the recording {self._path} {recorder.trouble}"

@@ -1,4 +1,4 @@
-"""A configuration resolved, in one place and once: devices, facts, pace, loop."""
+"""Resolution of a configuration, in one place and once: devices, facts, pace, loop."""
 
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -24,7 +24,7 @@ from hil_bridge.settings.devices import (
 from hil_bridge.settings.kinds import surface_settings
 
 _OF_THE_LINK = ("hops", "routine", "errors", "traffic")
-"""Facts that an open link adds for people. They decide nothing."""
+"""Facts that an open link adds for display. No decision depends on them."""
 
 
 class Listen(NamedTuple):
@@ -35,20 +35,20 @@ class Listen(NamedTuple):
     robot: str | None = ""
     sensor: str | None = ""
     panel: str = ""
-    """URL of the emulated controller's panel, for people; empty without one."""
+    """URL of the emulated controller's panel, for operators; empty without one."""
 
 
 class Setup:
     """Everything that follows from a configuration before a wire is opened.
 
-    Each part is resolved when it is first asked for, and raises ConfigError then: a check can name each fault alone.
+    Each part is resolved when it is first used, and raises ConfigError then: a check can name each fault by itself.
     """
 
     def __init__(self, config: Config, listen: Listen | None = None) -> None:
-        """`listen` tells where the emulated devices listen; None: each that has no URL listens at the usual one."""
+        """`listen` gives the URLs of the emulated devices; None: each without a URL listens at its default."""
         self._given = config
         self.cell: Cell[Any, Any] | None = None
-        """The emulated cell, once the checks have powered it up; None before, and where both devices are real."""
+        """The emulated cell, once the checks have powered it up; None before, and if both devices are real."""
         self.listen = listen or Listen(
             None if config.robot.url else "", None if config.sensor.url else "", config.run.panel_url
         )
@@ -65,17 +65,17 @@ class Setup:
 
     @cached_property
     def cell_robot(self) -> Robot:
-        """The robot of the emulated cell, with the URL at which it listens; "" for the usual one of its kind."""
+        """The robot of the emulated cell, with the URL at which it listens; "" for the default of its kind."""
         return robot_at(self._given, self.listen.robot or "")
 
     @cached_property
     def cell_sensor(self) -> Sensor:
-        """The sensor of the emulated cell, with the URL as of `cell_robot`."""
+        """The sensor of the emulated cell, with its URL as for `cell_robot`."""
         return sensor_at(self._given, self.listen.sensor or "")
 
     @cached_property
     def cell_surface(self) -> tuple[SurfaceKind, Any] | None:
-        """The surface of the emulated cell with its settings, where it is a plug-in's."""
+        """The surface of the emulated cell with its settings, if a plug-in provides it."""
         name = self._given.cell.surface_kind
         if not name:
             return None
@@ -84,7 +84,7 @@ class Setup:
 
     @property
     def emulated(self) -> EmulatedKinds:
-        """The kinds of which the emulated cell is made."""
+        """The kinds of devices in the emulated cell."""
         surface = self.cell_surface
         return EmulatedKinds(self.cell_robot.kind, self.cell_sensor.kind, surface and surface[0])
 
@@ -100,22 +100,22 @@ class Setup:
 
     @cached_property
     def config(self) -> Config:
-        """The configuration as it is run: period, sample time and tuning written out."""
+        """The configuration as run: period, sample time and tuning written out."""
         frame_s = self.sensor.kind.period(self.sensor.settings) or 0.0
         return set_pace(self._given, self.facts, frame_s)
 
     @property
     def remark(self) -> str:
-        """One line for an operator on the pace of the controller; empty where there is nothing to say."""
+        """One-line remark on the pace of the controller; empty for none."""
         return describe_pace(self._given, self.config, self.facts.cycle_s)
 
     @cached_property
     def loop(self) -> ControlLoop:
-        """All that decides."""
+        """The control loop."""
         return control_loop(self.config, self.facts)
 
     def loop_for(self, facts: RobotFacts) -> ControlLoop:
-        """All that decides over a robot that is connected and tells these facts."""
+        """Return the control loop for a connected robot with these facts."""
         facts = self.identified(facts)
         added = {name: getattr(facts, name) for name in _OF_THE_LINK}
         known = msgspec.structs.replace(self.facts, **added)
@@ -123,5 +123,5 @@ class Setup:
 
     @property
     def cell_name(self) -> CellName:
-        """Which cell it is, for people."""
+        """Name of the cell, for display."""
         return name_cell(self.robot, self.sensor)

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 ASKING = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP")
-"""Ctrl-C, `kill`, a terminal that closes, Ctrl-\\, and Ctrl-Z: a process that stands still controls no force."""
+"""Ctrl-C, `kill`, a terminal that closes, Ctrl-\\, and Ctrl-Z: a suspended process controls no force."""
 OTHERS = (
     *("SIGUSR1", "SIGUSR2", "SIGALRM", "SIGVTALRM", "SIGPROF", "SIGXCPU", "SIGIO", "SIGPWR", "SIGSTKFLT"),
     *("SIGABRT", "SIGTRAP", "SIGSYS"),

@@ -88,7 +88,7 @@ class Result:
 
     @property
     def events(self) -> tuple[EventRecord, ...]:
-        """Events beside the cycles: phases, checks, faults, the stop."""
+        """Events outside the cycles: phases, checks, faults, the stop."""
         return self.recording.events
 
     @property

@@ -1,4 +1,4 @@
-"""Cycles that last too long, one after the other: a line that is slow, and not one answer that came again. Pure.
+"""Detection of consecutive slow cycles: a slow line, as opposed to one repeated answer. Pure.
 
 The force is bounded by what the tool does until the guard looks again. A slow line makes that long without any fault.
 """
@@ -9,11 +9,11 @@ from hil_bridge.settings.configuration import Config
 IN_A_ROW = 3
 """Chosen: so many slow cycles are no accident; a line that repeats a message is slow for one or two."""
 PERIODS = 2.0
-"""Periods that a cycle may last if the user has set one. Chosen: as far off as a controller's sample time may be."""
+"""Periods that a cycle may last if one is configured. Chosen: the tolerance of a controller's sample time."""
 
 
 class SlowCycles:
-    """The cycles of one run."""
+    """Cycle times of one run."""
 
     def __init__(self, config: Config) -> None:
         self._allowed_s = max(config.limits.cycle_max_ms, PERIODS * config.run.period_ms) * 1e-3

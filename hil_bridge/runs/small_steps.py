@@ -17,7 +17,7 @@ from protocol.geometry import Pose, Quaternion, Vector
 STREAM_PATIENCE_S = 5.0
 """Chosen: how long a sensor that is ready may send no whole frame."""
 STEADY_PATIENCE_S = 10.0
-"""Chosen: how long the reading may take to come to rest, beside the time of the sensor's filter."""
+"""Chosen: time for the reading to settle, in addition to that of the sensor's filter."""
 WINDOW_S = 0.3
 """Chosen: frames of so long make a reading."""
 FRAMES_MIN = 4

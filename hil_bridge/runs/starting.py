@@ -1,4 +1,4 @@
-"""Whether a program can be carried out from where the robot stands; before anything moves."""
+"""Check before the movement that a program can be carried out from the robot's position."""
 
 import math
 
@@ -11,7 +11,7 @@ from protocol.geometry import angle_between
 
 
 def check_start(config: Config, loop: ControlLoop, start: RobotReport) -> None:
-    """Raise ConfigError for a path that leaves the workspace, and for a resumed run whose tool stands otherwise."""
+    """Raise ConfigError for a path that leaves the workspace, and for a resumed run with another orientation."""
     check_workspace(loop.program.row, loop.program.frame, start.pose.position, config.limits)
     point = config.task.resume
     if point is None:

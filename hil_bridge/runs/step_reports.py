@@ -1,4 +1,4 @@
-"""The steps of a program in the record and in words."""
+"""Reports on the steps of a program: one record and one line of text for each."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -22,24 +22,24 @@ class StepLog(Protocol):
 
 
 class StepReporter:
-    """Tells each step of a program once, when it has ended; nothing for a run whose steps no person has written."""
+    """Reports each step of a program once, when it has ended; nothing for a run without a program of the user's."""
 
     def __init__(
         self, program: Program, clock: Clock, log: StepLog, event: Callable[[str, str], None]
     ) -> None:
-        """`event` is told a kind and a text."""
+        """`event` is called with the kind and the text of an event."""
         self.legs: tuple[Leg, ...] = program.row.legs if program.row.written else ()
-        """All steps that an operator has written, passes counted; empty for a run without."""
+        """All steps of the user's program, each pass of a repeat counted; empty without a program."""
         self._clock, self._log, self._event = clock, log, event
         self._count = 0
-        """Steps that have been told."""
+        """Number of steps reported so far."""
 
     def number(self, leg: int) -> int:
         """Return the number of a step in the record, from 1; 0 for one that the user did not write."""
         return leg + 1 if self.legs else 0
 
     def ended(self, state: ProgramState) -> None:
-        """Tell the steps that have ended since the cycle before."""
+        """Report the steps that have ended since the last cycle."""
         if not self.legs or len(state.course.done) == self._count:
             return
         for done in state.course.done[self._count :]:
@@ -47,7 +47,7 @@ class StepReporter:
         self._count = len(state.course.done)
 
     def cut(self, state: ProgramState, reason: Reason | None, at: float | None = None) -> None:
-        """Tell the step that was under way when the run could decide no more, at this time, s; None for now."""
+        """Report the step that was under way when the run could decide no more, at time `at`, s; None for now."""
         if self.legs and state.course.began is not None:
             now = self._clock.now() if at is None else at
             self._tell(cut(state, self.legs[state.course.leg], now, reason))
@@ -59,7 +59,7 @@ class StepReporter:
 
 
 def step_record(leg: Leg, done: Done) -> StepRecord:
-    """Record of a step that has ended."""
+    """Return the record of a step that has ended."""
     criterion = leg.step.criterion
     return StepRecord(
         at=done.ended,

@@ -1,4 +1,4 @@
-"""Ends of a run from outside: signals of the process, keys, the page, and exceptions that nothing takes."""
+"""Requests from outside that end a run: signals, keys, the page, and unhandled exceptions."""
 
 import asyncio
 import os
@@ -22,16 +22,16 @@ SIGNALS_TOLD = 16
 
 
 class Stopping:
-    """Lets the run of a process retract and end, or ends what has not moved yet."""
+    """Lets the run of a process retract and end, or ends one that has not moved yet."""
 
     def __init__(self, signals: Signals, log: RunLog) -> None:
         self._signals, self._log = signals, log
         self.ending = Ending()
         """Shared with the run, once its devices are open."""
         self.hurried = False
-        """A further signal came when the movement had ended already: the process shall end at once."""
+        """Another signal came after the movement had ended: the process must end at once."""
         self._asked: Cause | None = None
-        """By which way an operator has asked for the end, other than a signal."""
+        """How an operator requested the end, other than by a signal."""
         self._task: asyncio.Task[Any] | None = None
         """The task of the run, once the record can be written."""
         self._stray: BaseException | None = None
@@ -42,13 +42,13 @@ class Stopping:
         """End in the same way as by Ctrl-C."""
         self._asked = self._asked or cause
         os.kill(os.getpid(), signal.SIGINT)
-        # behind the notice of the signal, which a small view would else show in its place
+        # after the notice of the signal, which a small view would otherwise show in its place
         tell = partial(self._log.tell, EventKind.OPERATOR, text, cause=cause, by=key)
         asyncio.get_running_loop().call_soon(tell)
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:
-        """Inside, a signal acts as the table of `ending` says."""
+        """Handle signals by the table of `ending` while the context is open."""
         loop, self._task = asyncio.get_running_loop(), asyncio.current_task()
 
         def interrupted(number: int) -> None:
@@ -76,7 +76,7 @@ class Stopping:
             self._task.cancel()
 
     def take_stray(self, error: BaseException) -> bool:
-        """Handle an exception of a loop's callback, which asyncio does not pass on: the run retracts and ends.
+        """Handle an exception of a loop's callback, which asyncio does not propagate: the run retracts and ends.
 
         Return False if there is nothing that could end in order.
         """

@@ -1,4 +1,4 @@
-"""Where a run is shown while it continues: on the terminal, and on a page in the browser."""
+"""Live views of a run: on the terminal, and on a page in the browser."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,11 +16,11 @@ from hil_bridge.show.web.feed import Feed, WebOptions
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """The views and outputs that an operator asks for."""
+    """Requested views of a run."""
 
     terminal: bool = True
     web: WebOptions | None = None
-    """The page; None for none."""
+    """Options of the page; None for no page."""
 
 
 @contextmanager
@@ -41,7 +41,7 @@ def open_feed(views: Views, virtual: bool) -> Iterator[Feed | None]:
 
 
 def scene_of(setup: Setup, facts: RobotFacts, legs: Sequence[Leg], record: str) -> Scene:
-    """Facts of a run for its views; `record` names the recording that is kept, empty for none."""
+    """Return the facts of a run that its views show; `record` names the recording, empty for none."""
     config = setup.config
     cell = setup.cell_name
     return Scene(
@@ -63,7 +63,7 @@ def scene_of(setup: Setup, facts: RobotFacts, legs: Sequence[Leg], record: str) 
 
 
 def health_of(run: Running | None) -> Health:
-    """State of the links of a run; None for devices that are not open yet."""
+    """Return the state of a run's links; `run` is None while the devices are not open."""
     if run is None:
         return Health()
     counters, newest = run.robot.counters, run.sensor.newest

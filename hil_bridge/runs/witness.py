@@ -1,4 +1,4 @@
-"""The force that a robot itself feels, from the zero of the run, and what it tells of a tool that was left."""
+"""Force measured by the robot itself, relative to the zero of the run, as a check of the force sensor."""
 
 import math
 
@@ -11,7 +11,7 @@ _NOTHING: Vector = (0.0, 0.0, 0.0)
 
 
 class OwnForce:
-    """The force that a robot feels, less the mean of what it felt while the tool was away from the surface.
+    """Force measured by the robot, less its mean while the tool was away from the surface.
 
     The zero counts in the base frame: there a weight that the robot does not know, or knows wrongly, stays the same
     when the tool turns.
@@ -23,7 +23,7 @@ class OwnForce:
         self._sum, self._count = _NOTHING, 0
         self._zero: Vector | None = None
 
-    def stands(self, report: RobotReport) -> None:
+    def add_zero_sample(self, report: RobotReport) -> None:
         """Count this report for the zero: the tool is stationary, away from the surface."""
         if report.force is not None:
             x, y, z = (total + part for total, part in zip(self._sum, report.force, strict=True))
@@ -31,19 +31,19 @@ class OwnForce:
             self._zero = x / self._count, y / self._count, z / self._count
 
     def along(self, report: RobotReport) -> float | None:
-        """Contact force along the approach, N, positive while pressing; None where none is known."""
+        """Return the contact force along the approach, N, positive while pressing; None if unknown."""
         if report.force is None or self._zero is None:
             return None
         (a, b, c), (x, y, z), (u, v, w) = report.force, self._zero, self._approach
         return (x - a) * u + (y - b) * v + (z - c) * w
 
-    async def beside(self, force: float, rule: Witness, robot: RobotLink) -> float:
-        """Length of the force on a tool that has come to rest, N; NaN where none is known any more, or where it differs
-        no more than ordinarily from the `force` of the sensor, N.
+    async def disagreement(self, force: float, rule: Witness, robot: RobotLink) -> float:
+        """Return the length of the robot's own force on a stationary tool, N, if it disagrees with the `force` of the
+        sensor, N; NaN if it is unknown or the difference is ordinary.
         """
         try:
-            felt = None if self._zero is None else (await robot.report()).force
+            measured = None if self._zero is None else (await robot.report()).force
         except BridgeError:
             return math.nan
-        own = math.nan if felt is None or self._zero is None else math.dist(felt, self._zero)
+        own = math.nan if measured is None or self._zero is None else math.dist(measured, self._zero)
         return own if not abs(own - force) <= rule.ordinary_n else math.nan

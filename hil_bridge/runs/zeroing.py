@@ -48,7 +48,7 @@ class Zero:
     start: RobotReport
     """After the way to the zero: the start point of the run."""
     contact: tuple[float, ...]
-    """Contact wrench in the tool frame that was taken off, beside known weight and bias, N and N·m."""
+    """Contact wrench in the tool frame that was subtracted in addition to known weight and bias, N and N·m."""
 
     @property
     def force(self) -> float:
@@ -313,7 +313,7 @@ class Zeroing:
             after = await self._steps.quiet()
             self._judge(after, start, away)
             self._before = after
-            self.own_force.stands(report)
+            self.own_force.add_zero_sample(report)
         motion.speed = speed
         return report
 

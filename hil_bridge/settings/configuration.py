@@ -1,4 +1,4 @@
-"""The configuration: one TOML file, validated, every key with its unit in its name."""
+"""Configuration: one TOML file, validated, with the unit of every setting in its key."""
 
 import dataclasses
 import json
@@ -75,17 +75,17 @@ class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     def __repr_args__(self) -> Iterator[tuple[str, Any]]:
-        """The settings that are not the defaults."""
+        """Return the settings that differ from their defaults."""
         defaults = type(self).model_fields
         return ((name, value) for name, value in items_of(self) if value != defaults[name].default)
 
     def _repr_html_(self) -> str:
-        """The settings that are not the defaults, as a table for a notebook."""
+        """Return the settings that differ from their defaults as an HTML table for notebooks."""
         return changed_html(self)
 
 
 class RunConfig(_Section):
-    """The run as a whole."""
+    """Duration, seed, period and panel of the run."""
 
     duration_s: float = Field(default=30.0, gt=0)
     """Time to track the surface once in contact."""
@@ -101,17 +101,15 @@ class RobotConfig(_Section):
     """The robot controller and its link."""
 
     url: str = ""
-    """KIND+WIRE, as s3+serial:///dev/ttyUSB0?baudrate=9600&parity=E or egm+udp-bind://0.0.0.0:6510; empty starts the
-    emulated robot.
+    """KIND+WIRE, such as s3+serial:///dev/ttyUSB0?baudrate=9600&parity=E or egm+udp-bind://0.0.0.0:6510; empty starts
+    the emulated robot.
     """
     emulated: str = USUAL_ROBOT
     """Kind of the emulated robot; `hil-bridge run --help` names the kinds."""
     velocity_mm_s: float = Field(default=50.0, gt=0, le=1000)
-    """Path velocity given with every point; no speed of the task may be above it."""
+    """Path velocity sent with every point; upper limit of every speed of the task."""
     acceleration_mm_s2: float = Field(default=2000.0, gt=0, le=100000)
-    """Fastest gain of speed that a robot that streams is given, and loss of speed where its way ends. A stop is at
-    once. Chosen.
-    """
+    """Acceleration of a streamed robot, and deceleration at the end of its path. A stop is immediate. Chosen."""
 
     @field_validator("emulated")
     @classmethod
@@ -127,8 +125,8 @@ class SensorConfig(_Section):
     """The force/torque sensor and its mounting."""
 
     url: str = ""
-    """KIND+WIRE, as jr3+can+socketcan://can0, jr3-uart+serial:///dev/ttyACM0 or netft+udp://192.168.1.1:49152; empty
-    starts the emulated sensor.
+    """KIND+WIRE, such as jr3+can+socketcan://can0, jr3-uart+serial:///dev/ttyACM0 or netft+udp://192.168.1.1:49152;
+    empty starts the emulated sensor.
     """
     emulated: str = USUAL_SENSOR
     """Kind of the emulated sensor; `hil-bridge run --help` names the kinds."""
@@ -139,28 +137,26 @@ class SensorConfig(_Section):
     turns it about its own z axis.
     """
     position_mm: Vector = (0.0, 0.0, 0.0)
-    """Sensor's origin in the tool frame; contact moments are told about the tool frame's origin."""
+    """Sensor's origin in the tool frame; contact moments are reported about the tool frame's origin."""
     flip_fx_mx: bool = False
-    """Set it when the sensor counts left-handed as seen from the tool: negates Fx and Mx."""
+    """Set it if the sensor's axes are left-handed in the tool frame: negates Fx and Mx."""
     unchecked: bool = False
-    """Run although the tool's weight is not known: an operator takes on that axes, signs and scales of the sensor are
-    right.
-    """
+    """Run although the tool's weight is unknown: the operator accepts the sensor unverified."""
     unverified: tuple[Literal["fx", "fy", "fz"], ...] = ()
-    """Axes that the user accepts although the tool's weight cannot verify them: the tool is light, or its weight does
-    not lie on them. Each touch along them is then tested: the force must rise as the tool goes deeper. An approach goes
-    no farther than `task.unverified_depth_mm`.
+    """Axes that the operator accepts although the tool's weight cannot verify them: the tool is light, or its weight
+    does not lie on them. Each touch along them is then tested: the force must rise as the tool goes deeper. An approach
+    goes no farther than `task.unverified_depth_mm`.
     """
     verified: tuple[Literal["fx", "fy", "fz"], ...] = ()
     """Axes that `identify tool` has verified by turning this sensor with this tool, in this mounting."""
     tare: bool = True
-    """Take the sensor's reading before the movement for zero, whatever it is. Otherwise only the bias given here and
-    the tool's weight are taken off, so that a force that is there already is seen.
+    """Use the sensor's reading before the movement as zero, whatever it is. Otherwise only the bias given here and
+    the tool's weight are subtracted, so that a force that is already present is measured.
     """
     bias_n: Vector = (0.0, 0.0, 0.0)
-    """Forces that the sensor reads with nothing on it, fx fy fz as it counts; used where no zero is taken."""
+    """Forces that the unloaded sensor reads, fx fy fz along its own axes; used if `tare` is false."""
     bias_nm: Vector = (0.0, 0.0, 0.0)
-    """Moments that the sensor reads with nothing on it, mx my mz as it counts; used where no zero is taken."""
+    """Moments that the unloaded sensor reads, mx my mz along its own axes; used if `tare` is false."""
 
     @field_validator("emulated")
     @classmethod
@@ -184,27 +180,27 @@ class ToolConfig(_Section):
 
     mass_kg: float | None = Field(default=None, ge=0)
     """Mass below the sensor, which `identify tool` measures; the sensor must read its weight before a run moves.
-    Nothing where it is not known: an emulated cell then tells its own.
+    Unset if unknown: an emulated cell then provides its own.
     """
     centre_of_gravity_mm: Vector = (0.0, 0.0, 0.0)
-    """Place from the sensor's origin, along the tool frame's axes."""
+    """Position relative to the sensor's origin, along the tool frame's axes."""
     face_mm: Vector | None = None
-    """Centre of the tool's end, which the robot's position means, from the sensor's origin along the tool frame's axes.
-    Nothing where it is not known: an emulated cell then tells its own.
+    """Centre of the tool's end, to which the robot's position refers, relative to the sensor's origin along the tool
+    frame's axes. Unset if unknown: an emulated cell then provides its own.
     """
     face_radius_mm: float | None = Field(default=None, ge=0)
-    """Radius of a flat end, whose moments tell how skew it stands; 0 for one that touches in a point. Nothing: that of
-    the emulated cell, else 0.
+    """Radius of a flat end, whose moments give its misalignment; 0 for one that touches in a point. Unset: that of the
+    emulated cell, else 0.
     """
 
 
 class FrameConfig(_Section):
-    """The task frame: which way is into the surface and which way along it, in the robot's base frame."""
+    """The task frame: directions into the surface and along it, in the robot's base frame."""
 
     approach: Vector = (0.0, 0.0, -1.0)
-    """Into the surface."""
+    """Direction into the surface."""
     travel: Vector = (0.0, 1.0, 0.0)
-    """Along the surface; perpendicular to `approach`."""
+    """Direction along the surface; perpendicular to `approach`."""
     follow_normal: bool = False
     """Control the force along the surface's normal, estimated from motion and force, and hold the speed along the
     surface. Otherwise both keep the directions given here, as in the paper.
@@ -212,7 +208,7 @@ class FrameConfig(_Section):
     contour: Contour = Contour()
     """How the normal is estimated, in a run without a program."""
     origin_mm: Vector | None = None
-    """Origin of the work frame in the base frame, from which the paths of a program count; nothing: the start point."""
+    """Origin of the work frame in the base frame, the origin of a program's paths; unset: the start point."""
     facing: Facing = Facing()
     """How a program estimates the normal, in both directions."""
 
@@ -243,11 +239,11 @@ class ControllerConfig(_Section):
     """The force controller and its parameters."""
 
     name: str = "predictive"
-    """One of ours or one that a plug-in offers; a wrong name lists them."""
+    """A built-in controller or one of a plug-in; an unknown name lists them."""
     parameters: dict[str, Any] = {}
     """Parameters of that controller that differ from their defaults."""
     sample_ms: float | None = Field(default=None, gt=0)
-    """Sample time that these parameters are tuned for; nothing: what the controller declares, 180 ms for ours. A
+    """Sample time that these parameters are tuned for; unset: as the controller declares, 180 ms for built-in ones. A
     control period that differs from it by more than a factor of two is refused.
     """
 
@@ -278,7 +274,7 @@ class ControllerConfig(_Section):
 
 
 class Config(_Section):
-    """Everything a run is a function of, beside the devices themselves."""
+    """Everything that determines a run, except the devices themselves."""
 
     run: RunConfig = RunConfig()
     robot: RobotConfig = RobotConfig()
@@ -290,11 +286,11 @@ class Config(_Section):
     limits: Limits = Limits()
     oscillation: OscillationDetector = OscillationDetector()
     realtime: RealTime = RealTime()
-    """How the loop's thread is run; of no meaning in virtual time."""
+    """Scheduling of the loop's thread; without effect in virtual time."""
     cell: CellSection = CellSection()
-    """The emulated cell: used by `emulate`, and by `run` for what has no URL."""
+    """The emulated cell: used by `emulate`, and by `run` for a device without a URL."""
     faults: tuple[FaultConfig, ...] = ()
-    """Faults on purpose in the emulated cell, a table [[faults]] each; `hil-bridge list faults` lists them all."""
+    """Faults to inject into the emulated cell, a table [[faults]] each; `hil-bridge list faults` lists them all."""
 
     @field_validator("task")
     @classmethod
@@ -343,12 +339,12 @@ def _config_class(chosen: Chosen) -> type[Config]:
 
 
 def with_all_kinds() -> Config:
-    """Every setting at its default, with the sections of all kinds of our own."""
+    """Return every setting at its default, with the sections of all built-in kinds."""
     return _config_class(Chosen(tuple(ROBOTS.own), tuple(SENSORS.own)))()
 
 
 def read_config(values: Mapping[str, Any]) -> Config:
-    """A configuration from nested tables, with the sections of all kinds that it names.
+    """Return a configuration from nested tables, with the sections of all kinds that it names.
 
     Raises pydantic's ValidationError, and ConfigError for a kind whose package is broken.
     """
@@ -372,14 +368,14 @@ def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
 
 
 def read_values(path: Path) -> dict[str, Any]:
-    """The values of a TOML file, the files that it names relative to its own place. Raises ConfigError."""
+    """Read the values of a TOML file; paths in it are relative to its folder. Raises ConfigError."""
     values = read_toml(path)
     resolve_files(values, path.parent)
     return values
 
 
 def lay_over(values: dict[str, Any], overrides: Mapping[str, object]) -> set[str]:
-    """Put overrides that are not None into nested tables, by dotted key; the keys that found their table."""
+    """Put overrides that are not None into nested tables, by dotted key; return the keys that have a table."""
     given = set()
     for key, value in overrides.items():
         if value is None:
@@ -398,7 +394,7 @@ def lay_over(values: dict[str, Any], overrides: Mapping[str, object]) -> set[str
 
 
 def _numbered(tables: list[Any], number: str, key: str) -> object:
-    """The table of this number, from 1, as messages tell it."""
+    """Return the table of this number, from 1, as in messages."""
     if number.isdecimal() and 0 < int(number) <= len(tables):
         return tables[int(number) - 1]
     raise ConfigError(
@@ -407,14 +403,14 @@ def _numbered(tables: list[Any], number: str, key: str) -> object:
 
 
 def dump(config: Config) -> str:
-    """The whole configuration as one line of JSON, for the record."""
+    """Return the complete configuration as one line of JSON, for the record."""
     return json.dumps(config.model_dump(mode="json"), separators=(",", ":"), sort_keys=True)
 
 
 def explain(
     error: ValidationError, path: Path | None, given: set[str], sources: Mapping[str, Path] | None = None
 ) -> SettingRefused:
-    """The first thing that is wrong as one line: where, what, what to do. `sources` are files by the keys that came
+    """Describe the first error in one line: where, what, what to do. `sources` are files by the keys that came
     from them.
     """
     errors = error.errors()
@@ -468,7 +464,7 @@ def _is_named(registry: Registry[Any], name: str, location: Sequence[str]) -> bo
 
 
 def _at(location: Sequence[str]) -> object:
-    """Value in the default configuration of any devices; None for a key that is not there."""
+    """Return the value in the default configuration of any devices; None for an unknown key."""
     found: Any = _with_kinds_of(location)
     for part in location:
         found = getattr(found, part, None)
@@ -476,7 +472,7 @@ def _at(location: Sequence[str]) -> object:
 
 
 def _instead(location: Sequence[str]) -> str:
-    """Names that a mistyped key may have meant."""
+    """Suggest names for a mistyped key."""
     section = _at(location[:-1])
     if not is_section(section):
         return ""

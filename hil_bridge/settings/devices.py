@@ -1,4 +1,4 @@
-"""The devices that a configuration chooses: kind, wire and settings of each."""
+"""Devices of a configuration: kind, wire and settings of each."""
 
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -20,7 +20,7 @@ _Kind = TypeVar("_Kind", RobotKind[Any, Any], SensorKind[Any, Any])
 
 @dataclass(frozen=True, slots=True)
 class Device(Generic[_Kind]):
-    """A robot or a sensor that a configuration chooses."""
+    """A robot or a sensor of a configuration."""
 
     kind: _Kind
     url: str
@@ -29,7 +29,7 @@ class Device(Generic[_Kind]):
 
     @property
     def named_url(self) -> str:
-        """URL of its wire with the kind before it, as a configuration has it."""
+        """URL of its wire with the kind in front, as in a configuration."""
         return f"{self.kind.name}+{self.url}"
 
     @property
@@ -43,40 +43,40 @@ Sensor = Device[SensorKind[Any, Any]]
 
 
 def robot_in(config: Config) -> Robot:
-    """The robot of a configuration. Raises ConfigError."""
+    """Return the robot of a configuration. Raises ConfigError."""
     return robot_at(config, config.robot.url)
 
 
 def robot_at(config: Config, url: str) -> Robot:
-    """The robot behind this URL with its settings; "" for the emulated one. Raises ConfigError."""
+    """Return the robot at this URL with its settings; "" for the emulated one. Raises ConfigError."""
     kind, wire = robot_of(url) if url else (ROBOTS.kind(config.robot.emulated), "")
     return Device(kind, wire, settings_of(config, kind))
 
 
 def sensor_in(config: Config) -> Sensor:
-    """The sensor of a configuration. Raises ConfigError."""
+    """Return the sensor of a configuration. Raises ConfigError."""
     return sensor_at(config, config.sensor.url)
 
 
 def sensor_at(config: Config, url: str) -> Sensor:
-    """The sensor behind this URL with its settings; "" for the emulated one. Raises ConfigError."""
+    """Return the sensor at this URL with its settings; "" for the emulated one. Raises ConfigError."""
     kind, wire = sensor_of(url) if url else (SENSORS.kind(config.sensor.emulated), "")
     return Device(kind, wire, settings_of(config, kind))
 
 
 class CellName(NamedTuple):
-    """Which cell a run moves, for people."""
+    """Name of the cell that a run moves, for display."""
 
     real: bool
-    """A robot that is not ours may move."""
+    """Whether a real robot may move."""
     words: str
-    """Emulated or real, with the devices where the one is this and the other that."""
+    """EMULATED or REAL; names the devices if only one of them is real."""
     devices: str = ""
-    """Kinds of robot and sensor, where the words do not name them."""
+    """Kinds of robot and sensor, if `words` does not name them."""
 
 
 def name_cell(robot: Robot, sensor: Sensor) -> CellName:
-    """The cell with these devices."""
+    """Return the name of the cell with these devices."""
     kinds = f"{robot.kind.name}, {sensor.kind.name}"
     if robot.is_emulated and sensor.is_emulated:
         return CellName(False, "EMULATED", kinds)

@@ -1,4 +1,4 @@
-"""A fault in a configuration: target, name, time of its begin, duration, parameters."""
+"""Fault in a configuration: target, name, start time, duration, parameters."""
 
 import operator
 import re
@@ -40,7 +40,7 @@ class Condition:
 
     @classmethod
     def read(cls, text: str) -> Self:
-        """A condition from text such as `force > 8`. Raises SettingError."""
+        """Parse a condition such as `force > 8`. Raises SettingError."""
         found = _CONDITION.fullmatch(text)
         if found is None or found[1] not in _QUANTITIES:
             raise SettingError(
@@ -50,7 +50,7 @@ class Condition:
         return cls(found[1], found[2], float(found[3]))
 
     def holds(self, record: "CycleRecord") -> bool:
-        """Whether it is so in this cycle."""
+        """Return whether the condition holds in this cycle."""
         return _COMPARISONS[self.comparison](_QUANTITIES[self.quantity](record), self.number)
 
 
@@ -64,11 +64,11 @@ class FaultConfig(BaseModel):
     fault: str = ""
     """Name of the fault at that target."""
     phase: str = Field(default="", json_schema_extra={"enum": [*PHASES]})
-    """Phase of the run at whose begin it comes, or in which `when` is looked at; empty: the first, or any."""
+    """Phase of the run at whose start it is injected, or in which `when` is checked; empty: the first, or any."""
     after_s: float = Field(default=0.0, ge=0)
     """Delay after that."""
     when: str = ""
-    """Condition at the end of a cycle at which it comes, such as "force > 8": force, depth_mm, travel_mm or cycle."""
+    """Condition that triggers it at the end of a cycle, such as "force > 8": force, depth_mm, travel_mm or cycle."""
     for_s: float | None = None
     """Duration, s; by default that of `hil-bridge list faults`. A fault that strikes once has none."""
     parameters: dict[str, Any] = Field(default={}, alias="with")
@@ -83,7 +83,7 @@ class FaultConfig(BaseModel):
 
     @property
     def condition(self) -> Condition | None:
-        """The condition of `when`, read from its text; None without one. Raises SettingError."""
+        """Condition parsed from `when`; None without one. Raises SettingError."""
         return Condition.read(self.when) if self.when else None
 
     @property
@@ -97,7 +97,7 @@ class FaultConfig(BaseModel):
         return self
 
     def check_cell(self, robot_url: str, sensor_url: str, cell: EmulatedKinds) -> None:
-        """Raise ValueError where it concerns a real device, or is none of the faults that the cell can have."""
+        """Raise ValueError if it concerns a real device, or if the cell does not have such a fault."""
         name = f"{self.on}: {self.fault}"
         try:
             find(cell.faults, self.on, self.fault).values(self.fault, self.given, self.on)
@@ -115,9 +115,9 @@ class FaultConfig(BaseModel):
 
 
 def refuse_faults(faults: Sequence[FaultConfig], command: str, instead: str = "") -> None:
-    """Raise ConfigError where faults are planned and nothing would inject them; `instead` is another way, in words."""
+    """Raise ConfigError if faults are configured for a command that injects none; `instead` names an alternative."""
     if faults:
         raise ConfigError(
-            f"faults.0: {command} knows no phases of a run, so it would ignore it; delete [[faults]]"
+            f"faults.0: {command} has no phases of a run and would ignore the fault; delete [[faults]]"
             f"{instead and f', or {instead}'}"
         )

@@ -1,4 +1,4 @@
-"""A configuration that a program gives: a file, tables or a configuration, and what is laid over it."""
+"""Configuration given by a program: a file, tables or a configuration, with overrides."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -16,11 +16,11 @@ from hil_bridge.settings.program import with_program
 Source: TypeAlias = Config | Mapping[str, Any] | Path | str | None
 """A configuration, its tables, the path of its file, or nothing for the defaults."""
 _PLAIN = (bool, int, float, str)
-"""Types of parameters that a record can tell."""
+"""Types of parameters that a record can hold."""
 
 
 class GivenController(ControllerConfig):
-    """A controller that a program gave as an object. The record tells its name and its plain parameters."""
+    """A controller given as an object. The record has its name and its plain parameters."""
 
     _controller: Controller[Any] = PrivateAttr()
 
@@ -30,17 +30,17 @@ class GivenController(ControllerConfig):
         return self._controller
 
     def tuned(self, tuning: Tuning) -> "GivenController":
-        """The same with a tuning that the controller declares: each of its parameters that still has its default."""
+        """Return a copy with a tuning that the controller declares, for each parameter that still has its default."""
         found: Any = self._controller
-        if not dataclasses.is_dataclass(found) or isinstance(found, type):
+        found: Any = self._controller not dataclasses.is_dataclass(found) or isinstance(found, type):
             return self.model_copy(update={"sample_ms": tuning.sample_ms})
         defaults = {
             field.name: field.default
             for field in dataclasses.fields(found)
-            if field.init and field.default == getattr(found, field.name)
+            found: Any = self._controller field.init and field.default == getattr(found, field.name)
         }
         changed = {name: value for name, value in tuning.parameters.items() if name in defaults}
-        if changed:
+        found: Any = self._controller changed:
             found = dataclasses.replace(found, **changed)
         section = self.model_copy(update={"sample_ms": tuning.sample_ms, "parameters": _parameters(found)})
         section._controller = found
@@ -53,7 +53,7 @@ def config_of(
     controller: Controller[Any] | str | None = None,
     seed: int | None = None,
 ) -> Config:
-    """The configuration of a run.
+    """Return the configuration of a run.
 
     `faults` are tables as in [[faults]], and come after those of the source. Raises ConfigError with the key and what
     to do.
@@ -64,11 +64,11 @@ def config_of(
         config = source
     else:
         values = _values(source, path)
-        if faults:
+        found: Any = self._controller faults:
             values["faults"] = [*values.get("faults", ()), *map(dict, faults)]
-        if name is not None:
+        found: Any = self._controller name is not None:
             _table(values, "controller")["name"] = name
-        if seed is not None:
+        found: Any = self._controller seed is not None:
             _table(values, "run")["seed"] = seed
         whole = isinstance(source, Config)  # and has the steps of its program already
         sources = {} if whole else with_program(values, str(path or "configuration"))
@@ -94,19 +94,19 @@ def _values(source: Source, path: Path | None) -> dict[str, Any]:
 
 
 def _table(values: dict[str, Any], name: str) -> dict[str, Any]:
-    """A table of the values, which a mistaken one stands in for."""
+    """Return a table of the values; an empty one in place of an invalid one."""
     table = values.setdefault(name, {})
     return table if isinstance(table, dict) else {}
 
 
 def _wrap_controller(config: Config, controller: Any) -> GivenController:
-    """The section with an object in it. Raises ConfigError for one that is no controller."""
+    """Return the section with this object. Raises ConfigError for an object that is not a controller."""
     if isinstance(controller, type):
         raise ConfigError(
-            f"controller: {controller.__name__} is a class; give an object of it, {controller.__name__}(…), or its name"
+            f"controller: {controller.__name__} is a class; give an instance, {controller.__name__}(…), or its name"
         )
     for method in ("initial", "step"):
-        if not callable(getattr(controller, method, None)):
+        found: Any = self._controller not callable(getattr(controller, method, None)):
             raise ConfigError(f"controller: {controller!r} has no method {method}")
     name = getattr(controller, "name", None)
     if not isinstance(name, str) or not name:
@@ -119,7 +119,7 @@ def _wrap_controller(config: Config, controller: Any) -> GivenController:
 
 
 def _parameters(controller: Any) -> dict[str, Any]:
-    """The plain parameters of a controller that is a dataclass, for the record."""
+    """Return the plain parameters of a controller that is a dataclass, for the record."""
     if not dataclasses.is_dataclass(controller):
         return {}
     values = {

@@ -1,4 +1,4 @@
-"""Sections of a configuration that a kind of device brings along: put together for the kinds that are in use."""
+"""Sections of a configuration for the kinds of devices in use."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
@@ -27,12 +27,12 @@ _Emulated = TypeVar("_Emulated")
 _Settings = TypeVar("_Settings")
 
 USUAL_ROBOT, USUAL_SENSOR = "s3", "jr3"
-"""Kinds of the devices that are emulated where a configuration names none."""
+"""Kinds of the emulated devices of a configuration that names none."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Chosen:
-    """Names of the kinds that a configuration speaks of, sorted."""
+    """Names of the kinds in a configuration, sorted."""
 
     robots: tuple[str, ...] = ()
     sensors: tuple[str, ...] = ()
@@ -40,7 +40,7 @@ class Chosen:
 
 
 def chosen_in(values: Mapping[str, Any]) -> Chosen:
-    """The kinds that a configuration names: in a URL, as the emulated device, or by a section; else the usual ones."""
+    """Return the kinds that a configuration names: in a URL, as emulated device, or by a section; else the defaults."""
     robot, sensor, cell = (_table(values, name) for name in ("robot", "sensor", "cell"))
     return Chosen(
         _named(ROBOTS, robot.get("url"), _emulated(robot, USUAL_ROBOT), *robot, *cell),
@@ -54,7 +54,7 @@ def _emulated(section: Mapping[str, Any], usual: str) -> object:
 
 
 def section_with(base: type[BaseModel], kinds: Sequence[DeviceKind]) -> Any:
-    """A section of devices with one inside it for each kind. Raises ConfigError for two kinds with one section."""
+    """Return a section with one inside it for each kind. Raises ConfigError for two kinds with one section."""
     fields: dict[str, Any] = {
         name: (settings, settings()) for name, settings in _inside(kinds, lambda kind: kind.settings).items()
     }
@@ -64,7 +64,7 @@ def section_with(base: type[BaseModel], kinds: Sequence[DeviceKind]) -> Any:
 
 
 def cell_with(kinds: Sequence[DeviceKind], surfaces: Sequence[SurfaceKind]) -> Any:
-    """The section of the emulated cell with one inside it for each of these devices and surfaces."""
+    """Return the section of the emulated cell, with one inside it for each of these devices and surfaces."""
     inside = _inside(kinds, lambda kind: None if kind.emulation is None else kind.emulation.settings)
     inside |= {section_of(kind): kind.settings for kind in surfaces}
     fields = [
@@ -83,33 +83,35 @@ def cell_with(kinds: Sequence[DeviceKind], surfaces: Sequence[SurfaceKind]) -> A
 
 
 def _inside(kinds: Sequence[DeviceKind], settings: Callable[[DeviceKind], Any]) -> dict[str, Any]:
-    """Settings by section. Raises ConfigError where two kinds have other settings under one name."""
+    """Return settings by section. Raises ConfigError if two kinds have different settings under one name."""
     inside: dict[str, Any] = {}
     for kind in kinds:
         own, name = settings(kind), section_of(kind)
         if own is None:
             continue
         if inside.setdefault(name, own) is not own:
-            raise ConfigError(f"{kind.name} has other settings than the kind that shares its section {name}")
+            raise ConfigError(
+                f"{kind.name} and another kind share the section {name} with different settings"
+            )
     return inside
 
 
 def settings_of(
     config: Any, kind: RobotKind[_Client, _Emulated] | SensorKind[_Client, _Emulated]
 ) -> KindSettings[_Client, _Emulated]:
-    """The settings of a device in a configuration; its defaults where nothing is said of it."""
+    """Return the settings of a device in a configuration; its defaults if it is not mentioned."""
     section, name = (config.robot if isinstance(kind, RobotKind) else config.sensor), section_of(kind)
     emulated: Any = None if kind.emulation is None else _inner(config.cell, name, kind.emulation.settings)
     return KindSettings(_inner(section, name, kind.settings), emulated)
 
 
 def surface_settings(config: Any, kind: SurfaceKind) -> Any:
-    """The settings of a surface of a plug-in in a configuration."""
+    """Return the settings of a plug-in's surface in a configuration."""
     return _inner(config.cell, section_of(kind), kind.settings)
 
 
 def _inner(section: object, name: str, settings: type[_Settings]) -> _Settings:
-    """The section of one device inside another one; its defaults where the configuration has none."""
+    """Return the section of one device inside another one; its defaults if the configuration has none."""
     inner = getattr(section, name, None)
     return inner if isinstance(inner, settings) else settings()
 
@@ -121,5 +123,7 @@ def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 def _named(registry: Registry[Any], url: object, *names: object) -> tuple[str, ...]:
     kind, _ = registry.split(url) if isinstance(url, str) else ("", "")
-    spoken = {kind, *(name for name in names if isinstance(name, str))}
-    return tuple(sorted(name for name in registry.names if name in spoken or field_name(name) in spoken))
+    mentioned = {kind, *(name for name in names if isinstance(name, str))}
+    return tuple(
+        sorted(name for name in registry.names if name in mentioned or field_name(name) in mentioned)
+    )

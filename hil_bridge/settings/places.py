@@ -1,4 +1,4 @@
-"""Files that a configuration names, looked for beside it."""
+"""Paths in a configuration, relative to its folder."""
 
 from pathlib import Path
 from typing import Any
@@ -10,14 +10,14 @@ FILE_KEYS = (
     "controller.parameters.rules_file",
     "task.file",
 )
-"""Keys that name a file; one that is not absolute is looked for beside the configuration that names it."""
+"""Keys that name a file; a relative path starts at the folder of the configuration."""
 _WITH_KINDS = ("robot", "sensor", "cell")
-"""Sections with a table for each kind; a kind names its files and folders by keys that end so:"""
+"""Sections with a table for each kind; keys of a kind's files and folders have these endings:"""
 _ENDINGS = ("_file", "_folder")
 
 
 def resolve_files(values: dict[str, Any], folder: Path) -> None:
-    """Make the files that a configuration names relative to its own place; it has not been checked yet."""
+    """Resolve paths in a configuration against its folder, in place. The values are not validated yet."""
     named: dict[str, None] = dict.fromkeys(FILE_KEYS)
     for section in _WITH_KINDS:
         for kind in _table(values, section):
@@ -31,7 +31,7 @@ def resolve_files(values: dict[str, Any], folder: Path) -> None:
 
 
 def _table(values: Any, *sections: str) -> dict[str, Any]:
-    """The table itself; an empty one where there is none."""
+    """Return the table itself; an empty one if there is none."""
     for section in sections:
         values = values.get(section) if isinstance(values, dict) else None
     return values if isinstance(values, dict) else {}

@@ -1,4 +1,4 @@
-"""The program in a configuration: read from a file of its own, and what is wrong with a step in words."""
+"""Program of a configuration: steps from a separate file, and messages on invalid steps."""
 
 import dataclasses
 import difflib
@@ -16,24 +16,24 @@ from protocol.marks import SettingError
 
 
 def _by_tag(key: str, *sections: Any) -> Mapping[str, type]:
-    """Classes of settings by the value of the key that tells them apart."""
+    """Return classes of settings by the value of the key that distinguishes them."""
     return {section.__dataclass_fields__[key].default: section for section in sections}
 
 
 STEPS: Mapping[str, type] = {**BUILT_IN, "repeat": Repeat}
-"""Words of a program of this project: the settings of each."""
+"""Settings of each built-in word of a program."""
 PATHS = _by_tag("kind", Line, Arc, Polyline, Raster, Spiral)
-"""Kinds of paths: the settings of each."""
+"""Settings of each kind of path."""
 _SECTIONS: Mapping[str, type] = {"limits": StepLimits, "criterion": Criterion}
 _KEY = "task.step"
 STEPS_HINT = f"; steps in a configuration are [[{_KEY}]], and a file of [[step]] alone is given with --task"
-"""Advice on steps that stand in the wrong place."""
+"""Advice on steps in the wrong place."""
 
 
 def with_program(values: dict[str, Any], source: str) -> dict[str, Path]:
     """Put the steps and the frame of the file that `task.file` names into the values of a configuration.
 
-    Answers with the file by the keys that came from it. Raises ConfigError for a file that cannot be read or holds
+    Returns the file by the keys that came from it. Raises ConfigError for a file that cannot be read or holds
     something else, and for steps that `source` has already.
     """
     task = values.get("task")
@@ -50,10 +50,10 @@ def with_program(values: dict[str, Any], source: str) -> dict[str, Path]:
     read = read_toml(path)
     if unknown := [key for key in read if key not in ("step", "frame")]:
         raise ConfigError(
-            f"{format_path(path)}: {unknown[0]} is no part of a program: its file holds [[step]] and [frame] alone"
+            f"{format_path(path)}: unknown key {unknown[0]}: the file of a program holds only [[step]] and [frame]"
         )
     if not read.get("step"):
-        raise ConfigError(f"{format_path(path)}: there is no step in it: give each one as a table [[step]]")
+        raise ConfigError(f"{format_path(path)}: no steps: give each as a table [[step]]")
     task["step"] = read["step"]
     found = {_KEY: path}
     frame = read.get("frame", {})
@@ -69,7 +69,7 @@ def with_program(values: dict[str, Any], source: str) -> dict[str, Path]:
             raise SettingRefused(
                 source,
                 ("frame", key),
-                f"is another one than in {format_path(path)}: leave one of them out",
+                f"differs from that in {format_path(path)}: leave one of them out",
                 " ",
             )
         own[key] = value
@@ -78,19 +78,19 @@ def with_program(values: dict[str, Any], source: str) -> dict[str, Path]:
 
 
 def in_file(error: StepError, source: str, program: str) -> ConfigError:
-    """The same with the file that a wrong step stands in: `source`, or `program` where the steps have their own."""
+    """Return the error with the file of the invalid step: `source`, or `program` if the steps have their own file."""
     if program:
         return ConfigError(f"{program}: {error.in_table('step')}")
     return ConfigError(f"{source}: {error}") if source else error
 
 
 def is_program(values: Mapping[str, Any]) -> bool:
-    """Whether these are the values of a file with the steps of a program alone."""
+    """Return whether these are the values of a file that holds only the steps of a program."""
     return "step" in values and "task" not in values
 
 
 def describe_problem(error: Mapping[str, Any]) -> tuple[str, str] | None:
-    """Fault that pydantic found in a step: its place, as "2 (track)", and its text. None for what is not in a step."""
+    """Return place and text of pydantic's error in a step, such as "2 (track)"; None for an error elsewhere."""
     location = tuple(error["loc"])
     if location[:2] != ("task", "step"):
         return None
@@ -106,7 +106,7 @@ def describe_problem(error: Mapping[str, Any]) -> tuple[str, str] | None:
 
 
 def first_problem(errors: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
-    """The problem to tell: a mistyped key rather than the one that is missing for it."""
+    """Return the error to report: a mistyped key rather than the key that is missing because of it."""
     first = errors[0]
     beside = [error for error in errors if error["loc"][:-1] == first["loc"][:-1]]
     mistyped = (error for error in beside if error["type"] == "unexpected_keyword_argument")
@@ -114,12 +114,12 @@ def first_problem(errors: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
 
 
 def count_problems(errors: Sequence[Mapping[str, Any]]) -> int:
-    """How many settings are wrong: a force of a step that is neither a number nor a profile is told twice."""
+    """Count invalid settings: a step's force that is neither a number nor a profile gives two errors."""
     return len({_place(error["loc"]) for error in errors})
 
 
 def instead_of(names: Collection[str], wrong: str) -> str:
-    """Names that a mistyped one may have meant; a wrong unit suffix is named as such."""
+    """Suggest names for a mistyped one; a wrong unit suffix is named as such."""
     stem = wrong.rsplit("_", 1)[0]
     same_stem = [name for name in names if name.rsplit("_", 1)[0] == stem or name.startswith(f"{wrong}_")]
     if same_stem:
@@ -130,7 +130,7 @@ def instead_of(names: Collection[str], wrong: str) -> str:
 
 
 def _kind(word: str | int) -> type | None:
-    """Settings of a word; None for an unknown one."""
+    """Return the settings of a word; None for an unknown one."""
     return STEPS.get(str(word)) or step_kind(str(word))
 
 
@@ -141,7 +141,7 @@ def _place(location: Sequence[str | int]) -> tuple[str | int, ...]:
 
 
 def _keys(section: type | None, rest: Sequence[str | int]) -> tuple[list[str], type | None]:
-    """The keys below a step as its file has them, and the section in which the last one stands."""
+    """Return the keys below a step as in its file, and the section of the last one."""
     keys: list[str] = []
     for part in rest:
         if isinstance(part, int) or keys == ["force_n"]:  # within a value
@@ -155,7 +155,7 @@ def _keys(section: type | None, rest: Sequence[str | int]) -> tuple[list[str], t
 
 
 def _words(error: Mapping[str, Any], keys: Sequence[str], section: type | None) -> str:
-    """The fault in words, behind the step's label."""
+    """Return the message on an error, for after the step's label."""
     key, got = ".".join(keys), f", got {format_value(error['input'])}"
     begin = f": {key}" if key else ""
     match error["type"]:
@@ -181,7 +181,7 @@ def _words(error: Mapping[str, Any], keys: Sequence[str], section: type | None) 
         case kind if kind in ("model_attributes_type", "dataclass_type"):
             return f"{begin} must be a table of settings{got}"
         case _ if keys == ["force_n"]:
-            return f"{begin} must be a force in N, or pairs of way in mm and force in N{got}"
+            return f"{begin} must be a force in N, or pairs of distance in mm and force in N{got}"
         case "tuple_type":
             return f"{begin} must be a list{got}"
         case "too_long":
@@ -193,7 +193,7 @@ def _words(error: Mapping[str, Any], keys: Sequence[str], section: type | None) 
 
 
 def _tags(keys: Sequence[str]) -> tuple[str, list[str]]:
-    """The key that tells a step's word or a path's kind, and what it may be."""
+    """Return the key of a step's word or a path's kind, and its allowed values."""
     return ("path.kind", list(PATHS)) if keys else ("do", [*step_words(), "repeat"])
 
 

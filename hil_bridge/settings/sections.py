@@ -1,4 +1,4 @@
-"""Sections of a configuration as names with values, and of those the ones that are not the defaults."""
+"""Sections of a configuration as names and values, and the settings that differ from their defaults."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -9,19 +9,19 @@ from pydantic import BaseModel
 
 
 def is_section(value: object) -> bool:
-    """Whether it is a section, and no value."""
+    """Return whether an object is a section, as opposed to a value."""
     return isinstance(value, BaseModel) or dataclasses.is_dataclass(value)
 
 
 def items_of(section: object) -> list[tuple[str, Any]]:
-    """Names and values of a section, in order."""
+    """Return names and values of a section, in order."""
     if isinstance(section, BaseModel):
         return [(name, getattr(section, name)) for name in type(section).model_fields]
     return [(field.name, getattr(section, field.name)) for field in dataclasses.fields(section)]  # type: ignore[arg-type]
 
 
 def changed(section: object, default: object, before: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Dotted key, value and default of each setting that is not as in the default section."""
+    """Yield dotted key, value and default of each setting that differs from the default section."""
     defaults = dict(items_of(default)) if type(default) is type(section) else {}
     for name, value in items_of(section):
         usual, key = defaults.get(name), f"{before}{name}"
@@ -32,7 +32,7 @@ def changed(section: object, default: object, before: str = "") -> Iterator[tupl
 
 
 def changed_html(section: BaseModel) -> str:
-    """The same as a table for a notebook."""
+    """Return the changed settings as an HTML table for notebooks."""
     rows = [
         f"<tr>{''.join(f'<td>{escape(str(part))}</td>' for part in row)}</tr>"
         for row in changed(section, type(section)())

@@ -1,4 +1,4 @@
-"""A configuration described: a commented file of all settings, their JSON schema, and those that carry a mark."""
+"""Descriptions of a configuration: a commented file of all settings, their JSON schema, and those with a mark."""
 
 import dataclasses
 import inspect
@@ -16,11 +16,11 @@ from hil_bridge.settings.sections import is_section, items_of
 from protocol.marks import Setting, settings
 
 _TABLES = ("faults", "step")
-"""Settings that are written as tables of their own, so that an empty list would stand in their way."""
+"""Settings that are written as separate tables, with which an empty list would collide."""
 
 
 def profile_rows(config: Config) -> Iterator[tuple[str, Setting]]:
-    """Every setting that carries a mark, with its dotted key."""
+    """Yield every setting with a mark, with its dotted key."""
     for key, section in _sections("", config):
         if dataclasses.is_dataclass(section):
             for item in settings(section):
@@ -28,7 +28,7 @@ def profile_rows(config: Config) -> Iterator[tuple[str, Setting]]:
 
 
 def schema() -> dict[str, Any]:
-    """JSON schema of a configuration file with any of our own devices, settings described with their marks."""
+    """Return the JSON schema of a configuration file with any built-in devices; descriptions include the marks."""
     config = with_all_kinds()
     result = type(config).model_json_schema()
     definitions = result["$defs"]
@@ -47,19 +47,19 @@ def schema() -> dict[str, Any]:
 
 
 class SettingRow(NamedTuple):
-    """A setting for a table."""
+    """Row of a table of settings."""
 
     section: str
     """Dotted key; empty for the top level."""
     name: str
     type: str
     default: str
-    """As TOML writes it; empty if there is none."""
+    """Default as TOML writes it; empty for none."""
     meaning: str
 
 
 def setting_rows() -> Iterator[SettingRow]:
-    """Every setting of a configuration with any of our own devices, section by section."""
+    """Yield every setting of a configuration with any built-in devices, section by section."""
     config = with_all_kinds()
     definitions = schema()["$defs"]
     for key, section in (("", config), *_sections("", config)):
@@ -72,7 +72,7 @@ def setting_rows() -> Iterator[SettingRow]:
 
 
 def _type(entry: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
-    """The type of a setting in words."""
+    """Describe the type of a setting."""
     if "$ref" in entry:
         return _type(definitions[entry["$ref"].rpartition("/")[2]], definitions)
     if "enum" in entry:
@@ -90,13 +90,11 @@ def commented_defaults() -> str:
     """A configuration file with every setting at its default and a comment above it. Sections of devices that it does
     not use are there as comments, a # without a space before what can be taken as it is.
     """
-    lines = [
-        "# Configuration of hil-bridge. Every setting stands at its default; delete what you do not change."
-    ]
+    lines = ["# Configuration of hil-bridge. Every setting is at its default; delete what you do not change."]
     config = Config()
     for key, section in (("", config), *_sections("", config)):
         lines += _lines(key, section)
-    lines += ["", "# Sections of other devices: take away the # before a line that you want."]
+    lines += ["", "# Sections of other devices: remove the # before a line to use it."]
     used = {key for key, _ in _sections("", config)}
     for key, section in _sections("", with_all_kinds()):
         if key not in used:
@@ -105,7 +103,7 @@ def commented_defaults() -> str:
 
 
 def _lines(key: str, section: Any) -> list[str]:
-    """A section, without those inside it; nothing where it has no settings of its own."""
+    """Return the lines of a section, without those inside it; none if it has no settings of its own."""
     comments = _comments(section.__class__)
     plain = [(name, value) for name, value in items_of(section) if not is_section(value)]
     if not plain:
@@ -118,7 +116,7 @@ def _lines(key: str, section: Any) -> list[str]:
 
 
 def _sections(key: str, section: object) -> Iterator[tuple[str, Any]]:
-    """The section itself, then every section inside it, with dotted keys."""
+    """Yield the section itself, then every section inside it, with dotted keys."""
     if key:
         yield key, section
     for name, value in items_of(section):
@@ -128,7 +126,7 @@ def _sections(key: str, section: object) -> Iterator[tuple[str, Any]]:
 
 @cache
 def _comments(cls: Any) -> dict[str, str]:
-    """Text for each field of a section: the setting's meaning with unit and mark, or its docstring."""
+    """Return the text for each field of a section: the setting's meaning with unit and mark, or its docstring."""
     comments = field_docstrings(cls)
     if issubclass(cls, BaseModel):
         return comments

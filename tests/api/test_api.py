@@ -265,7 +265,7 @@ def test_tunings_of_an_object_count_for_parameters_that_have_their_defaults() ->
 
 def test_a_class_for_an_object_is_answered_in_words() -> None:
     with pytest.raises(
-        api.ConfigError, match=r"Proportional is a class; give an object of it, Proportional\(…\)"
+        api.ConfigError, match=r"Proportional is a class; give an instance, Proportional\(…\)"
     ):
         api.simulate(SHORT, controller=Proportional)  # type: ignore[arg-type]
 

@@ -153,7 +153,7 @@ def test_a_place_that_only_the_run_knows_is_drawn_too(hil: Command) -> None:
         (STEPS.replace("[10, 12]", "[0, 12]"), "step 4.3 (track): force_n must ascend along the way"),
         (
             STEPS.replace("[10, 12]", "[10]"),
-            "step 4.3 (track): force_n must be a force in N, or pairs of way in mm",
+            "step 4.3 (track): force_n must be a force in N, or pairs of distance in mm",
         ),
         (
             STEPS.replace("[30, 8]", "[20, 8]"),
@@ -166,10 +166,10 @@ def test_a_place_that_only_the_run_knows_is_drawn_too(hil: Command) -> None:
         ),
         (STEPS.replace("[0, 10]", "[0]"), "step 4.1 (move): to_mm: a value is missing, got [0]"),
         (STEPS.replace("times = 3", "times = 0"), "step 4 (repeat): times must be 1 … 1000, got 0"),
-        ("[limits]\n" + SHORT, "limits is no part of a program: its file holds [[step]] and [frame] alone"),
+        ("[limits]\n" + SHORT, "unknown key limits: the file of a program holds only [[step]] and [frame]"),
         ("[frame]\nfollow = 3\n" + SHORT, "frame.follow is no setting"),
         ("frame = 3\n" + SHORT, "frame must be a table of settings, got 3"),
-        ("step = []\n", "there is no step in it: give each one as a table [[step]]"),
+        ("step = []\n", "no steps: give each as a table [[step]]"),
     ],
 )
 def test_a_wrong_program_is_told_in_one_line_with_file_and_step(
@@ -226,7 +226,7 @@ def test_a_program_stands_in_one_place(hil: Command) -> None:
     assert refused(hil("config", "program", "both.toml")) == message
     Path("other.toml").write_text("[frame]\ntravel = [0, 1, 0]\n")
     assert refused(hil("run", "other.toml", "--virtual", "--task", "steps.toml")) == (
-        "other.toml: frame.travel is another one than in steps.toml: leave one of them out"
+        "other.toml: frame.travel differs from that in steps.toml: leave one of them out"
     )
 
 

@@ -1,4 +1,4 @@
-"""A controller that lies on purpose: what it answers instead, and for how long. Pure, so that a replay lies alike."""
+"""Faults of a controller: wrong answers, and for how long. Pure, so that a replay gives the same ones."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
