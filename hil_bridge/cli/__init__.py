@@ -145,7 +145,7 @@ class _Commands(EntryPointGroup):
             if of_others(error):
                 if debug_wanted(context):
                     click.echo(traceback_of(error), err=True)
-                raise ConfigError(f"code of a plug-in failed: {failure(error)}") from error
+                raise ConfigError(f"plug-in code failed: {failure(error)}") from error
             if isinstance(error, SystemExit):
                 raise
             what = "; ".join([f"{type(error).__name__}: {error}", *getattr(error, "__notes__", ())])

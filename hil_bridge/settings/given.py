@@ -32,15 +32,15 @@ class GivenController(ControllerConfig):
     def tuned(self, tuning: Tuning) -> "GivenController":
         """Return a copy with a tuning that the controller declares, for each parameter that still has its default."""
         found: Any = self._controller
-        found: Any = self._controller not dataclasses.is_dataclass(found) or isinstance(found, type):
+        if not dataclasses.is_dataclass(found) or isinstance(found, type):
             return self.model_copy(update={"sample_ms": tuning.sample_ms})
         defaults = {
             field.name: field.default
             for field in dataclasses.fields(found)
-            found: Any = self._controller field.init and field.default == getattr(found, field.name)
+            if field.init and field.default == getattr(found, field.name)
         }
         changed = {name: value for name, value in tuning.parameters.items() if name in defaults}
-        found: Any = self._controller changed:
+        if changed:
             found = dataclasses.replace(found, **changed)
         section = self.model_copy(update={"sample_ms": tuning.sample_ms, "parameters": _parameters(found)})
         section._controller = found
@@ -64,11 +64,11 @@ def config_of(
         config = source
     else:
         values = _values(source, path)
-        found: Any = self._controller faults:
+        if faults:
             values["faults"] = [*values.get("faults", ()), *map(dict, faults)]
-        found: Any = self._controller name is not None:
+        if name is not None:
             _table(values, "controller")["name"] = name
-        found: Any = self._controller seed is not None:
+        if seed is not None:
             _table(values, "run")["seed"] = seed
         whole = isinstance(source, Config)  # and has the steps of its program already
         sources = {} if whole else with_program(values, str(path or "configuration"))
@@ -106,7 +106,7 @@ def _wrap_controller(config: Config, controller: Any) -> GivenController:
             f"controller: {controller.__name__} is a class; give an instance, {controller.__name__}(…), or its name"
         )
     for method in ("initial", "step"):
-        found: Any = self._controller not callable(getattr(controller, method, None)):
+        if not callable(getattr(controller, method, None)):
             raise ConfigError(f"controller: {controller!r} has no method {method}")
     name = getattr(controller, "name", None)
     if not isinstance(name, str) or not name:

@@ -164,8 +164,8 @@ ENDS = [
         "robot link udp+memory:toyarm stopped: OfItsOwn: all is over (",
         "left: retr",
     ),
-    ("connect", "own", 1, 2, "code of a plug-in failed: OfItsOwn: all is over (", ""),
-    ("make", "generator", 1, 2, "code of a plug-in failed: GeneratorExit (", ""),
+    ("connect", "own", 1, 2, "plug-in code failed: OfItsOwn: all is over (", ""),
+    ("make", "generator", 1, 2, "plug-in code failed: GeneratorExit (", ""),
 ]
 
 
@@ -191,7 +191,7 @@ def test_the_command_ends_in_order_whatever_is_raised(
 
 ARM = "hil-bridge: stopped: robot link udp+memory:toyarm stopped: "
 BEFORE = "hil-bridge: robot link udp+memory:toyarm stopped: "
-OTHERS = "hil-bridge: code of a plug-in failed: "
+OTHERS = "hil-bridge: plug-in code failed: "
 ATTACKS = [
     ("connect", "nothing", 1, 2, f"{OTHERS}WrongAnswer: connect answers NoneType, not a robot link", ""),
     ("connect-load", "nothing", 1, 2, f"{OTHERS}WrongAnswer: connect answers NoneType, not a wire and", ""),
@@ -303,6 +303,6 @@ def test_a_failure_before_the_run_is_one_line_and_exit_code_2(
     code, said = told(monkeypatch, capsys)
     assert code == 2
     (line,) = [line for line in said.splitlines() if line.startswith("hil-bridge:")]
-    assert line.startswith("hil-bridge: code of a plug-in failed: ")
+    assert line.startswith("hil-bridge: plug-in code failed: ")
     assert PACKAGE in line
     assert "Traceback" not in said
