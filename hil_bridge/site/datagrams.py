@@ -1,4 +1,4 @@
-"""Findings of `hil-bridge doctor` about a wire of datagrams: its port, its room in the kernel, what may filter it."""
+"""Checks of `hil-bridge doctor` for a UDP link: its port, its receive buffer, and the firewall."""
 
 import errno
 import ipaddress
@@ -15,7 +15,7 @@ from hil_bridge.transports.datagram.udp import RECEIVE_BUFFER_BYTES
 from hil_bridge.transports.urls import WireUrl
 
 DATAGRAM_BYTES = 768
-"""Least that the kernel counts for one datagram. Source: as of the room that the wire asks for."""
+"""Least that the kernel counts for one datagram. Source: see RECEIVE_BUFFER_BYTES."""
 FASTEST_HZ = 7000.0
 """Rate of the quickest sensor's stream. Source: as above."""
 LISTERS = (("nft", "list", "ruleset"), ("iptables-save",))
@@ -26,12 +26,12 @@ _REFUSING = re.compile(r"\b(?:drop|reject)\b")
 
 
 class Rules(NamedTuple):
-    """Answer of a firewall about itself."""
+    """Rules of the firewall, as far as this user can read them."""
 
     text: str = ""
-    """All its rules; "" where none can be seen."""
+    """All rules; "" if they cannot be read."""
     unseen: str = ""
-    """Why they cannot be seen; "" where they can."""
+    """Why they cannot be read; "" if they can."""
 
 
 def is_datagrams(url: WireUrl) -> bool:
@@ -52,10 +52,8 @@ def reachable(url: WireUrl) -> Fact:
     except OSError as error:
         return fail(subject, error.strerror or str(error), _remedy(error, port))
     if listens:
-        return ok(subject, "free to listen at; a run shows whether the device sends")
-    return ok(
-        subject, f"is reached from {here}; datagrams ask for no connection: a run shows whether it answers"
-    )
+        return ok(subject, "free; a run shows whether the device sends")
+    return ok(subject, f"is routed from {here}; UDP has no connection: a run shows whether it answers")
 
 
 def _remedy(error: OSError, port: int) -> str:
@@ -67,7 +65,7 @@ def _remedy(error: OSError, port: int) -> str:
                 "no interface of this computer has that address: `ip address` lists them; 0.0.0.0 means all"
             )
         case errno.EACCES | errno.EPERM:
-            return "ports below 1024 are the administrator's; take another"
+            return "ports below 1024 need administrator rights; use another"
         case _:
             return "check the address, the cable, and `ip route`"
 
@@ -120,9 +118,7 @@ def in_real_time(realtime: RealTime) -> Fact:
     ]
     if asked:
         return ok("datagrams in real time", f"{', '.join(asked)} of [realtime]: as for every other wire")
-    return ok(
-        "datagrams in real time", "[realtime] asks for nothing; its settings hold as for every other wire"
-    )
+    return ok("datagrams in real time", "[realtime] is at its defaults, which apply as to every other wire")
 
 
 # --- firewall
@@ -154,17 +150,17 @@ def firewall(host: str, port: int, rules: Rules) -> Fact:
     if rules.unseen:
         return warn(
             subject,
-            f"its rules cannot be seen ({rules.unseen})",
+            f"its rules cannot be read ({rules.unseen})",
             "`sudo nft list ruleset` or `sudo iptables-save` shows whether it drops what comes to this port",
         )
     if not _may_refuse(rules.text):
-        return ok(subject, "no rule refuses what arrives")
+        return ok(subject, "no rule drops incoming packets")
     if _names(rules.text, port):
-        return ok(subject, "a rule accepts it by its number")
+        return ok(subject, "a rule accepts this port")
     return warn(
         subject,
-        "rules refuse some of what arrives, and none accepts this port by its number",
-        f"where nothing arrives, allow it: `sudo ufw allow {port}/udp`, or a rule `udp dport {port} accept`",
+        "rules drop some incoming packets, and none accepts this port by number",
+        f"if nothing arrives, allow it: `sudo ufw allow {port}/udp`, or a rule `udp dport {port} accept`",
     )
 
 

@@ -1,4 +1,4 @@
-"""`hil-bridge doctor`: is this computer fit for a run, and what to do where it is not."""
+"""`hil-bridge doctor`: whether this computer is fit for a run, and what to do if it is not."""
 
 import os
 import platform
@@ -30,9 +30,9 @@ from hil_bridge.transports.urls import WireUrl
 
 PACKAGES = ("hil-bridge", "pyserial", "python-can", "numpy", "pydantic", "mcap", "msgspec")
 PERIOD_S, CYCLES = 1e-3, 1000
-"""How wake-ups are measured: at the rate of the fastest sensor stream, for a second."""
+"""Period and number of measured wake-ups: the rate of the fastest sensor stream, for a second."""
 LATE_S = 1e-3
-"""Wake-ups later than this are worth a warning. Chosen: a sample of a 1 kHz stream."""
+"""Lateness of wake-ups that gives a warning. Chosen: a sample of a 1 kHz stream."""
 CONNECT_S = 2.0
 """Longest wait for a host's answer. Chosen."""
 LOCKED_BYTES = 1 << 29
@@ -130,7 +130,7 @@ def differences(config: Config, file: Path) -> list[Fact]:
     robot = robot_in(config)
     if robot.kind.compare_file is None:
         raise ConfigError(
-            f"{format_path(file)}: no file of a controller is compared for the kind {robot.kind.name}"
+            f"{format_path(file)}: the kind {robot.kind.name} has no controller file to compare"
         )
     with open_ordinary(file) as opened:
         data = read_up_to(opened, TOML_LIMIT_BYTES + 1)
@@ -139,7 +139,7 @@ def differences(config: Config, file: Path) -> list[Fact]:
             raise ValueError(f"longer than {TOML_LIMIT_BYTES} bytes")
         found: ProbeResult = robot.kind.compare_file(data, robot.url, robot.settings)
     except ValueError as error:
-        raise ConfigError(f"{format_path(file)} is no file of this controller: {error}") from error
+        raise ConfigError(f"{format_path(file)} is not a file of this controller: {error}") from error
     facts = [ok(file.name, f"{name}: {text}") for name, text in found.rows]
     return [*facts, *(fail(file.name, trouble.fact, trouble.remedy) for trouble in found.refusals)]
 
@@ -186,14 +186,14 @@ def wire(
         case "udp" | "udp-bind":
             return datagrams.reachable(url)
         case _:
-            return fail(url.text, "such a wire exists inside one process only", "name a port or an interface")
+            return fail(url.text, "such a wire exists only inside one process", "name a port or an interface")
 
 
 def _port(target: str, root: Path) -> Fact:
     device = Path(os.path.realpath(root / target.lstrip("/")))
     devices = Path(os.path.realpath(root / "dev"))
     if not device.is_relative_to(devices):
-        there = "is no device" if device.exists() else "there is no such port"
+        there = "is not a device" if device.exists() else "no such port"
         return fail(f"serial port {target}", there, "check the cable and `ls /dev/tty*`")
     return facts.serial_port(root, str(device.relative_to(devices)))
 
@@ -204,11 +204,11 @@ def _host(host: str, port: int) -> Fact:
         socket.create_connection((host, port), timeout=CONNECT_S).close()
     except OSError as error:
         reason = error.strerror or str(error)
-        return fail(subject, reason, "check the address, the cable, and that the other side was started")
+        return fail(subject, reason, "check the address, the cable, and that the other side is running")
     return ok(subject, "answers")
 
 
-# --- what only the system itself can tell
+# --- queries to the system
 
 
 def can_details() -> dict[str, dict[str, Any]] | None:

@@ -1,4 +1,4 @@
-"""Facts about a computer from /sys, /proc and /dev, judged for a bridge's needs.
+"""Facts about a computer from /sys, /proc and /dev, judged by the needs of a bridge.
 
 Everything is read below a root folder, so that tests can lay out a computer of their own. Sources: kernel
 documentation, Documentation/ABI/testing/sysfs-class-net, sysfs-bus-usb, sysfs-class-tty, sysfs-devices-system-cpu;
@@ -34,7 +34,7 @@ _BETWEEN = ("port", "ctrl")
 
 
 class Level(StrEnum):
-    """How good a fact is."""
+    """Severity of a fact."""
 
     OK = "ok"
     WARN = "warn"
@@ -90,7 +90,7 @@ def serial_ports(root: Path) -> Iterator[Fact]:
         yield warn(
             "serial ports",
             "none found",
-            "plug the adapter in; `dmesg | tail` says what the kernel made of it",
+            "plug the adapter in; `dmesg | tail` shows whether the kernel detected it",
         )
     for name in names:
         yield serial_port(root, name)
@@ -103,7 +103,7 @@ def serial_port(root: Path, name: str) -> Fact:
     try:
         information = node.stat()
     except OSError:
-        return fail(subject, "there is no such port", "check the cable and `ls /dev/tty*`")
+        return fail(subject, "no such port", "check the cable and `ls /dev/tty*`")
     what = _adapter(root, name)
     if not os.access(node, os.R_OK | os.W_OK):
         return fail(
@@ -192,9 +192,7 @@ def can_interfaces(root: Path, details: Mapping[str, Mapping[str, Any]] | None) 
     if not names:
         yield ok("CAN interfaces", "none")
     if details is None and names:
-        yield warn(
-            "iproute2", "is not installed, so that bit rates cannot be told", "install the package iproute2"
-        )
+        yield warn("iproute2", "is not installed, so bit rates are unknown", "install the package iproute2")
 
 
 def can_interface(
@@ -207,7 +205,7 @@ def can_interface(
     subject, folder = f"CAN interface {name}", root / "sys/class/net" / name
     if _read(folder / "type") != str(_ARPHRD_CAN):
         there = ", ".join(can_names(root)) or "none"
-        return fail(subject, f"there is no such CAN interface (there are: {there})", "`ip link` lists all")
+        return fail(subject, f"no such CAN interface (known: {there})", "`ip link` lists all")
     flags = _read(folder / "flags")
     up = flags.startswith("0x") and bool(int(flags, 16) & _IFF_UP)
     told = (details or {}).get(name, {})
@@ -298,7 +296,7 @@ def clock_source(root: Path) -> Fact:
         return warn(
             "clock source",
             f"{name} is slow to read",
-            "see `dmesg | grep -i clocksource` for why tsc was left",
+            "see `dmesg | grep -i clocksource` for why tsc is not used",
         )
     return ok("clock source", name)
 
@@ -337,7 +335,7 @@ def processors(usable: Sequence[int]) -> Fact:
     """On how many processors we may run."""
     if len(usable) < 2:
         return warn(
-            "processors", "one: recorder, view and control share it", "do not run anything else beside a run"
+            "processors", "one: recorder, view and control share it", "do not run anything else during a run"
         )
     return ok("processors", str(len(usable)))
 

@@ -129,7 +129,7 @@ def _moved(pose: Pose, config: Config, by_mm: float) -> Vector:
 
 
 class _Watch:
-    """Whether the force rises on the way."""
+    """Watch on the force during the motion."""
 
     def __init__(self, config: Config, known: bool, orientation: Quaternion) -> None:
         """`known`: forces are contact forces; else the weight of a tool that is not known is part of them."""

@@ -1,4 +1,4 @@
-"""What `hil-bridge monitor` hands to the device whose link it shows."""
+"""Options that `hil-bridge monitor` passes to the device whose link it shows."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -10,9 +10,9 @@ class MonitorOptions(NamedTuple):
     """Options of `hil-bridge monitor`, for an extension `monitor-KIND`: a function of the sources and of these."""
 
     raw: bool
-    """Whether the bytes are shown, too."""
+    """Whether to show the bytes, too."""
     save: Path | None
-    """File for a text capture of what is heard."""
+    """File for a text capture of received traffic."""
     config: Config
     is_configured: bool
     """Whether a file gave the configuration, so that its link settings hold for a file, too."""

@@ -15,7 +15,7 @@ from protocol.geometry import Quaternion
 from protocol.wrench import AXES
 
 LEAST_N = 5.0
-"""Least force that counts as a push. Chosen: a light one, far above the weight of a hand at rest."""
+"""Least force that counts as a push. Chosen: a light one, far above the weight of a resting hand."""
 NOISE_FACTOR = 10.0
 """A push is at least so many times the noise of the force. Chosen."""
 SURE_SHARE = 0.87
@@ -43,7 +43,7 @@ class Answer:
 
     @property
     def sure(self) -> bool:
-        """Whether one axis answered, and not a mixture."""
+        """Whether a single axis responded."""
         return self.share >= SURE_SHARE
 
     @property
@@ -51,20 +51,20 @@ class Answer:
         """The answer in words."""
         named = f"{'+' if self.sign > 0 else '−'}{self.axis.capitalize()}"
         if self.sure:
-            return f"{named} answers: {self.force_n:.1f} N, {self.share:.0%} of it on this axis"
+            return f"{named} responds: {self.force_n:.1f} N, {self.share:.0%} of it on this axis"
         return f"not sure: {named} has {self.share:.0%} of {self.force_n:.1f} N; push straight along the axis"
 
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """Settings under which the pushes come out as what they were."""
+    """Mounting settings that explain the pushes."""
 
     flip_fx_mx: bool
     mounting_deg: float
     quaternion: Quaternion
     """Sensor frame in the tool frame, w x y z, beside `mounting_deg`."""
     off_deg: float
-    """How far the push is off that answers worst."""
+    """Largest deviation of a push."""
 
     @property
     def settings(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""The path of a tool that has been lifted off, back to the start of a recorded run.
+"""Path of a lifted tool back to the start of a recorded run.
 
 It leads across at the height of the lift, then down, in small slow steps. The tool must be known: its weight verifies
 the sensor before anything moves, as before a run. The first contact ends it, and the tool stands still there.
@@ -98,7 +98,7 @@ def start_of(recording: Recording, kind: str) -> Vector:
     robot = devices_of(recording).robot
     if robot.emulated:
         raise ConfigError(
-            "the recording is of an emulated robot, whose start is no place of this cell; "
+            "the recording is of an emulated robot, whose start is not a place in this cell; "
             "name one of a run on this robot"
         )
     if robot.kind not in ("", kind):
@@ -106,7 +106,7 @@ def start_of(recording: Recording, kind: str) -> Vector:
             f"the recording is of a robot of kind {robot.kind}, and this one is of kind {kind}; name one of a run on it"
         )
     if not recording.cycles:
-        raise ConfigError("the recording has no cycle, so it does not say where its run began; name another")
+        raise ConfigError("the recording has no cycle, so the start of its run is unknown; name another")
     x, y, z = recording.cycles[0].start
     return x, y, z
 
@@ -120,12 +120,12 @@ def check_goal(config: Config, goal: Vector) -> None:
     """Raise ConfigError where the tool is not known, or the goal lies outside the workspace."""
     limits = config.limits
     if known_wrist(config) is None or (config.sensor.url and not config.tool.mass_kg):
-        raise ConfigError("the path back needs a tool that is known: set tool.mass_kg (--tool-mass-kg)")
+        raise ConfigError("the path back needs the mass of the tool: set tool.mass_kg (--tool-mass-kg)")
     box = zip(limits.workspace_min_m, goal, limits.workspace_max_m, strict=True)
     if not all(low <= part <= high for low, part, high in box):
         place = " ".join(f"{part * 1e3:.1f}" for part in goal)
         raise ConfigError(
-            f"the recorded start, {place} mm, lies outside limits.workspace_min_m … workspace_max_m"
+            f"the recorded start, {place} mm, is outside limits.workspace_min_m … workspace_max_m"
         )
 
 

@@ -72,7 +72,7 @@ async def probe(
     """Findings of the robot behind a wire. Errors as of `probe_robot`."""
     if kind.probe is None:
         raise ConfigError(
-            f"a robot of the kind {kind.name} has no probe; its package gives one as `probe` of its RobotKind"
+            f"the kind {kind.name} has no probe; its package provides one as `probe` of its RobotKind"
         )
     found: ProbeResult = await kind.probe(wire, settings, Wiring("robot", clock, NullLog()))
     return found
@@ -90,7 +90,7 @@ def probe_values(found: ProbeResult) -> dict[str, object]:
 def probe_rows(found: ProbeResult) -> list[tuple[str, str]]:
     """All findings, and at the end what a run would meet."""
     refusals = [("a run", f"would be refused: {trouble}") for trouble in found.refusals]
-    return [*found.rows, *(refusals or [("a run", "would begin, as far as the robot tells")])]
+    return [*found.rows, *(refusals or [("a run", "would begin, as far as the robot reports")])]
 
 
 def site_toml(url: str, found: ProbeResult) -> str:

@@ -1,4 +1,4 @@
-"""`hil-bridge probe sensor`: what a force sensor tells of itself, how it is mounted, and what it feels.
+"""`hil-bridge probe sensor`: what a force sensor reports about itself, its mounting, and its wrench.
 
 Nothing is sent but the requests of a run's start, and no zero. The wrench shown is the device's own, with the weight of
 all that hangs below the sensor in it.
@@ -265,7 +265,7 @@ async def _find(sensor: ForceSensor, look: _Look, url: str) -> Findings:
             await sensor.frame()
     except TimeoutError as error:
         raise DeviceError(
-            f"force sensor on {sensor.name} says that it streams, but no frame came for {FIRST_S:g} s"
+            f"force sensor on {sensor.name} reports that it streams, but sent no frame for {FIRST_S:g} s"
         ) from error
     await look.after(NOISE_S)
     stream = look.back(NOISE_S)
@@ -300,16 +300,16 @@ async def _pushes(
     found: dict[int, Answer] = {}
     wrong = False
     for axis, name in enumerate("XYZ"):
-        screen.say(f"push along +{name} of the tool and hold; Enter continues without it")
+        screen.say(f"push along +{name} of the tool and hold; Enter skips it")
         entered.clear()
         answer = await _push(look, noise, screen, entered)
         if answer is None:
-            screen.say(f"  +{name}: left out")
+            screen.say(f"  +{name}: skipped")
             continue
         should = expect_push(sits, axis)
         off = angle_deg(answer.direction, should.direction)
         fits = off <= RIGHT_ANGLE_DEG
-        verdict = "as configured" if fits else f"{off:.0f}° from what [sensor] of the configuration says"
+        verdict = "as configured" if fits else f"{off:.0f}° off the mounting in [sensor] of the configuration"
         screen.say(f"  +{name}: {answer.text}; {verdict}")
         if answer.sure or fits:
             found[axis] = answer
@@ -318,15 +318,15 @@ async def _pushes(
         return
     mounting = mounting_of(found)
     if mounting is None:
-        screen.say("a clear push along all three axes would tell what to set in [sensor]; probe once more")
+        screen.say("[sensor] cannot be determined without a clear push along all three axes; probe again")
         return
-    screen.say(f"then set in [sensor] (the pushes are off it by {mounting.off_deg:.0f}° at most):")
+    screen.say(f"then set in [sensor] (the pushes deviate from it by {mounting.off_deg:.0f}° at most):")
     for line in mounting.settings:
         screen.say(f"  {line}")
 
 
 async def _push(look: _Look, noise: Sequence[float], screen: Screen, entered: asyncio.Event) -> Answer | None:
-    """Answer to one push, once it is held; None where an operator pressed Enter or the wait ran out."""
+    """Return the answer to one push once it is held; None if an operator pressed Enter or the wait ran out."""
     before = look.back(NOISE_S).mean
 
     def held() -> Answer | None:
@@ -352,7 +352,7 @@ async def _push(look: _Look, noise: Sequence[float], screen: Screen, entered: as
 async def _until(
     look: _Look, screen: Screen, entered: asyncio.Event, seen: Callable[[], Seen | None]
 ) -> Seen | None:
-    """First value of `seen`, asked again and again; None once an operator pressed Enter or the wait ran out."""
+    """Poll `seen` and return its first value; None once an operator pressed Enter or the wait ran out."""
     for number in range(round(PATIENCE_S / LOOK_S)):
         await look.after(LOOK_S)
         if (found := seen()) is not None or entered.is_set():

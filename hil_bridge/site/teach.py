@@ -1,4 +1,4 @@
-"""A work frame from three places that the tool touches under force control. Pure, but for the configuration's types."""
+"""Work frame from three points that the tool touches under force control. Pure, except for the types of settings."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -54,7 +54,7 @@ def frame_of(found: Mapping[str, Sequence[float]], approach: Vector) -> dict[str
     try:
         first, second, third = (np.array(found[name_of(number)], dtype=float) for number in (1, 2, 3))
     except KeyError as error:
-        raise ConfigError(f"{error.args[0]} was not found: the run ended before") from error
+        raise ConfigError(f"no contact {error.args[0]}: the run ended before it") from error
     along, aside = second - first, third - first
     length = float(np.linalg.norm(along))
     normal = np.cross(along, aside)
@@ -66,7 +66,7 @@ def frame_of(found: Mapping[str, Sequence[float]], approach: Vector) -> dict[str
     angle = math.degrees(math.acos(min(float(normal @ approach), 1.0)))
     if angle > STEEPEST_DEG:
         raise ConfigError(
-            f"the plane stands at {angle:.0f}° to frame.approach, more than {STEEPEST_DEG:g}°: set frame.approach "
+            f"the plane is at {angle:.0f}° to frame.approach, more than {STEEPEST_DEG:g}°: set frame.approach "
             "nearer to its normal, then touch again"
         )
     # + 0.0 makes 0.0 of -0.0
@@ -81,5 +81,5 @@ def _check_apart(length_mm: float, beside_mm: float) -> None:
     """Raise ConfigError for two places too near to each other, or a third one too near to the line through them."""
     if not (length_mm >= LEAST_MM and beside_mm >= LEAST_MM):
         raise ConfigError(
-            f"the three places lie on one line, or nearer than {LEAST_MM:g} mm: touch places farther apart"
+            f"the three points lie on one line, or are closer than {LEAST_MM:g} mm: touch points farther apart"
         )

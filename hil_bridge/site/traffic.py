@@ -1,4 +1,4 @@
-"""The recorded traffic of any devices, put into words by their kinds; bytes without words are shown as they are."""
+"""Recorded traffic of any devices, decoded by their kinds; other bytes are shown as they are."""
 
 import math
 import re
@@ -29,7 +29,7 @@ from protocol.can.error import decode_error
 from protocol.can.text import parse_candump, parse_frame
 
 Side: TypeAlias = Literal["robot", "sensor", "both"]
-"""The devices whose traffic is wanted."""
+"""Devices whose traffic is requested."""
 Item: TypeAlias = Mapping[str, object]
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -60,7 +60,7 @@ class Piece(NamedTuple):
 
 
 def is_recording(path: Path) -> bool:
-    """Whether there is such a file and it begins as a recording does."""
+    """Return whether the file exists and begins like a recording."""
     try:
         with open_ordinary(path) as file:
             return file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
@@ -87,7 +87,7 @@ def monitor_traffic(path: Path, side: Side, raw: bool) -> int:
     if side != "robot":
         rows += in_words(pieces(traffic.sensor, str(path)), sensor, "sensor")
     if not rows:
-        raise ConfigError(f"{path} holds no traffic of {'its devices' if side == 'both' else f'a {side}'}")
+        raise ConfigError(f"{path} has no traffic of {'its devices' if side == 'both' else f'a {side}'}")
     rows.sort(key=lambda row: row.at)
     show = Printer(raw, rows[0].at)
     for row in rows:

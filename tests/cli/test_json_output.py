@@ -96,7 +96,7 @@ def test_doctor_has_a_row_for_each_line(monkeypatch: pytest.MonkeyPatch, tmp_pat
     found = told("doctor", file, code=3)
     assert found["can_work"] is False
     row = next(one for one in found["facts"] if one["subject"] == "robot.url" and one["level"] == "fail")
-    assert row["text"].startswith("serial port /dev/ttyUSB99: there is no such port")
+    assert row["text"].startswith("serial port /dev/ttyUSB99: no such port")
     rest = told("doctor")
     assert rest["can_work"] is True
     assert len(rest["facts"]) == len(text("doctor").splitlines())

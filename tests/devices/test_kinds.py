@@ -366,9 +366,7 @@ def test_a_robot_whose_clients_cannot_be_judged_says_where_to_look(monkeypatch: 
     told = refusal("conform", "toyarm", "--", "true")
     assert told.startswith("toyarm: cannot test its clients, its RobotEmulation has no mishaps; ")
     told = refusal("probe", "robot", "toyarm+udp://127.0.0.1:9")
-    assert (
-        told == "a robot of the kind toyarm has no probe; its package gives one as `probe` of its RobotKind"
-    )
+    assert told == "the kind toyarm has no probe; its package provides one as `probe` of its RobotKind"
 
 
 @pytest.mark.parametrize("robot", ["egm", "rtde", "rsi"])

@@ -178,12 +178,10 @@ def test_free_back_to_a_start_goes_across_above_it(configured: Configured) -> No
 
 
 def test_free_back_to_a_start_needs_a_known_tool_and_the_box(configured: Configured) -> None:
-    with pytest.raises(ConfigError, match="needs a tool that is known"):
+    with pytest.raises(ConfigError, match="needs the mass of the tool"):
         taken_back(configured(5e3, ABOVE, {"sensor": {"unchecked": True}}))
     box = {"limits": {"workspace_max_m": (3.0, 3.0, 0.599)}}
-    with pytest.raises(
-        ConfigError, match=r"the recorded start, 900\.0 -100\.0 600\.0 mm, lies outside limits"
-    ):
+    with pytest.raises(ConfigError, match=r"the recorded start, 900\.0 -100\.0 600\.0 mm, is outside limits"):
         taken_back(configured(5e3, ABOVE, box))
 
 
@@ -192,7 +190,7 @@ def test_free_back_to_a_start_needs_a_known_tool_and_the_box(configured: Configu
     [
         (
             RobotFacts(kind="rtde", emulated=True),
-            "of an emulated robot, whose start is no place of this cell",
+            "of an emulated robot, whose start is not a place in this cell",
         ),
         (RobotFacts(kind="egm"), "of a robot of kind egm, and this one is of kind rtde"),
         (RobotFacts(kind="rtde"), "no cycle"),

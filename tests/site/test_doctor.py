@@ -118,8 +118,8 @@ def test_ports_without_hardware_are_left_out(tmp_path: Path) -> None:
         (CAN0, {**DETAILS, "state": "ERROR-PASSIVE", "errors": (0, 128)}, Level.WARN, "sent 0, received 128"),
         (CAN0, {**DETAILS, "restart_ms": 0}, Level.WARN, "restart-ms 100"),
         (CAN0, {"kind": "vcan"}, Level.OK, "virtual"),
-        ({}, DETAILS, Level.FAIL, "there is no such CAN interface (there are: none)"),
-        ({"sys/class/net/can0/type": "1\n"}, DETAILS, Level.FAIL, "there is no such CAN interface"),
+        ({}, DETAILS, Level.FAIL, "no such CAN interface (known: none)"),
+        ({"sys/class/net/can0/type": "1\n"}, DETAILS, Level.FAIL, "no such CAN interface"),
     ],
 )
 def test_can_interfaces(tmp_path: Path, files, details, level, words) -> None:
@@ -289,8 +289,8 @@ def test_a_link_to_a_port_is_followed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("robot", "sensor", "key", "words"),
     [
-        ("s3+serial:///dev/ttyUSB9", "", "robot.url", "there is no such port"),
-        ("s3+serial:///etc/nothing", "", "robot.url", "there is no such port"),
+        ("s3+serial:///dev/ttyUSB9", "", "robot.url", "no such port"),
+        ("s3+serial:///etc/nothing", "", "robot.url", "no such port"),
         ("s3+serail:///dev/ttyUSB0", "", "robot.url", "unknown scheme"),
         ("serial:///dev/ttyUSB0", "", "robot.url", "did you mean s3+serial:///dev/ttyUSB0?"),
         ("s3+memory:robot", "", "robot.url", "inside one process"),

@@ -108,10 +108,10 @@ def test_axes_need_more_tags_of_an_rsi_file(tmp_path: Path) -> None:
 def test_other_file_than_of_rsi_is_refused(tmp_path: Path, text: str | bytes, words: str) -> None:
     with pytest.raises(ConfigError) as caught:
         compare(tmp_path, text)
-    assert f"RSI.xml is no file of this controller: {words}" in str(caught.value)
+    assert f"RSI.xml is not a file of this controller: {words}" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_robot_without_such_a_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"no file of a controller is compared for the kind egm"):
+    with pytest.raises(ConfigError, match=r"the kind egm has no controller file to compare"):
         compare(tmp_path, FILE, url="egm+udp-bind://0.0.0.0:6510")

@@ -151,7 +151,7 @@ def test_pushes_say_what_to_set_where_the_sensor_sits_otherwise(
 ) -> None:
     said = probed(hand=in_turn(X, Y, Z), seen_as=sits)
     assert [line.strip()[4:7] for line in said if line.startswith("  +")] == answers
-    assert any("from what [sensor] of the configuration says" in line for line in said)
+    assert any("off the mounting in [sensor] of the configuration" in line for line in said)
     assert all(f"  {setting}" in said for setting in settings)
     right = probed(hand=in_turn(X, Y, Z), seen_as=sits, sensor=sits)
     assert sum(line.endswith("as configured") for line in right) == 3

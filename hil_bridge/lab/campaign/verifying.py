@@ -263,7 +263,7 @@ def unpack(path: Path, folder: Path) -> dict[str, str]:
             raise ConfigError(f"cannot unpack {format_path(path)}: {error.strerror or error}") from error
         except _DAMAGES as error:
             raise ConfigError(
-                f"{format_path(path)} is not a zip file, or its end is damaged: {error}"
+                f"{format_path(path)} is not a bundle (a .zip file), or its end is damaged: {error}"
             ) from error
 
 
