@@ -1,4 +1,4 @@
-"""The Python interface: runs and devices for programs, notebooks and tests of your own.
+"""Python interface: runs and devices for your programs, notebooks and tests.
 
     from hil_bridge import simulate
 
@@ -6,7 +6,7 @@
     result = simulate({"run": {"duration_s": 3.0}}, faults=[stop])
     assert result.outcome == "stopped"
 
-The names of `__all__` are stable: they are changed with a note in the release only. Every other name is private.
+The names in `__all__` are stable: they change only with a note in the change log. Every other name is private.
 Lengths are m, times s, forces N, moments N·m, angles rad, unless a name ends in another unit. Poses are those of the
 tool in the robot's base frame, wrenches those on the tool in the tool frame.
 
@@ -119,7 +119,7 @@ def simulate(
     observe: Observe = None,
     seed: int | None = None,
 ) -> Result:
-    """One run against the emulated cell in virtual time: as fast as it computes, and the same with the same seed.
+    """Run once against the emulated cell in virtual time: as fast as possible, and identical with the same seed.
 
     A `controller` object satisfies `Controller`: a pure law, so that the same object may run again. `observe` is told
     each cycle; an error that it raises ends the run, the tool is retracted, and the error is raised here. No file is
@@ -146,7 +146,7 @@ async def simulate_async(
     observe: Observe = None,
     seed: int | None = None,
 ) -> Result:
-    """The same to await, in a thread of its own: a notebook or a server continues meanwhile.
+    """Run like `simulate`, but awaitable and in a separate thread: a notebook or a server continues meanwhile.
 
     `observe` is called in that thread. Arguments and errors are those of `simulate`.
     """
@@ -163,7 +163,7 @@ def simulation(
     observe: Observe = None,
     seed: int | None = None,
 ) -> AbstractAsyncContextManager[Simulation]:
-    """A run with its robot, sensor, clock, truth and panel at hand while it goes, for `async with`.
+    """Open a run with access to its robot, sensor, clock, truth and panel while it continues, for `async with`.
 
     The run is a task of its own: `Simulation.start`, `reached` or `finished` begins it. A run that still goes when the
     context is left retracts first, also when the context is left by an error. Then `Simulation.result` is there.
@@ -175,7 +175,7 @@ def simulation(
 
 
 def open_devices(config: Configuration = None) -> AbstractAsyncContextManager[OpenDevices]:
-    """Robot and sensor alone, started, for a script that drives a cell itself, for `async with`.
+    """Open robot and sensor alone, started, for a script that drives a cell itself, for `async with`.
 
     What has no URL is emulated, but for the sensor beside a real robot: that robot is opened alone, and to ask for the
     sensor raises ConfigError. No guard watches such a script: the robot does what it is told, within its own limits.

@@ -1,4 +1,4 @@
-"""The control loop of a configuration, asked about one observation at a time."""
+"""Query of a configuration's control loop about one observation at a time."""
 
 import math
 from dataclasses import dataclass, replace
@@ -29,24 +29,24 @@ from hil_bridge.settings.configuration import Config
 from protocol.geometry import Vector
 
 _NOW = 1000.0
-"""Time of the observation, s: any."""
+"""Time of the observation, s; arbitrary."""
 _SEQUENCE = 1_000_000
-"""Frame counter of the observation: any."""
+"""Frame counter of the observation; arbitrary."""
 
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """An observation, and what went before it. What is None is as in a calm run of this configuration."""
+    """An observation and its history. None: as in an undisturbed run of this configuration."""
 
     phase: Phase = Phase.TRACK
     force_n: float | None = None
-    """Force along the approach; by default the wanted one in TRACK and 0 elsewhere."""
+    """Force along the approach; by default the target force in TRACK, else 0."""
     peak_n: float | None = None
-    """Force along the approach farthest from 0 of all frames since the decision before; by default the force."""
+    """Force along the approach farthest from 0 of all frames since the last decision; by default the force."""
     resultant_n: float | None = None
     """Length of the force vector; by default that of the force along the approach."""
     moment_nm: float = 0.0
-    """Largest length of the moment vector since the decision before."""
+    """Largest length of the moment vector since the last decision."""
     age_ms: float = 0.0
     """Age of the newest frame."""
     unchanged_ms: float = 0.0
@@ -62,13 +62,13 @@ class Situation:
     stiffness bears the wanted force, in APPROACH the start.
     """
     wanted_mm: float | None = None
-    """Depth that is wanted next; by default the task's own step, in TRACK the depth ordered last."""
+    """Next requested depth; by default a step of the task, in TRACK the depth of the last order."""
     across_mm: float = 0.0
-    """How far across the approach is wanted next."""
+    """Next requested distance across the approach."""
     unanswered_mm: float = 0.0
-    """Way that the tool went deeper since the force changed last."""
+    """Increase in depth since the force last changed."""
     moved_mm: float = 0.0
-    """Way of the reported position since the cycle before."""
+    """Distance that the reported position moved since the last cycle."""
     cycle_ms: float | None = None
     """Time since then. By default it is the least line time of a cycle, and for orders the sample time of the
     controller.
@@ -76,28 +76,28 @@ class Situation:
     against_n: float = 0.0
     """Contact force against the travel."""
     witness_n: float | None = None
-    """Force along the approach as the robot itself feels it; None where it tells none."""
+    """Force along the approach as measured by the robot itself; None if it reports none."""
     disagreed_ms: float = 60_000.0
     """Time for which that and the sensor have disagreed before; by default longer than they may."""
     pulled_ms: float = 60_000.0
     """Time for which a pull in free space has lasted before; by default longer than it may."""
     unchanged_mm: float = 0.0
-    """Way that the tool moved through free space since the counts changed last."""
+    """Distance that the tool moved through free space since the counts last changed."""
     strayed_mm: float = 0.0
-    """Distance of the reported depth from all that was ordered lately."""
+    """Distance of the reported depth from all recent orders."""
     tilt_deg: float = 0.0
-    """Turn of the reported orientation from that of the start."""
+    """Angle between the reported orientation and that of the start."""
     gap_ms: float = 0.0
-    """Time for which the computer stood still."""
+    """Time for which the computer stalled."""
     saturated: bool = False
     fault: str = ""
-    """Fault of a device, in words."""
+    """Description of a device's fault."""
     dead_axis: str = ""
-    """Which axis does not live, in words."""
+    """Description of an axis that does not respond."""
     controller_failure: str = ""
-    """Fault of the controller, in words."""
+    """Description of the controller's fault."""
     swing_n: float = 0.0
-    """Amplitude of a swing that continues at the least gain; 0 for none."""
+    """Amplitude of an oscillation that continues at the least gain; 0 for none."""
     stiffness_n_m: float | None = None
     """Estimate of the contact stiffness; None if there is none."""
     start_m: Vector | None = None
@@ -109,11 +109,11 @@ class Situation:
     from_contact: bool = True
     """Whether that began in contact."""
     back_mm: float = 0.0
-    """Way that the tool has come back since the force fell last."""
+    """Distance that the tool has moved back since the force last fell."""
 
 
 class Asked:
-    """The control loop of a configuration, asked about situations."""
+    """Control loop of a configuration for queries about situations."""
 
     def __init__(self, config: Config) -> None:
         one_stroke = config.model_copy(update={"task": replace(config.task, step=())})
@@ -122,7 +122,7 @@ class Asked:
         self._loop: ControlLoop = self._setup.loop
 
     def __call__(self, situation: Situation) -> Decision:
-        """Decision of the loop. Raises ConfigError for a start, or an order before, outside the workspace."""
+        """Return the decision of the loop. Raises ConfigError for a start or a last order outside the workspace."""
         config, loop, seen = self.config, self._loop, situation
         start = seen.start_m or middle(config)
         commanded = self.commanded_mm(seen) * 1e-3
@@ -198,7 +198,7 @@ class Asked:
         return self.config.task.force_n if seen.phase is Phase.TRACK else 0.0
 
     def commanded_mm(self, seen: Situation) -> float:
-        """Depth that was ordered last."""
+        """Depth of the last order."""
         if seen.commanded_mm is not None:
             return seen.commanded_mm
         if seen.depth_mm is not None:

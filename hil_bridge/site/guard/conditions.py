@@ -1,4 +1,4 @@
-"""The table of causes for people: on a terminal, and as cells for the page of safety."""
+"""Table of causes as text: on a terminal, and as cells for the page of safety."""
 
 import textwrap
 from collections.abc import Iterable, Sequence
@@ -22,7 +22,7 @@ _NAME, _WIDTH = 21, 110
 
 
 def as_text(rows: Iterable[CauseRow] = TABLE) -> Iterable[str]:
-    """The table as lines for a terminal: a head for each time at which it is looked, then a paragraph a row."""
+    """Return the table as lines for a terminal: a head for each time of checking, then a paragraph per row."""
     rows = tuple(rows)
     for when in When:
         seen = [row for row in rows if row.when is when]

@@ -1,4 +1,4 @@
-"""The supervisor's decision for an observation, asked of the control loop that a run has.
+"""Explanation of the supervisor's decision for an observation, by the control loop of a run.
 
 Nothing is decided here. Which setting ruled is found by asking again with each setting loosened, and how far a limit
 is by asking with larger and larger values.
@@ -23,7 +23,7 @@ from hil_bridge.site.guard.margins import Margin, margins, number
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """The loop's answer and what led to it."""
+    """Decision of the loop, and its causes."""
 
     verdict: str
     """allow, clamp or stop."""
@@ -31,17 +31,17 @@ class Explanation:
     reasons: tuple[str, ...]
     """Why less is ordered, why it stops, or why the task ends."""
     settings: tuple[str, ...]
-    """The settings that ruled, as `section.name = value`."""
+    """The settings that decided, as `section.name = value`."""
     rows: tuple[CauseRow, ...]
     """Rows of the table of conditions."""
     then: str
     """Reaction of the tool."""
     deepest_mm: float | None
-    """Deepest order that would be sent in this cycle; None where none of the kind is."""
+    """Deepest order that would be sent in this cycle; None if no such order is sent."""
     deepest_because: str
     """Why no deeper one."""
     margins: tuple[Margin, ...]
-    """Nearest first."""
+    """Margins, nearest first."""
 
     def lines(self) -> Iterator[str]:
         """Lines for a terminal."""
@@ -151,11 +151,11 @@ LOOSE: Mapping[str, Any] = {
     "limits.force_margin_share": 0.0,
     "task.expected_stiffness_n_m": 1e-3,
 }
-"""Settings with values with which they forbid nothing."""
+"""Settings, with values at which they do not limit anything."""
 
 
 def _loosen(config: Config, key: str) -> Config:
-    """The configuration with one setting that forbids nothing any more; it is not checked as a file would be."""
+    """Return the configuration with one setting that limits nothing any more, without the validation of a file."""
     section, name = key.split(".")
     before: Any = getattr(config, section)
     change = {name: LOOSE[key]}

@@ -1,4 +1,4 @@
-"""How far each quantity of an observation is from where it alone would stop a run, found by asking."""
+"""Margin of each quantity of an observation to the value at which it alone would stop a run, by bisection."""
 
 import dataclasses
 import math
@@ -12,7 +12,7 @@ from hil_bridge.site.guard.asking import Asked, Situation
 
 
 class Margin(NamedTuple):
-    """How far a quantity is from where it alone would stop the run."""
+    """Margin of a quantity to the value at which it alone would stop the run."""
 
     name: str
     unit: str
@@ -27,19 +27,19 @@ class Margin(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The margin in words."""
+        """Description of the margin."""
         left, unit = self.limit - self.value, f" {self.unit}" if self.unit else ""
         room = f"{number(left)} left" if left >= 0 else f"{number(-left)} too much"
         return f"{number(self.value)}{unit}, stops beyond {number(self.limit)}{unit}: {room}"
 
 
 def number(value: float) -> str:
-    """Rounded to what an operator reads."""
+    """Format a value, rounded for display."""
     return f"{round(value, 6):.6g}"
 
 
 class _Quantity(NamedTuple):
-    """Something that stops a run when it is large enough."""
+    """Quantity that stops a run when it is large enough."""
 
     name: str
     unit: str
@@ -48,7 +48,7 @@ class _Quantity(NamedTuple):
     largest: float
     """End of the search."""
     make: Callable[[Situation, float], Situation]
-    """A calm situation with this value."""
+    """Returns an undisturbed situation with this value."""
 
 
 def _field(name: str) -> Callable[[Asked, Situation], float]:
@@ -83,7 +83,7 @@ def _apart(ask: Asked, seen: Situation) -> float:
 
 
 def _disagreeing(calm: Situation, value: float) -> Situation:
-    """The sensor feels nothing, the robot this."""
+    """The sensor measures nothing, the robot this force."""
     return dataclasses.replace(calm, force_n=0.0, witness_n=value)
 
 
@@ -144,7 +144,7 @@ def margins(ask: Asked, situation: Situation) -> Iterator[Margin]:
 
 
 def _limit(ask: Asked, calm: Situation, quantity: _Quantity) -> float | None:
-    """Value at which the loop begins to stop for this quantity, by halving; None where it never does, or always."""
+    """Return the value from which this quantity stops the loop, by bisection; None if it never does, or always."""
 
     def stops(value: float) -> bool:
         verdict = ask(quantity.make(calm, value)).verdict

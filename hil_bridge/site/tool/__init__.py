@@ -1,1 +1,1 @@
-"""Measuring a tool: its mass and centre from readings in several orientations."""
+"""Identification of a tool: mass and centre of gravity from readings in several orientations."""

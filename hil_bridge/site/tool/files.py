@@ -1,4 +1,4 @@
-"""Files around the identification of a tool: a table of poses as CSV, and the result as TOML for a configuration."""
+"""Files of the identification of a tool: poses as CSV, and the result as TOML for a configuration."""
 
 import csv
 import io
@@ -14,11 +14,11 @@ from hil_bridge.errors.text_files import read_text, toml_value
 FORCE_AXES = ("fx", "fy", "fz")
 _AXES = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 ORIENTATION_COLUMNS = ("qw", "qx", "qy", "qz")
-"""Tool in base; need not have unit length."""
+"""Orientation of the tool in the base frame; need not have unit length."""
 WRENCH_COLUMNS = _AXES
 """Mean reading in the sensor frame."""
 SCATTER_COLUMNS = tuple(f"sd_{axis}" for axis in _AXES)
-"""Standard deviation of the readings; may be left out."""
+"""Standard deviation of the readings; optional."""
 
 
 def read_poses(path: Path) -> list[ToolPose]:
