@@ -1,1 +1,1 @@
-"""Runs shown to an operator: reports, pages in a browser, the live view in a terminal."""
+"""Presentation of runs: reports, browser pages and the live terminal view."""

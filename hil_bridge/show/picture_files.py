@@ -1,4 +1,4 @@
-"""Pictures as files, drawn by matplotlib, which the extra `figures` brings."""
+"""Picture files drawn with matplotlib, which the extra `figures` installs."""
 
 import io
 from typing import TYPE_CHECKING, Any
@@ -17,18 +17,18 @@ _NO_DATE: dict[str, dict[str, Any]] = {
 
 
 def drawing_library() -> Any:
-    """The module matplotlib, imported late: it takes most of a second. Raises ConfigError where it is missing."""
+    """Import and return matplotlib, which takes most of a second. Raises ConfigError if it is missing."""
     try:
         import matplotlib
     except ImportError:
         raise ConfigError(
-            f"pictures as files need matplotlib: {install_command('figures')}, or leave them out"
+            f"picture files need matplotlib, which is not installed: {install_command('figures')}, or omit them"
         ) from None
     return matplotlib
 
 
 def save_figure(figure: "Figure", kind: str, **how: Any) -> bytes:
-    """A figure as `png`, `pdf` or `svg`, without a date: the same figure gives the same bytes."""
+    """Render a figure as `png`, `pdf` or `svg` without a date: the same figure gives the same bytes."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format=kind, metadata=_NO_DATE[kind], **how)
     return buffer.getvalue()

@@ -101,7 +101,7 @@ async def test_a_band_of_a_report_is_one_entry_of_the_legend(
     await page.until("document.querySelectorAll('.uplot canvas').length > 3")
     legend = """[...document.querySelector('[data-chart=force]').querySelectorAll('.u-series')]
       .filter(one => one.offsetParent).map(one => one.querySelector('.u-label').textContent)"""
-    assert await page.value(legend) == ["target", "true force", "force", "whole stream"]
+    assert await page.value(legend) == ["target", "true force", "force", "full stream"]
     shown = "document.querySelector('[data-chart=force] .u-series:last-child').classList.contains('u-off')"
     edge = "document.querySelectorAll('[data-chart=force] .u-series')[{}].classList.contains('u-off')"
     count = await page.value("document.querySelectorAll('[data-chart=force] .u-series').length")

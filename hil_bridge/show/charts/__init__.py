@@ -1,1 +1,1 @@
-"""The catalogue of a run's charts: facts, columns, descriptions, marks. Pages and pictures draw what it describes."""
+"""Chart catalogue of a run: facts, columns, descriptions and marks, which pages and pictures draw."""

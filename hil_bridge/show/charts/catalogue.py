@@ -1,6 +1,6 @@
-"""The catalogue: every chart of a run over time, described once. Report, live page, `compare` and pictures read it.
+"""Catalogue of every chart of a run over time. Report, live page, `compare` and pictures share it.
 
-A chart without values is left out by what draws it, and so is one whose values never change where that tells nothing.
+A renderer omits a chart without values, and one with constant values where those carry no information.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,13 +15,13 @@ from hil_bridge.show.charts.facts import ChartFacts
 from hil_bridge.show.pages.description import Axis, Band, Chart, Layer, Limit, Series
 
 CYCLE, TRUTH, STREAM = "cycle", "truth", "stream"
-"""Sources; the last two are layers too."""
+"""Sources; the last two are also layers."""
 TIME = "time"
 _AXES = "xyz"
 
 
 class LimitLine(NamedTuple):
-    """A limit of a run, as every view names it."""
+    """Limit of a run, named alike in every view."""
 
     key: str
     """Setting in `limits`."""
@@ -29,11 +29,11 @@ class LimitLine(NamedTuple):
     unit: str
     sign: float = 1.0
     column: str = ""
-    """Column that it is a limit of, where a chart has others."""
+    """Column to which it applies, where a chart has several."""
 
     @property
     def label(self) -> str:
-        """Label of its line."""
+        """Label of the limit's line."""
         return f"{self.words} limit"
 
 
@@ -46,18 +46,18 @@ AGE = LimitLine("stale_after_ms", "age", "ms", column="age_ms")
 
 
 def time_axis(wall_start_s: float | None = None, begin: str = "the run began") -> Axis:
-    """The axis of time; `wall_start_s` is UTC at its 0, and `begin` says what was then."""
+    """Return the time axis; `wall_start_s` is UTC at its zero, and `begin` names that moment."""
     return Axis(f"time since {begin}", "s", wall_start_s)
 
 
 def layers(truth: bool, stream: bool) -> list[Layer]:
-    """Switches of a chart."""
+    """Return the layers that the user can switch."""
     switches = [Layer(TRUTH, "truth (emulated)")] if truth else []
-    return [*switches, Layer(STREAM, "sensor's whole stream")] if stream else switches
+    return [*switches, Layer(STREAM, "full sensor stream")] if stream else switches
 
 
 def catalogue(facts: ChartFacts) -> list[Chart]:
-    """Every chart of a run, in the order in which they are shown."""
+    """Return every chart of a run, in display order."""
     return [*_contact(facts), *_motion(facts), *_control(), *_times(facts), *_program()]
 
 
@@ -73,7 +73,7 @@ def _contact(facts: ChartFacts) -> list[Chart]:
                 Series(CYCLE, "force", "force", width=1.8),
                 Series(CYCLE, "clamped", "clamped by the supervisor", "limit", "points"),
             ),
-            (Band(STREAM, "low", "high", "whole stream", layer=STREAM),),
+            (Band(STREAM, "low", "high", "full stream", layer=STREAM),),
             _limits(facts, FORCE, PULL),
             height_px=250,
             zero=True,
@@ -116,7 +116,7 @@ def _motion(facts: ChartFacts) -> list[Chart]:
     places = [
         Chart(
             "place",
-            "Place of the tool from the start point, base frame",
+            "Position of the tool from the start point, base frame",
             "mm",
             tuple(Series(CYCLE, f"position_{axis}", axis, f"{k + 1}") for k, axis in enumerate(_AXES)),
             height_px=170,
@@ -139,7 +139,7 @@ def _motion(facts: ChartFacts) -> list[Chart]:
         ),
         Chart(
             "way",
-            "Way over the surface from the start point",
+            "Path over the surface from the start point",
             "mm",
             (
                 Series(CYCLE, "travel_commanded", "along, commanded", "2", "step"),
@@ -155,7 +155,7 @@ def _motion(facts: ChartFacts) -> list[Chart]:
             "mm",
             (
                 Series(CYCLE, "correction", "correction", "6", "bars"),
-                Series(CYCLE, "rests", "the controller rests", "3", "points"),
+                Series(CYCLE, "rests", "within the dead band", "3", "points"),
             ),
             height_px=150,
             zero=True,
@@ -186,7 +186,7 @@ def _control() -> list[Chart]:
         ),
         Chart(
             "gain",
-            "Factor of the adaptation on the feedback",
+            "Adaptive gain factor on the feedback",
             "",
             (Series(CYCLE, "gain", "gain", "8"),),
             zero=True,
@@ -234,17 +234,17 @@ def _program() -> list[Chart]:
     return [
         Chart(
             "feed",
-            "Feed: share of the step's own speed along its path",
+            "Feed: share of the step's nominal speed along its path",
             "%",
             (Series(CYCLE, FEED, "feed", "6", "step"),),
-            limits=(Limit(100.0, "whole speed", "target", shown=True),),
+            limits=(Limit(100.0, "full speed", "target", shown=True),),
             zero=True,
             height_px=130,
             quiet_span=0.0,
         ),
         Chart(
             "normal",
-            "Estimated fall of the surface, ± 2 standard deviations",
+            "Estimated slope of the surface, ± 2 standard deviations",
             "°",
             (
                 *(
@@ -265,7 +265,7 @@ def _program() -> list[Chart]:
             "°",
             (
                 Series(TRUTH, "tilt", "in free space", "faint", layer=TRUTH),
-                Series(TRUTH, "tilt_touching", "while it touched", "truth", layer=TRUTH),
+                Series(TRUTH, "tilt_touching", "in contact", "truth", layer=TRUTH),
             ),
             zero=True,
             least_span=1.0,
@@ -283,7 +283,7 @@ def _limits(facts: ChartFacts, *lines: LimitLine) -> tuple[Limit, ...]:
 
 
 def with_values(charts: Sequence[Chart], sources: Mapping[str, Arrays]) -> list[Chart]:
-    """The charts of which something is told, with the series and bands of which something is told. The first stays."""
+    """Return the charts that have values, with only the series and bands that have values. The first chart stays."""
 
     def span(source: str, column: str) -> float | None:
         values = sources.get(source, {}).get(column, np.empty(0))

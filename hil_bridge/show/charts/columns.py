@@ -1,4 +1,4 @@
-"""The columns of a run's charts. A run that continues grows them record by record, and a recording fills them."""
+"""Columns of a run's charts, filled from a recording or record by record while a run continues."""
 
 import math
 from collections import deque
@@ -16,16 +16,16 @@ from hil_bridge.show.charts.surface import tilt_deg, touches
 from protocol.geometry import tool_axis
 
 ROW_S = 0.04
-"""Time from which a row of a live page follows the one before. Chosen: a picture."""
+"""Least time between two rows of a live page, s. Chosen: one video frame."""
 ROWS = 6000
-"""Rows that are kept of a live run: two minutes of a fast robot. Chosen."""
+"""Rows kept of a live run. Chosen: two minutes of a fast robot."""
 MILLI = 1e3
 LEVELS = {"level_error": "error", "level_change": "change", "level_output": "output"}
-"""Names of a fuzzy controller's levels by their keys in a cycle's explanation."""
+"""Names of a fuzzy controller's levels, by their keys in a cycle's explanation."""
 FEED, SIGMA, NORMALS = "feed", "normal_sigma_deg", ("normal_x_deg", "normal_y_deg")
 """Keys of a program in a cycle's explanation."""
 _LEAST_TILT_DEG = 0.01
-"""Tilt below which the tool's axis is the normal. Chosen: what rounding leaves."""
+"""Tilt below which the tool axis counts as the normal. Chosen: the error that rounding leaves."""
 
 PLACE = ("position_x", "position_y", "position_z")
 CYCLE = (
@@ -47,13 +47,13 @@ Arrays: TypeAlias = Mapping[str, NDArray[np.float64]]
 
 
 class Columns:
-    """Rows of cycles and of the truth. Their numbers rise by one, also when old rows are gone."""
+    """Rows of cycles and of the truth. Row numbers increase by one, even after old rows are dropped."""
 
     def __init__(
         self, began: float, facts: ChartFacts, row_s: float = ROW_S, most: int | None = ROWS
     ) -> None:
-        """`began` is the time of the run's clock at x = 0. Rows are at least `row_s` apart but for the least and the
-        greatest force between them, so no peak is lost. `most` None keeps all rows.
+        """`began` is the time of the run's clock at x = 0. Rows are at least `row_s` apart, except for the least and
+        the greatest force between them, so no peak is lost. `most` None keeps all rows.
         """
         self._began = began
         self._facts = facts
@@ -69,7 +69,7 @@ class Columns:
 
     @classmethod
     def of(cls, recording: Recording, began: float, facts: ChartFacts, row_s: float = 0.0) -> Self:
-        """The columns of a whole recording."""
+        """Return the columns of a complete recording."""
         columns = cls(began, facts, row_s, None)
         for cycle in recording.cycles:
             columns.cycle(cycle)
@@ -83,7 +83,7 @@ class Columns:
         return dict(self._counts)
 
     def cycle(self, record: CycleRecord) -> None:
-        """Take a cycle."""
+        """Add a cycle."""
         self._start = record.start
         if self.approach is None:
             self.approach = tool_axis(record.sample.quaternion)
@@ -106,13 +106,13 @@ class Columns:
             self._add("cycle", extreme)
         self._due["cycle"] = (
             at + self._row_s * 0.999
-        )  # a time that is one row later may be so by its last digits less
+        )  # rounding can make the time of the next row smaller by its last digits
         self._skipped.clear()
         self._add("cycle", row)
 
     def _extremes(self, after: Row) -> list[Row]:
-        """Of the rows that were skipped: those with the least and the greatest force, where it was beyond the rows
-        that are kept.
+        """Return the skipped rows with the least and the greatest force, if those are outside the range of the
+        neighbouring rows.
         """
         forces = [value for row in self._skipped if math.isfinite(value := _number(row[_FORCE]))]
         if not forces:
@@ -132,15 +132,17 @@ class Columns:
         force, explained = record.force, record.explanation
         fx, fy, fz, mx, my, mz = record.sample.wrench
         resultant = math.hypot(fx, fy, fz)
-        wanted = not record.step or record.phase == TRACK  # a step that does not press wants no force
+        has_target = (
+            not record.step or record.phase == TRACK
+        )  # a step that does not press has no target force
         presses = record.phase == TRACK and math.isfinite(force)
         sigma = explained.get(SIGMA, math.nan) if presses else math.nan
         normals = [explained.get(name, math.nan) if presses else math.nan for name in NORMALS]
-        whole = 1.0 if record.phase == TRACK and record.step in self._facts.tracks else math.nan
+        full_feed = 1.0 if record.phase == TRACK and record.step in self._facts.tracks else math.nan
         return (
             record.controlled_at - self._began,
             force,
-            record.force_reference if wanted else None,
+            record.force_reference if has_target else None,
             force if record.verdict == "clamp" else None,
             fx,
             fy,
@@ -162,7 +164,7 @@ class Columns:
             seconds * MILLI,
             (record.controlled_at - record.sample.sensor_at) * MILLI,
             record.answer_s * MILLI,
-            100.0 * explained.get(FEED, whole),
+            100.0 * explained.get(FEED, full_feed),
             sigma,
             *(value for normal in normals for value in (normal, normal - 2 * sigma, normal + 2 * sigma)),
             *self._place(record.sample.position),
@@ -170,7 +172,7 @@ class Columns:
         )
 
     def truth(self, record: TruthRecord) -> None:
-        """Take the truth of a cycle."""
+        """Add the truth of a cycle."""
         if self.approach is None or not math.isfinite(record.at) or record.at < self._due["truth"]:
             return
         place = self._place(record.position)
@@ -185,7 +187,7 @@ class Columns:
         )
 
     def _place(self, position: Sequence[float]) -> list[float]:
-        """From the start point, base frame, mm."""
+        """Return the position relative to the start point, base frame, mm."""
         return [(one - start) * MILLI for one, start in zip(position, self._start, strict=True)]
 
     def _add(self, table: str, row: Row) -> None:
@@ -193,7 +195,7 @@ class Columns:
         self._counts[table] += 1
 
     def since(self, counts: Mapping[str, int]) -> dict[str, Rows]:
-        """Rows after these numbers, as columns by table; tables without new rows are left out."""
+        """Return the rows after these numbers, as columns by table; tables without new rows are omitted."""
         tables: dict[str, Rows] = {}
         for table, names in TABLES.items():
             new = min(self._counts[table] - counts.get(table, 0), len(self._rows[table]))
@@ -207,7 +209,7 @@ class Columns:
         return tables
 
     def arrays(self) -> dict[str, Arrays]:
-        """All rows as arrays by table; NaN for what is not told. Tables without rows are left out."""
+        """Return all rows as arrays by table, NaN for missing values; tables without rows are omitted."""
         return {
             table: dict(zip(names, np.array(self._rows[table], dtype=np.float64).T, strict=True))
             for table, names in TABLES.items()
@@ -220,5 +222,5 @@ def _number(value: Value) -> float:
 
 
 def tidy(value: float) -> float | None:
-    """A number with six digits, which a page cannot tell from all of them; None for one that is not finite."""
+    """Round a number to six digits, more than a page can show; None if it is not finite."""
     return float(f"{value:.6g}") if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""Marks and spans of a run's charts, from what is told beside its cycles."""
+"""Marks and spans of a run's charts, from its events and steps."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -10,17 +10,17 @@ from hil_bridge.show.pages.description import Mark, Span
 from protocol.faults import FaultStage
 
 MARKS_MOST = 400
-"""Marks of a page: stops and faults first. Chosen: more would cover the lines."""
+"""Most marks on a page, stops and faults first. Chosen: more would cover the lines."""
 SPANS_MOST = 200
-"""Steps that are shaded. Chosen as the marks."""
+"""Most steps that are shaded. Chosen as the marks."""
 LONGEST = 160
-"""Letters of a mark's text. Chosen: a line of the page."""
+"""Most characters of a mark's text. Chosen: one line of the page."""
 Phase = tuple[float, str]
-"""Begin on the run's clock, and name."""
+"""Start on the run's clock, s, and name."""
 
 
 def mark_of(event: EventRecord, began: float) -> Mark | None:
-    """The mark of an event; None where it has none. `began` is the time at x = 0."""
+    """Return the mark of an event, or None if it has none. `began` is the time at x = 0."""
     if event.kind in (EventKind.PHASE, EventKind.STEP) or not math.isfinite(event.at):
         return None
     loud = event.fault is not None and event.fault.is_injected
@@ -29,7 +29,7 @@ def mark_of(event: EventRecord, began: float) -> Mark | None:
 
 
 def mark_of_step(step: StepRecord, began: float) -> Mark:
-    """The mark at the end of a program's step."""
+    """Return the mark at the end of a program's step."""
     return Mark(step.at - began, _lead(step.label, line_of(step)), "step")
 
 
@@ -39,8 +39,8 @@ def marks_of(
     cycles: Sequence[CycleRecord],
     began: float,
 ) -> list[Mark]:
-    """The marks of a run; if there are too many, stops and faults before others. A run whose events tell no stop has
-    that of its cycles.
+    """Return the marks of a run; if there are too many, stops and faults take precedence. Without an event for the
+    stop, the first cycle whose verdict is a stop marks it.
     """
     marks = [mark for event in events if (mark := mark_of(event, began)) is not None]
     if not any(mark.kind == "stop" for mark in marks):
@@ -55,7 +55,7 @@ def marks_of(
 
 
 def line_of(record: EventRecord | StepRecord) -> str:
-    """The line of its text that tells most, fit for a page."""
+    """Return the most informative line of a record's text, safe for a page."""
     return harmless(record.line if isinstance(record, EventRecord) else record.text)
 
 
@@ -64,17 +64,17 @@ def _lead(lead: str, line: str) -> str:
 
 
 def weight_of(event: EventRecord) -> str:
-    """How loud an event is in a list: `alarm`, `caution` or nothing."""
+    """Return the severity of an event in a list: `alarm`, `caution` or empty."""
     return "alarm" if event.kind in ALARMS else "caution" if event.kind in CAUTIONS else ""
 
 
 def phases_in(events: Iterable[EventRecord]) -> list[Phase]:
-    """Each phase that these events tell."""
+    """Return each phase that these events announce."""
     return [(event.at, event.text) for event in events if event.kind == EventKind.PHASE]
 
 
 def spans_of(phases: Sequence[Phase], steps: Sequence[StepRecord], began: float, until: float) -> list[Span]:
-    """The steps of a program that have ended, and the phases before and after them; the last phase lasts until now.
+    """Return the completed steps of a program, and the phases before and after them; the last phase lasts until now.
 
     `began` and `until` are on the run's clock.
     """
@@ -96,7 +96,7 @@ def spans_of(phases: Sequence[Phase], steps: Sequence[StepRecord], began: float,
 
 
 def fault_spans(events: Iterable[EventRecord], began: float, until: float) -> list[Span]:
-    """From the begin to the end of each injected fault; one that has not ended lasts until now."""
+    """Return a span for each injected fault; one that has not ended lasts until `until`."""
     begun: dict[str, float] = {}
     spans = []
     for event in events:

@@ -1,4 +1,4 @@
-"""The facts of a run that its charts need; `show.terminal` has those of a run that continues."""
+"""Facts of a run that its charts need; `show.terminal` has those of a live run."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -13,22 +13,22 @@ from hil_bridge.record.records import Vector
 
 
 class ChartFacts(NamedTuple):
-    """Facts that stay the same in a run."""
+    """Facts that are constant during a run."""
 
     robot: RobotFacts
     limits: Mapping[str, float]
-    """Limits by their settings; one that is not told is not drawn."""
+    """Limits by their settings; a missing one is not drawn."""
     tracks: frozenset[int] = frozenset()
-    """Numbers of a program's steps that follow a path."""
+    """Numbers of the program steps that follow a path."""
     approach: Vector | None = None
-    """Unit vector of the approach in the base frame; None: the tool's axis at the start."""
+    """Unit vector of the approach in the base frame; None for the tool axis at the start."""
     line_floor_s: float | None = None
     foreign: bool = False
-    """Another program has made the recording: its way over the surface is measured, and none is commanded."""
+    """True if another program made the recording: its path over the surface is measured, and none is commanded."""
 
 
 def facts_of_recording(recording: Recording) -> ChartFacts:
-    """Of a recording."""
+    """Return the chart facts of a recording."""
     limits: Any = recorded_configuration(recording).get("limits")
     floor = json_or_none(recording.end.get("line_floor_s"))
     return ChartFacts(
@@ -42,7 +42,7 @@ def facts_of_recording(recording: Recording) -> ChartFacts:
 
 
 def approach_of(recording: Recording) -> Vector | None:
-    """Unit vector of the approach in the robot base frame; None where it is not told."""
+    """Return the unit vector of the approach in the robot base frame, or None if it is unknown."""
     frame: Any = recorded_configuration(recording).get("frame")
     vector: Any = frame.get("approach") if isinstance(frame, dict) else None
     try:
@@ -53,13 +53,13 @@ def approach_of(recording: Recording) -> Vector | None:
 
 
 def start_time(recording: Recording) -> float:
-    """Start of the times of pages and pictures, s on the run's clock."""
+    """Return the zero of the times on pages and pictures, s on the run's clock."""
     began = [cycle.started_at for cycle in recording.cycles[:1]]
     return min([*began, *(event.at for event in recording.events)], default=0.0)
 
 
 def limit_numbers(values: Mapping[str, Any]) -> dict[str, float]:
-    """Those that are a limit: numbers above 0."""
+    """Return the values that are limits: nonzero numbers."""
     return {
         key: float(value)
         for key, value in values.items()

@@ -1,4 +1,4 @@
-"""Draws maps with matplotlib: what `pages/maps.py` draws in a page, by the same description and colours."""
+"""Maps drawn with matplotlib, from the same description and colours as the pages (`pages/maps.py`)."""
 
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def paint_map(ax: "Axes", drawn: Map, width_px: float) -> None:
-    """Draw one map, where so much width is free."""
+    """Draw one map within the given width."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -60,18 +60,18 @@ def _paint_trace(ax: "Axes", trace: Trace, drawn: Map) -> None:
 
     places = np.column_stack([np.array(values, dtype=np.float64) for values in (trace.x, trace.y)])
     if not trace.values:
-        look = "--" if trace.dashed else "-"
-        ax.plot(*places.T, look, color=sheet_colour(trace.colour), lw=trace.width * 0.85)
+        line_style = "--" if trace.dashed else "-"
+        ax.plot(*places.T, line_style, color=sheet_colour(trace.colour), lw=trace.width * 0.85)
         return
     pieces = np.stack([places[:-1], places[1:]], axis=1)
-    whole = np.isfinite(pieces).all(axis=(1, 2))
+    finite = np.isfinite(pieces).all(axis=(1, 2))
     lines = LineCollection(
-        list(pieces[whole]),
+        list(pieces[finite]),
         cmap=_palette(drawn.scale.palette),
         linewidths=trace.width * 0.85,
         capstyle="round",
     )
-    lines.set_array(np.array(trace.values, dtype=np.float64)[:-1][whole])
+    lines.set_array(np.array(trace.values, dtype=np.float64)[:-1][finite])
     lines.set_clim(drawn.scale.low, drawn.scale.high)
     ax.add_collection(lines)
 

@@ -1,4 +1,4 @@
-"""The maps of the catalogue: the path of a program from above, and what the tool removed from the surface."""
+"""Maps of the catalogue: the path of a program from above, and the material removed from the surface."""
 
 import math
 from collections.abc import Sequence
@@ -17,29 +17,29 @@ from hil_bridge.show.charts.surface import touches
 from hil_bridge.show.pages.description import Grid, Map, Range, Scale, Spot, Trace
 
 _LEAST_SPAN_MM = 4.0
-"""Chosen: no direction of the path is drawn with less room than this."""
+"""Least extent of a map along each axis, mm. Chosen."""
 _ROOM = 0.06
-"""Chosen: share of the path that is left free around it."""
+"""Margin around the path, as a share of its extent. Chosen."""
 _SHOWN_PERCENT = 95.0
-"""Chosen: share of the samples whose error lies within the colours. The rise after a touch does not count."""
+"""Share of the samples whose error is within the colour scale, without the rise after contact. Chosen."""
 _LEAST_ERROR = 0.05
-"""Chosen: the colours reach at least so far, as a share of the wanted force."""
+"""Least end of the colour scale, as a share of the target force. Chosen."""
 _CUT_MM = 2.0
-"""Chosen: samples farther apart than this are not joined."""
+"""Distance above which two samples are not joined. Chosen."""
 _PIECES_MOST = 3000
-"""Coloured pieces; of a longer path only some samples are joined. Chosen: three to a pixel."""
+"""Most coloured segments; a longer path is decimated. Chosen: three to a pixel."""
 _PLACES_MOST = 4000
-"""Places of the path on the map of what was removed. Chosen as the pieces."""
+"""Most points of the path on the map of removed material. Chosen as the segments."""
 
 
 def maps_of(recording: Recording) -> list[Map]:
-    """Every map of which something is told."""
+    """Return every map for which the recording has data."""
     return [one for one in (path_map(recording), removed_map(recording)) if one is not None]
 
 
 def path_map(recording: Recording) -> Map | None:
-    """The path of a program, coloured by the error of the force. None without a program, where nothing was pressed on,
-    and where the tool stayed in its place.
+    """Return the path of a program, coloured by force error. None without a program, without force control, or if
+    the tool did not move.
     """
     cycles = recording.cycles
     pressing = np.array([_presses(cycle) for cycle in cycles])
@@ -52,7 +52,7 @@ def path_map(recording: Recording) -> Map | None:
     along, across = _box(x, y)
     return Map(
         "path",
-        "Path from above, and error of the force on it",
+        "Path from above, coloured by force error",
         "x from the start point, mm",
         "y, mm",
         along,
@@ -67,7 +67,7 @@ def path_map(recording: Recording) -> Map | None:
 
 
 def removed_map(recording: Recording) -> Map | None:
-    """The depth that the tool removed, and the path of the tool while it touched. None where no map was recorded."""
+    """Return the depth of removed material and the path of the tool in contact, or None if no map was recorded."""
     removed = recording.removed
     if removed is None:
         return None
@@ -88,12 +88,12 @@ def removed_map(recording: Recording) -> Map | None:
 
 
 def _presses(cycle: CycleRecord) -> bool:
-    """Whether the force was controlled."""
+    """Return whether the force was controlled."""
     return cycle.phase == TRACK and math.isfinite(cycle.force)
 
 
 def _trace_force(cycles: Sequence[CycleRecord], places: tuple[Array, Array]) -> Trace:
-    """The path while the force was controlled, each piece with its error, N."""
+    """Return the path while the force was controlled, each segment with its error, N."""
     error = column(cycles, "force") - column(cycles, "force_reference")
     chosen = [k for k, cycle in enumerate(cycles) if _presses(cycle)]
     chosen = chosen[:: max(1, -(-len(chosen) // _PIECES_MOST))]
@@ -109,7 +109,7 @@ def _trace_force(cycles: Sequence[CycleRecord], places: tuple[Array, Array]) -> 
 
 
 def _spacing(places: tuple[Array, Array], chosen: list[int]) -> float:
-    """Usual distance between two samples, mm."""
+    """Return the median distance between two samples, mm."""
     if len(chosen) < 2:
         return 0.0
     x, y = (values[chosen] for values in places)
@@ -117,20 +117,20 @@ def _spacing(places: tuple[Array, Array], chosen: list[int]) -> float:
 
 
 def _largest_error(cycles: Sequence[CycleRecord], pressing: NDArray[np.bool_]) -> float:
-    """Error at the end of the colours, N."""
+    """Return the error at the end of the colour scale, N."""
     risen = False
     errors = []
     for cycle in cycles:
         risen = _presses(cycle) and (risen or cycle.force >= RISE_FRACTION * cycle.force_reference)
         if risen:
             errors.append(abs(cycle.force - cycle.force_reference))
-    wanted = float(np.max(np.abs(column(cycles, "force_reference")[pressing])))
-    shown = float(np.percentile(errors, _SHOWN_PERCENT)) if errors else 0.0
-    return max(shown, _LEAST_ERROR * wanted, 1e-3)
+    target = float(np.max(np.abs(column(cycles, "force_reference")[pressing])))
+    largest = float(np.percentile(errors, _SHOWN_PERCENT)) if errors else 0.0
+    return max(largest, _LEAST_ERROR * target, 1e-3)
 
 
 def _box(x: Array, y: Array) -> tuple[Range, Range]:
-    """Least and greatest x, least and greatest y that are shown, mm."""
+    """Return the displayed ranges of x and y, mm."""
     edges = []
     widest = max(float(np.ptp(x)), float(np.ptp(y)))
     for values in (x, y):
@@ -142,7 +142,7 @@ def _box(x: Array, y: Array) -> tuple[Range, Range]:
 
 
 def _strokes(recording: Recording, places: tuple[Array, Array]) -> list[Spot]:
-    """A spot with the step's number where each track and hold begins; of a repeat, at its first pass alone."""
+    """Return a spot with the step's number where each track and hold begins; for a repeat, only at its first pass."""
     spots: dict[str, Spot] = {}
     first = {cycle.step: place for place, cycle in reversed(list(enumerate(recording.cycles)))}
     for step in recording.steps:
@@ -153,7 +153,7 @@ def _strokes(recording: Recording, places: tuple[Array, Array]) -> list[Spot]:
 
 
 def _trace_touch(truths: Sequence[TruthRecord], removed: RemovedMap) -> list[Trace]:
-    """The path of the tool while it touched, on the map, mm; what lies between two strokes is not drawn."""
+    """Return the path of the tool in contact, on the map, mm; gaps between two strokes are not drawn."""
     if not truths:
         return []
     places = 1e3 * _on_map(np.array([truth.position for truth in truths]), removed)
@@ -163,7 +163,7 @@ def _trace_touch(truths: Sequence[TruthRecord], removed: RemovedMap) -> list[Tra
 
 
 def _on_map(positions: Array, removed: RemovedMap) -> Array:
-    """Path coordinate and distance to the left (2, n), m, of positions (n, 3) in the base frame, m."""
+    """Convert positions (n, 3) in the base frame to path coordinate and distance to the left (2, n), all m."""
     from_corner = positions[:, :2] - np.array(removed.origin_m)
     dx, dy = removed.direction
     along, across = removed.corner_m

@@ -1,4 +1,4 @@
-"""Draws charts with matplotlib: what `charts.js` draws in a browser, by the same description, colours and scales."""
+"""Charts drawn with matplotlib, from the same description, colours and scales as in a browser (`charts.js`)."""
 
 import math
 import re
@@ -28,24 +28,24 @@ STYLE: dict[Any, Any] = {
     "axes.spines.right": False,
     "legend.fontsize": 9.0,
 }
-"""The look of every picture."""
+"""Style of every picture."""
 GREY = "#606060"
 ROOM_FROM = 0.5
-"""Share of a limit from which a chart makes room for it. Chosen: a line far from all values presses them flat."""
+"""Share of a limit from which a chart makes room for it. Chosen: a line far from all values would flatten them."""
 _ROOM = 0.08
-"""Share of the span that is free above and below. The same in `charts.js`."""
+"""Margin above and below, as a share of the span. The same in `charts.js`."""
 _BESIDE_TITLE = 3
-"""Entries of a legend that have room beside the title; the title of a longer one stands above it. Chosen."""
+"""Most legend entries that fit next to the title; the title of a longer legend is above it. Chosen."""
 _LOUD = ("stop", "fault", "note")
 _SPANS_MARKED = 200
-"""Chosen: with more spans than this their borders would cover the curves."""
+"""Most spans that are drawn. Chosen: the borders of more would cover the curves."""
 _LETTER_PX = 7.6
 _DOTS_MOST = 400
-"""Samples that get a dot each. Chosen: more run into each other."""
+"""Most samples that are drawn as dots. Chosen: more would merge."""
 
 
 def y_range(chart: Chart, low: float, high: float) -> tuple[float, float]:
-    """Range that a chart shows along y for values between two; `charts.js` has the same rule."""
+    """Return the y range of a chart whose values lie from `low` to `high`; `charts.js` has the same rule."""
     if chart.log:
         return 10.0 ** math.floor(math.log10(low)), 10.0 ** math.ceil(math.log10(high * 1.0001))
     for limit in chart.limits:
@@ -69,7 +69,7 @@ def _near(limit: Limit, low: float, high: float) -> bool:
 
 
 def paint(ax: "Axes", chart: Chart, charts: Charts) -> None:
-    """Draw one chart; the first of its page tells the names of spans and the texts of marks."""
+    """Draw one chart; only the first of a page shows the names of spans and the texts of marks."""
     first = chart is charts.charts[0]
     _paint_spans(ax, [one for one in charts.spans if one.axis == chart.axis], named=first)
     drawn: list[Array] = []
@@ -102,8 +102,8 @@ def paint(ax: "Axes", chart: Chart, charts: Charts) -> None:
     _paint_marks(ax, [one for one in charts.marks if one.axis == chart.axis], named=first)
     limits = "".join(f" · {limit.label} {limit.value:.5g}" for limit in chart.limits)
     entries = len(chart.series) + len(chart.bands)
-    words, pad = chart.title + limits.replace("-", "−"), 20.0 if entries > _BESIDE_TITLE else 6.0
-    title = ax.set_title(words, loc="left", pad=pad, fontsize=10.5, fontweight="bold")
+    heading, pad = chart.title + limits.replace("-", "−"), 20.0 if entries > _BESIDE_TITLE else 6.0
+    title = ax.set_title(heading, loc="left", pad=pad, fontsize=10.5, fontweight="bold")
     title.set_parse_math(False)
     ax.set_ylabel(chart.unit)
     if chart.log:
@@ -114,18 +114,18 @@ def paint(ax: "Axes", chart: Chart, charts: Charts) -> None:
 
 
 def _paint_series(ax: "Axes", series: Series, x: Array, y: Array) -> None:
-    look: dict[str, Any] = {"color": colour(series.colour), "label": series.label, "zorder": 2.5}
+    style: dict[str, Any] = {"color": colour(series.colour), "label": series.label, "zorder": 2.5}
     width = series.width * 0.85
     match series.style:
         case "points":
-            ax.plot(x, y, ls="none", marker="v", ms=6, mfc="none", **look)
+            ax.plot(x, y, ls="none", marker="v", ms=6, mfc="none", **style)
         case "bars":
-            ax.vlines(x, 0.0, y, lw=width, **look)
+            ax.vlines(x, 0.0, y, lw=width, **style)
         case "step":
-            ax.step(x, y, where="post", lw=width, ls="--" if series.dashed else "-", **look)
+            ax.step(x, y, where="post", lw=width, ls="--" if series.dashed else "-", **style)
         case _:
             marker = "." if np.isfinite(y).sum() <= _DOTS_MOST else ""
-            ax.plot(x, y, lw=width, ls="--" if series.dashed else "-", marker=marker, ms=4, **look)
+            ax.plot(x, y, lw=width, ls="--" if series.dashed else "-", marker=marker, ms=4, **style)
 
 
 def _set_range(ax: "Axes", chart: Chart, drawn: Sequence[Array]) -> None:
@@ -136,7 +136,7 @@ def _set_range(ax: "Axes", chart: Chart, drawn: Sequence[Array]) -> None:
 
 
 def _paint_spans(ax: "Axes", spans: Sequence[Span], named: bool) -> None:
-    whole = max((span.end for span in spans), default=0.0) - min((span.begin for span in spans), default=0.0)
+    extent = max((span.end for span in spans), default=0.0) - min((span.begin for span in spans), default=0.0)
     if len(spans) > _SPANS_MARKED:
         return
     figure = ax.get_figure(root=True)
@@ -144,7 +144,7 @@ def _paint_spans(ax: "Axes", spans: Sequence[Span], named: bool) -> None:
     for span in spans:
         shade, alpha = _translucent(f"--span-{span.kind or 'other'}")
         ax.axvspan(span.begin, span.end, color=shade, alpha=alpha, lw=0, zorder=0)
-        share = (span.end - span.begin) / (whole or 1.0)
+        share = (span.end - span.begin) / (extent or 1.0)
         names = (span.text, span.short or span.text)
         fitting = [name for name in names if (len(name) + 1) * _LETTER_PX / wide <= share]
         if named and span.kind != "fault" and fitting:
@@ -191,22 +191,22 @@ def _values(source: Mapping[str, Values], name: str) -> Array:
 
 
 def colour(name: str) -> str:
-    """A colour of the style sheet for light pages: `1` to `8`, or a role."""
+    """Return a colour of the light style sheet: `1` to `8`, or a role."""
     return _css().get(f"--c{name}" if name.isdecimal() else f"--c-{name}", _css()["--c1"])
 
 
 def sheet_colour(name: str) -> str:
-    """A colour of the style sheet for light pages by the name of its variable, or one that is given as `#rrggbb`."""
+    """Return a colour of the light style sheet by the name of its variable; `#rrggbb` is returned unchanged."""
     return name if name.startswith("#") else _css()[f"--{name}"]
 
 
 def _translucent(variable: str) -> tuple[str, float]:
-    """A colour with its opacity."""
+    """Return a colour and its opacity."""
     shade = _css().get(variable, _css()["--span-other"])
     return shade[:7], int(shade[7:9] or "ff", 16) / 255
 
 
 @cache
 def _css() -> Mapping[str, str]:
-    """The variables of the style sheet for light pages."""
+    """Return the variables of the light style sheet."""
     return dict(re.findall(r"(--[\w-]+):\s*(#[0-9a-f]+);", asset("pages.css").partition("@media")[0]))

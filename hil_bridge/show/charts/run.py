@@ -1,4 +1,4 @@
-"""The charts of a recorded run, as one description that pages and pictures draw."""
+"""Charts of a recorded run, as one description for pages and pictures."""
 
 from collections.abc import Mapping, Sequence
 
@@ -14,7 +14,7 @@ from hil_bridge.show.pages.description import Charts, Mark, Span
 
 
 def run_charts(recording: Recording) -> tuple[Charts, str]:
-    """The charts of a run, and what of a long one they leave out, in words."""
+    """Return the charts of a run, and a sentence on the rows omitted from a long one."""
     zero, facts = start_time(recording), facts_of_recording(recording)
     tables = run_tables(recording, zero, facts)
     sources = Sources()
@@ -32,8 +32,8 @@ def run_charts(recording: Recording) -> tuple[Charts, str]:
 
 
 def run_tables(recording: Recording, zero: float, facts: ChartFacts) -> Mapping[str, Arrays]:
-    """Columns of cycles, of the truth and of the sensor's whole stream, where it is known. `zero` is the time at
-    x = 0. Before the first cycle the stream is the raw weight, which is no force.
+    """Return the columns of cycles, of the truth and of the full sensor stream, where known. `zero` is the time at
+    x = 0. The stream before the first cycle is omitted: it is the raw load, not the controlled force.
     """
     tables = dict(Columns.of(recording, zero, facts).arrays())
     if (stream := stream_force(recording)) is not None:
@@ -44,12 +44,12 @@ def run_tables(recording: Recording, zero: float, facts: ChartFacts) -> Mapping[
 
 
 def run_marks(recording: Recording, zero: float) -> Sequence[Mark]:
-    """The marks of a recording."""
+    """Return the marks of a recording."""
     return marks_of(recording.events, recording.steps, recording.cycles, zero)
 
 
 def run_spans(recording: Recording, zero: float) -> Sequence[Span]:
-    """Steps or phases of a recording, and its faults."""
+    """Return the steps or phases of a recording, and its faults."""
     courses = phases(recording)
     times = [cycle.controlled_at for cycle in recording.cycles] + [event.at for event in recording.events]
     last = max(times, default=zero)
@@ -59,6 +59,6 @@ def run_spans(recording: Recording, zero: float) -> Sequence[Span]:
 
 
 def wall_start_s(recording: Recording, zero: float) -> float | None:
-    """UTC at x = 0, s since 1970; None where the run's time was not real or is not known."""
+    """Return UTC at x = 0, s since 1970; None if the run's time was virtual or is unknown."""
     virtual = recording.metadata.get("time") == "virtual"
     return None if virtual or not recording.unix_zero_ns else recording.unix_zero_ns * 1e-9 + zero

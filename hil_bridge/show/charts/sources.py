@@ -1,4 +1,4 @@
-"""Columns as a page holds them: rounded, in order of time, and no longer than a picture can show."""
+"""Columns of a page: rounded, in order of time, and no longer than a picture can show."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,23 +14,23 @@ from hil_bridge.show.pages.description import Chart
 Array: TypeAlias = NDArray[np.float64]
 
 ROWS_MOST = 4000
-"""Rows of a source. Chosen: four to a pixel of a wide picture; a page stays below some megabytes, whatever the run."""
+"""Most rows of a source. Chosen: four to a pixel of a wide picture; a page stays below a few megabytes for any run."""
 _DIGITS = 6
-"""Of a value. Chosen: more than a sensor or a robot resolves."""
+"""Significant digits of a value. Chosen: more than a sensor or a robot resolves."""
 _TIME_DIGITS = 5
-"""Behind the point of a time in s."""
+"""Decimal places of a time in s."""
 
 
 class Sources:
-    """The sources of a page, by name."""
+    """Sources of a page, by name."""
 
     def __init__(self) -> None:
         self.held: dict[str, dict[str, list[float | None]]] = {}
         self.rows: dict[str, tuple[int, int]] = {}
-        """Of each name that was thinned: rows that there were, and that are kept in one chart."""
+        """For each decimated source: original rows, and rows kept in one chart."""
 
     def chart(self, chart: Chart, tables: Mapping[str, Arrays]) -> Chart:
-        """Take what a chart needs of the tables; the chart with the names of the sources that hold it."""
+        """Add the columns that a chart needs; return the chart with the names of the sources that hold them."""
         needed: dict[str, dict[str, Array]] = {}
         lines = [(one.source, column) for one in chart.bands for column in (one.low, one.high)]
         for table, column in [*((one.source, one.column) for one in chart.series), *lines]:
@@ -46,10 +46,10 @@ class Sources:
         )
 
     def add(self, name: str, chart: str, x: Array, columns: Mapping[str, Array]) -> str:
-        """Columns over x of one chart; the name of the source that holds them. Rows without x are left out.
+        """Add the columns of one chart over x; return the name of their source. Rows without x are omitted.
 
-        A short source is shared by all charts that name it, so their x must be the same. Of a long one each chart gets
-        its own, with the least and the greatest of each stretch in every column.
+        A short source is shared by all charts that name it, so their x must be the same. For a long one, each chart
+        gets its own source, with the least and the greatest value of each interval in every column.
         """
         known = np.flatnonzero(np.isfinite(x))
         order = known[np.argsort(x[known], kind="stable")]
@@ -66,18 +66,18 @@ class Sources:
         return name
 
     def sentence(self) -> str:
-        """A sentence on the samples that were left out; empty where none was."""
+        """Return a sentence on the omitted samples; empty if there are none."""
         parts = [f"{kept} of {rows} rows of {name}" for name, (rows, kept) in self.rows.items()]
         if not parts:
             return ""
         return (
-            f"The charts hold at most {', '.join(parts)}: of each stretch its least and its greatest value, so no peak"
-            " is lost. The recording holds every row."
+            f"The charts hold at most {', '.join(parts)}: the least and the greatest value of each interval, so no"
+            " peak is lost. The recording holds every row."
         )
 
 
 def kept_rows(columns: Sequence[Array], rows: int) -> NDArray[np.intp]:
-    """Rows to keep of columns that are too long: first, last, and the extremes of each column in equal stretches."""
+    """Return the rows to keep of long columns: first, last, and the extremes of each column in equal intervals."""
     stretches = max(ROWS_MOST // (2 * max(len(columns), 1)) - 1, 1)
     edges = np.linspace(0, rows, stretches + 1).astype(np.intp)
     kept = {0, rows - 1}
@@ -90,15 +90,15 @@ def kept_rows(columns: Sequence[Array], rows: int) -> NDArray[np.intp]:
 
 
 def round_values(values: Array) -> list[float | None]:
-    """Numbers for a page; what is not a number becomes None."""
+    """Round numbers for a page; a value that is not finite becomes None."""
     return [float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None for value in values.tolist()]
 
 
 def round_times(values: Array) -> list[float | None]:
-    """Times for a page, s."""
+    """Round times for a page, s."""
     return [round(value, _TIME_DIGITS) for value in values.tolist()]
 
 
 def column(records: Sequence[Any], name: str) -> Array:
-    """One column of records; None becomes NaN."""
+    """Return one column of records; None becomes NaN."""
     return np.array([getattr(record, name) for record in records], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""The truth of the emulated surface along the tool's axis. Nothing of it was measured."""
+"""Ground truth of the emulated surface along the tool axis; none of it is measured."""
 
 import math
 
@@ -6,11 +6,11 @@ from hil_bridge.record.records import TruthRecord
 from protocol.geometry import angle_of_vectors, tool_axis
 
 TOUCH_N = 0.05
-"""Force from which the tool touches. Chosen: far below any force that a sensor of the house resolves under noise."""
+"""Force above which the tool is in contact. Chosen: far below what any supported sensor resolves under noise."""
 
 
 def tilt_deg(truth: TruthRecord) -> float | None:
-    """Angle between the tool's axis and the inward normal; None where the truth tells no normal."""
+    """Return the angle between the tool axis and the inward normal, or None if the normal is unknown."""
     if not all(map(math.isfinite, (*truth.normal, *truth.quaternion))):
         return None
     x, y, z = truth.normal
@@ -18,5 +18,5 @@ def tilt_deg(truth: TruthRecord) -> float | None:
 
 
 def touches(truth: TruthRecord) -> bool:
-    """Whether the tool touches the surface."""
+    """Return whether the tool is in contact with the surface."""
     return math.hypot(*truth.force) > TOUCH_N
