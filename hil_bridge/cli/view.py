@@ -45,9 +45,9 @@ def view(file: Path, port: int, bag: "BagChoices") -> None:
         show(_report_of(file, bag), "table.html", port, click.echo)
     elif file.suffix == RECORDING:
         from hil_bridge.record import read
-        from hil_bridge.show.web.recorded import teller_of
+        from hil_bridge.show.web.recorded import run_source_of
 
-        show(teller_of(read(file), str(file)), "page.html", port, click.echo)
+        show(run_source_of(read(file), str(file)), "page.html", port, click.echo)
     else:
         refuse_known_file(file)
         raise ConfigError(

@@ -19,7 +19,7 @@ from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.sampling import Sampler
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import read_config
-from hil_bridge.show.web.recorded import teller_of
+from hil_bridge.show.web.recorded import run_source_of
 from protocol.devices.s3.adlp import HEADER_SIZE
 from tests.command_line import VIRTUAL, Command, refused
 
@@ -117,8 +117,8 @@ def test_a_sensor_that_never_boots_is_one_line_and_keeps_the_record(hil: Command
         code, output, errors = hil(*command.split())
         assert (code, errors) == (0, ""), command
         assert words in output, command
-    teller = teller_of(api.read("r.mcap"), "r.mcap")
-    assert teller.tell(teller.first(), 0.0)
+    source = run_source_of(api.read("r.mcap"), "r.mcap")
+    assert source.tell(source.first(), 0.0)
 
 
 def test_a_device_that_fails_before_the_first_cycle_is_the_cause(

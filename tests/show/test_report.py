@@ -127,7 +127,10 @@ def test_a_picture_without_matplotlib_is_refused_in_one_line(
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     recording = run(1.5)
-    with pytest.raises(ConfigError, match=r"^picture files need matplotlib, which is not installed: pip install .*\[figures\]"):
+    with pytest.raises(
+        ConfigError,
+        match=r"^picture files need matplotlib, which is not installed: pip install .*\[figures\]",
+    ):
         write_report(recording, summarise(recording, END), tmp_path, pictures=("png",))
     assert write_report(recording, summarise(recording, END), tmp_path).exists()
 

@@ -22,31 +22,31 @@ Streams = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 
 
 class Nothing:
-    """A page without news."""
+    """Page source without updates."""
 
     over = False
 
     def first(self) -> object:
         return None
 
-    def news(self, state: Any) -> Mapping[str, Any] | None:
+    def updates(self, state: Any) -> Mapping[str, Any] | None:
         return None
 
-    def asked(self, state: Any, message: Mapping[str, Any]) -> None:
+    def handle_request(self, state: Any, message: Mapping[str, Any]) -> None:
         raise ValueError("nothing to ask for")
 
 
 @asynccontextmanager
 async def served() -> AsyncIterator[int]:
     """A page's server in this process; its port."""
-    teller = Nothing()
+    source = Nothing()
     with socket.create_server(("127.0.0.1", 0)) as listener:
         listener.setblocking(False)
-        task = asyncio.create_task(Server(teller, Admission("")).serve(listener))
+        task = asyncio.create_task(Server(source, Admission("")).serve(listener))
         try:
             yield listener.getsockname()[1]
         finally:
-            teller.over = True
+            source.over = True
             await task
 
 

@@ -14,9 +14,9 @@ import pytest
 from hil_bridge.devices.panel import LocalPanel
 from hil_bridge.show.web import wire
 from hil_bridge.show.web.admission import TOKEN_HEADER, Admission
-from hil_bridge.show.web.panel_news import PanelNews
+from hil_bridge.show.web.panel_updates import PanelUpdates
+from hil_bridge.show.web.run_source import Cursor
 from hil_bridge.show.web.server import Server
-from hil_bridge.show.web.teller import Cursor
 from tests.web.test_feed import Ends, ends, pause
 from tests.web.test_idle import Nothing
 from tools.chromium import Page
@@ -62,12 +62,12 @@ async def test_a_request_is_carried_out_told_and_answered_with_its_number(ends: 
     assert [type(one) for one in ends.heard()] == [wire.Panel, wire.PanelState]
     ends.feed.show_panel()
     assert ends.heard() == [], "nothing has changed"
-    ends.other.send(wire.encode_message(wire.Asked(7, {"do": "lever", "to": "down"})))
+    ends.other.send(wire.encode_message(wire.PanelRequest(7, {"do": "lever", "to": "down"})))
     await pause()
-    assert ends.heard() == [wire.PanelState({"lever": "down"}, {"lever": "down"}), wire.Answered(7, "")]
-    ends.other.send(wire.encode_message(wire.Asked(8, {"do": "dance"})))
+    assert ends.heard() == [wire.PanelState({"lever": "down"}, {"lever": "down"}), wire.PanelResponse(7, "")]
+    ends.other.send(wire.encode_message(wire.PanelRequest(8, {"do": "dance"})))
     await pause()
-    assert ends.heard() == [wire.Answered(8, "no action is called 'dance'")]
+    assert ends.heard() == [wire.PanelResponse(8, "no action is called 'dance'")]
     lever.at = "up"
     ends.feed.show_panel()
     assert ends.heard() == [wire.PanelState({"lever": "up"}, {"lever": "up"})]
@@ -75,31 +75,31 @@ async def test_a_request_is_carried_out_told_and_answered_with_its_number(ends: 
 
 async def test_without_a_panel_a_request_does_nothing_and_no_bytes_make_it_raise(ends: Ends) -> None:
     ends.listen()
-    asked = wire.encode_message(wire.Asked(1, {"do": "lever", "to": "down"}))
+    asked = wire.encode_message(wire.PanelRequest(1, {"do": "lever", "to": "down"}))
     ends.other.send(asked)
     await pause()
     assert ends.heard() == []
     lever = Lever()
     ends.feed.offer(lever.operated)
-    for data in (asked[:-3], b"\xff" * 40, wire.encode_message(wire.Answered(1, ""))):
+    for data in (asked[:-3], b"\xff" * 40, wire.encode_message(wire.PanelResponse(1, ""))):
         ends.other.send(data)
     await pause()
     assert (lever.requests, ends.gone, ends.retracted) == ([], [], [])
 
 
 def test_a_page_is_told_the_panel_once_and_its_state_when_it_changes() -> None:
-    news, early, late = PanelNews(), Cursor(), Cursor()
-    assert news.news(early) == {}
+    updates, early, late = PanelUpdates(), Cursor(), Cursor()
+    assert updates.updates(early) == {}
     panel = wire.Panel("toy", {"lever": {}}, {})
-    news.take(panel)
-    news.take(wire.PanelState({"lever": "up"}, {}))
+    updates.take(panel)
+    updates.take(wire.PanelState({"lever": "up"}, {}))
     whole = {"robot": "toy", "controls": {"lever": {}}, "faults": {}}
     up = {"rows": [("lever", "up")], "at": {}}
-    assert news.news(early) == {"panel": whole, "panel_state": up}
-    assert news.news(early) == {}
-    news.take(wire.PanelState({"lever": "down"}, {}))
-    assert news.news(early) == {"panel_state": {"rows": [("lever", "down")], "at": {}}}
-    assert news.news(late).keys() == {"panel", "panel_state"}
+    assert updates.updates(early) == {"panel": whole, "panel_state": up}
+    assert updates.updates(early) == {}
+    updates.take(wire.PanelState({"lever": "down"}, {}))
+    assert updates.updates(early) == {"panel_state": {"rows": [("lever", "down")], "at": {}}}
+    assert updates.updates(late).keys() == {"panel", "panel_state"}
 
 
 # --- the server
@@ -108,16 +108,16 @@ def test_a_page_is_told_the_panel_once_and_its_state_when_it_changes() -> None:
 @asynccontextmanager
 async def served(operate: Callable[..., Any] | None) -> AsyncIterator[str]:
     """A server with a panel in this process; its origin."""
-    teller = Nothing()
+    source = Nothing()
     with socket.create_server(("127.0.0.1", 0)) as listener:
         listener.setblocking(False)
-        server = Server(teller, Admission(TOKEN, ("https://others.example",)), "panel.html")
+        server = Server(source, Admission(TOKEN, ("https://others.example",)), "panel.html")
         server.operate = operate
         task = asyncio.create_task(server.serve(listener))
         try:
             yield f"http://127.0.0.1:{listener.getsockname()[1]}"
         finally:
-            teller.over = True
+            source.over = True
             await task
 
 

@@ -15,8 +15,8 @@ from hil_bridge.errors.extras import install_command
 from hil_bridge.record import EventKind, Recording
 from hil_bridge.record.ending import reason_of
 from hil_bridge.show.web import feed
-from hil_bridge.show.web.recorded import Report, teller_of
-from hil_bridge.show.web.teller import Cursor, Teller
+from hil_bridge.show.web.recorded import Report, run_source_of
+from hil_bridge.show.web.run_source import Cursor, RunSource
 from tests.bags import pressed
 from tests.near_surface import EMERGENCY_STOP, WHOLE
 from tests.recordings import Recordings
@@ -29,35 +29,35 @@ def recording(recordings: Recordings) -> Recording:
     return recordings(WHOLE, faults=[EMERGENCY_STOP])
 
 
-def told(teller: Teller, place: Cursor) -> Any:
-    news = teller.news(place)
-    assert news is not None
-    return json.loads(msgspec.json.encode(news))
+def told(source: RunSource, place: Cursor) -> Any:
+    update = source.updates(place)
+    assert update is not None
+    return json.loads(msgspec.json.encode(update))
 
 
 def test_a_slider_finds_every_moment(recording: Recording) -> None:
-    teller = teller_of(recording, "run.mcap")
-    place = teller.first()
-    whole = told(teller, place)
-    assert teller.news(place) is None  # until something is asked
+    source = run_source_of(recording, "run.mcap")
+    place = source.first()
+    whole = told(source, place)
+    assert source.updates(place) is None  # until something is asked
     assert len(whole["rows"]["cycle"]["x"]) == len(recording.cycles)
     assert whole["end"]["outcome"] == "stopped"
     assert whole["end"]["cause"] == str(reason_of(recording.end))
     assert whole["scene"]["cell"].startswith("EMULATED")
     began = min(recording.cycles[0].started_at, recording.events[0].at)
     for cycle in recording.cycles[:: len(recording.cycles) // 7]:
-        teller.asked(place, {"at": cycle.controlled_at - began + 1e-6})
-        now = told(teller, place)
+        source.handle_request(place, {"at": cycle.controlled_at - began + 1e-6})
+        now = told(source, place)
         assert now["now"]["cycle"] == cycle.cycle
         assert now["now"]["force"] == pytest.approx(cycle.force, rel=1e-4, abs=1e-5)
         assert now["now"]["cause"] == ""
         assert now["now"]["phase"] == cycle.phase
-    teller.asked(place, {"at": 1e9})
-    assert told(teller, place)["now"]["cause"] == next(
+    source.handle_request(place, {"at": 1e9})
+    assert told(source, place)["now"]["cause"] == next(
         one.text for one in recording.events if one.kind == EventKind.STOP
     )
-    teller.asked(place, {"at": -5})
-    assert "cycle" not in told(teller, place)["now"]
+    source.handle_request(place, {"at": -5})
+    assert "cycle" not in told(source, place)["now"]
 
 
 @pytest.mark.parametrize(
@@ -67,23 +67,23 @@ def test_a_page_of_a_recording_can_ask_for_a_moment_alone(
     recording: Recording, message: dict[str, Any]
 ) -> None:
     with pytest.raises(ValueError, match="moment"):
-        teller_of(recording, "run.mcap").asked(Cursor(at=0.0), message)
+        run_source_of(recording, "run.mcap").handle_request(Cursor(at=0.0), message)
 
 
 def test_a_page_of_a_report_is_told_once_and_asks_for_nothing() -> None:
     report = Report("press", "press.mcap", "<p>measured</p>")
     place = report.first()
-    assert report.news(place) == {
+    assert report.updates(place) == {
         "title": "press",
         "file": "press.mcap",
         "body": "<p>measured</p>",
         "trouble": "",
         "still": True,
     }
-    assert report.news(place) is None
-    assert report.news(report.first()) is not None
+    assert report.updates(place) is None
+    assert report.updates(report.first()) is not None
     with pytest.raises(ValueError, match="nothing"):
-        report.asked(place, {"at": 1.0})
+        report.handle_request(place, {"at": 1.0})
 
 
 def test_an_older_recording_is_refused_in_one_line() -> None:

@@ -40,11 +40,11 @@ class Results:
         """Return the state of a page that displays nothing yet."""
         return PageState()
 
-    def asked(self, state: Any, message: Mapping[str, Any]) -> None:
+    def handle_request(self, state: Any, message: Mapping[str, Any]) -> None:
         """Reject every message: a page of results sends none."""
         raise ValueError("a page of results accepts no messages")
 
-    def news(self, state: Any) -> Mapping[str, Any] | None:
+    def updates(self, state: Any) -> Mapping[str, Any] | None:
         """Return the complete page if it has changed."""
         if time.monotonic() >= self._next_check:
             self._check()

@@ -114,11 +114,11 @@ class Feed:
         """
         self._retract, self._gone = retract, gone
         self._loop = asyncio.get_running_loop()
-        self._loop.add_reader(self._socket, self._hear)
+        self._loop.add_reader(self._socket, self._receive)
 
-    def _hear(self) -> None:
+    def _receive(self) -> None:
         try:
-            word = self._socket.recv(wire.ASKED_BYTES)
+            word = self._socket.recv(wire.REQUEST_BYTES)
         except BlockingIOError:
             return
         except OSError:
@@ -129,7 +129,7 @@ class Feed:
             self._lose()
         elif self._panel is not None:
             with suppress(msgspec.DecodeError):
-                self._operate(self._panel, wire.decode_asked(word))
+                self._operate(self._panel, wire.decode_request(word))
 
     def _lose(self) -> None:
         if not self._alive:
@@ -162,14 +162,14 @@ class Feed:
             self._look = look
             self._send(wire.encode_message(wire.PanelState(look.rows, look.at)), 0)
 
-    def _operate(self, panel: LocalPanel, asked: wire.Asked) -> None:
+    def _operate(self, panel: LocalPanel, request: wire.PanelRequest) -> None:
         error = ""
         try:
-            panel.perform(asked.request)
+            panel.perform(request.request)
         except ValueError as refused:
             error = str(refused)
         self.show_panel()
-        self._send(wire.encode_message(wire.Answered(asked.number, error)), 0)
+        self._send(wire.encode_message(wire.PanelResponse(request.number, error)), 0)
 
     def begin(self, scene: Scene, unix_zero_ns: int) -> None:
         """Tell the facts of the run, and again when more is known."""

@@ -1,4 +1,4 @@
-"""Recordings for pages: one of ours as a run that has ended, at the moment that a slider names; a bag as its report."""
+"""Page sources of recordings: a recording with a time slider, a ROS bag as its report."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,59 +16,59 @@ from hil_bridge.settings.configuration import read_config
 from hil_bridge.settings.devices import CellName, name_cell, robot_in, sensor_in
 from hil_bridge.show.charts.facts import approach_of, facts_of_recording, start_time
 from hil_bridge.show.terminal import Health, Scene
-from hil_bridge.show.web.teller import Teller
+from hil_bridge.show.web.run_source import RunSource
 from hil_bridge.show.web.wire import Begin, End, Pulse
 
 
-class Told(Struct):
-    """The state of one page: whether it has been told."""
+class ReportState(Struct):
+    """State of one page."""
 
-    whole: bool = False
+    sent: bool = False
 
 
 class Report:
-    """Tells pages of a report that stays as it is."""
+    """Source of a static report page."""
 
     over = False
-    """It is shown until the server is ended."""
+    """Displayed until the server ends."""
 
     def __init__(self, title: str, file: str, body: str) -> None:
-        """`body` is HTML of our own renderer, and `file` stands for the file that it reports."""
-        self._told = {"title": title, "file": file, "body": body, "trouble": "", "still": True}
+        """`body` is trusted HTML; `file` is the displayed name of the reported file."""
+        self._page = {"title": title, "file": file, "body": body, "trouble": "", "still": True}
 
-    def first(self) -> Told:
-        """A page that knows nothing."""
-        return Told()
+    def first(self) -> ReportState:
+        """Return the state of a new page."""
+        return ReportState()
 
-    def asked(self, state: Any, message: Mapping[str, Any]) -> None:
-        """A page of a report asks for nothing."""
-        raise ValueError("a page of a report asks for nothing")
+    def handle_request(self, state: Any, message: Mapping[str, Any]) -> None:
+        """Reject every request: a report page is static. Raises ValueError."""
+        raise ValueError("the page of a report accepts no requests")
 
-    def news(self, state: Any) -> Mapping[str, Any] | None:
-        """The whole page, once."""
-        if state.whole:
+    def updates(self, state: Any) -> Mapping[str, Any] | None:
+        """Return the complete page, once."""
+        if state.sent:
             return None
-        state.whole = True
-        return self._told
+        state.sent = True
+        return self._page
 
 
-def teller_of(recording: Recording, name: str) -> Teller:
-    """Tells pages of a recording. `name` stands for the file."""
+def run_source_of(recording: Recording, name: str) -> RunSource:
+    """Return the page source of a recording. `name` is the displayed name of the file."""
     scene, began = _scene(recording, name), start_time(recording)
     ends = [at for last in recording.cycles[-1:] for at in (last.controlled_at, last.answered_at)]
     ends += [event.at for event in recording.events]
     length_s = max((at - began for at in ends if at == at), default=0.0)
-    teller = Teller(Begin(scene, recording.unix_zero_ns), 0.0, length_s, facts_of_recording(recording))
-    teller.pulse(Pulse(began, Health()), 0.0)
+    source = RunSource(Begin(scene, recording.unix_zero_ns), 0.0, length_s, facts_of_recording(recording))
+    source.pulse(Pulse(began, Health()), 0.0)
     for records in (recording.cycles, recording.truths, recording.sensors, recording.events, recording.steps):
         for record in records:
-            teller.take(record)
-    teller.counters = _counters(recording, scene)
+            source.take(record)
+    source.counters = _counters(recording, scene)
     if recording.truncated:
-        teller.lost("the recording was cut")
+        source.lost("the recording was cut")
     else:
-        teller.end(End(recording.end))
-    return teller
+        source.end(End(recording.end))
+    return source
 
 
 def _counters(recording: Recording, scene: Scene) -> Mapping[str, Any]:

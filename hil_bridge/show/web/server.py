@@ -51,28 +51,28 @@ _STYLES: Mapping[str, Sequence[str]] = {
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
-class News(Protocol):
-    """Gives a page its news, and hears what it asks."""
+class PageSource(Protocol):
+    """Source of a page's updates, and handler of its requests."""
 
     def first(self) -> object:
-        """State of a new page, for `news`."""
+        """Return the state of a new page, for `updates`."""
 
-    def news(self, state: Any) -> Mapping[str, Any] | None:
-        """News since the last call for this state; None for none."""
+    def updates(self, state: Any) -> Mapping[str, Any] | None:
+        """Return the changes since the last call for this state, or None."""
 
-    def asked(self, state: Any, message: Mapping[str, Any]) -> None:
-        """A page has asked for something. Raises ValueError for what it cannot ask."""
+    def handle_request(self, state: Any, message: Mapping[str, Any]) -> None:
+        """Handle a request of a page. Raises ValueError for an invalid one."""
 
     @property
     def over(self) -> bool:
-        """Nothing more will come, and the server may end once all pages have been told."""
+        """Whether no more updates will come; the server may then end once every page has received all."""
 
 
 class Server:
     """Serves one page to browsers."""
 
-    def __init__(self, teller: News, admission: Admission, page: str = "page.html") -> None:
-        self._teller = teller
+    def __init__(self, source: PageSource, admission: Admission, page: str = "page.html") -> None:
+        self._source = source
         self._admission = admission
         self._page = page
         self._requests = Bucket(REQUESTS_PER_S, REQUESTS_BURST, time.monotonic)
@@ -80,9 +80,9 @@ class Server:
         self._sockets: dict[web.WebSocketResponse, web.Request] = {}
         self._tasks: set[asyncio.Task[Any]] = set()
         self._seen: dict[asyncio.BaseTransport, float] = {}
-        """When each connection was seen first."""
+        """Time at which each connection opened."""
         self._asked: dict[asyncio.BaseTransport, float] = {}
-        """When each connection sent its newest request."""
+        """Time of each connection's newest request."""
         self._busy: set[asyncio.BaseTransport] = set()
         """Connections whose request is being answered."""
         self.retract: Callable[[], object] | None = None
@@ -197,33 +197,33 @@ class Server:
         self._tasks.add(task)
 
     def release(self, socket: web.WebSocketResponse) -> None:
-        """Count it no more."""
+        """Remove a socket from the count."""
         self._sockets.pop(socket, None)
         task = asyncio.current_task()
         assert task is not None
         self._tasks.discard(task)
 
-    def told_drop(self, why: str) -> None:
-        """Keep why a client was dropped."""
+    def record_drop(self, why: str) -> None:
+        """Record why a client was dropped."""
         self.dropped = [*self.dropped[-20:], why]
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
         if not self.admit():
-            return _refuse(503, f"{CLIENTS} clients are connected, which is the most")
+            return _refuse(503, f"too many clients: {CLIENTS} are connected, which is the limit")
         socket = web.WebSocketResponse(
             max_msg_size=MESSAGE_BYTES, compress=False, heartbeat=20.0, timeout=2.0
         )
         self.hold(socket, request)
         try:
             await socket.prepare(request)
-            state = self._teller.first()
-            hearing = asyncio.create_task(self._hear(socket, state))
+            state = self._source.first()
+            receiving = asyncio.create_task(self._receive(socket, state))
             try:
-                await self._tell(request, socket, state, hearing)
+                await self._tell(request, socket, state, receiving)
             finally:
-                hearing.cancel()
+                receiving.cancel()
                 with suppress(asyncio.CancelledError, ConnectionError):
-                    await hearing
+                    await receiving
         finally:
             self.release(socket)
         return socket
@@ -233,18 +233,18 @@ class Server:
         request: web.Request,
         socket: web.WebSocketResponse,
         state: object,
-        hearing: "asyncio.Task[None]",
+        receiving: "asyncio.Task[None]",
     ) -> None:
-        """Send news until the page goes. One message at a time, so that a slow page is told less."""
-        while not (socket.closed or hearing.done()):
-            over = self._teller.over
-            news = self._teller.news(state)
-            if news is not None:
+        """Send updates until the page closes. One message at a time, so that a slow page receives fewer."""
+        while not (socket.closed or receiving.done()):
+            over = self._source.over
+            update = self._source.updates(state)
+            if update is not None:
                 try:
                     async with asyncio.timeout(SLOW_S):
-                        await socket.send_str(msgspec.json.encode(news).decode())
+                        await socket.send_str(msgspec.json.encode(update).decode())
                 except TimeoutError:
-                    self.told_drop("a page took nothing for too long")
+                    self.record_drop("a page took nothing for too long")
                     abort(request)
                     return
                 except (ConnectionError, RuntimeError):
@@ -254,24 +254,24 @@ class Server:
                     async with asyncio.timeout(1.0):
                         await socket.close(code=WSCloseCode.GOING_AWAY, message=b"the run has ended")
                 return
-            await asyncio.wait({hearing}, timeout=PICTURE_S)
+            await asyncio.wait({receiving}, timeout=PICTURE_S)
 
-    async def _hear(self, socket: web.WebSocketResponse, state: object) -> None:
+    async def _receive(self, socket: web.WebSocketResponse, state: object) -> None:
         allowed = Bucket(MESSAGES_PER_S, MESSAGES_BURST, time.monotonic)
         async for message in socket:
             if not allowed.take():
-                self.told_drop("a page sent too much")
+                self.record_drop("a page sent too many messages")
                 await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"too many messages")
                 return
             try:
                 if message.type is not WSMsgType.TEXT:
                     raise ValueError("no text")
-                asked = json.loads(message.data)
-                if not isinstance(asked, dict):
+                request = json.loads(message.data)
+                if not isinstance(request, dict):
                     raise ValueError("no object")
-                self._teller.asked(state, asked)
+                self._source.handle_request(state, request)
             except (ValueError, RecursionError):
-                self.told_drop("a page sent something else than the page does")
+                self.record_drop("a page sent an invalid request")
                 await socket.close(code=WSCloseCode.UNSUPPORTED_DATA, message=b"not understood")
                 return
 
@@ -296,7 +296,7 @@ class Server:
 
         server = await asyncio.get_running_loop().create_server(protocol, sock=listener)
         try:
-            while not self._teller.over:
+            while not self._source.over:
                 await asyncio.sleep(0.1)
                 self._close_idle(made)
             server.close()
@@ -316,7 +316,7 @@ class Server:
         idle = [one for one in present if one not in self._busy]
         if not idle:
             return False
-        _abort(min(idle, key=lambda one: self._asked.get(one, 0.0)))  # of those that never asked, the oldest
+        _abort(min(idle, key=lambda one: self._asked.get(one, 0.0)))  # without any request: the oldest
         return True
 
     def _close_idle(self, server: web.Server) -> None:

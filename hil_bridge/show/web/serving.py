@@ -18,11 +18,11 @@ from aiohttp import ClientSession
 from hil_bridge.show.web import wire
 from hil_bridge.show.web.admission import Admission
 from hil_bridge.show.web.feed import LOOPBACK, RUN_PAGE, listening
-from hil_bridge.show.web.panel_news import PanelNews
+from hil_bridge.show.web.panel_updates import PanelUpdates
 from hil_bridge.show.web.panels import Panels
-from hil_bridge.show.web.server import News, Server
+from hil_bridge.show.web.run_source import Cursor, RunSource
+from hil_bridge.show.web.server import PageSource, Server
 from hil_bridge.show.web.splicing import Splicing
-from hil_bridge.show.web.teller import Cursor, Teller
 
 NICE = 10
 """Lower priority than that of a run. Chosen."""
@@ -31,7 +31,7 @@ LOG_BYTES = 1 << 20
 ANSWER_SECONDS = 5.0
 """Longest wait for an answer of the panel, s. Chosen: it answers at once, also on a busy computer."""
 LAST_SECONDS = 5
-"""Time to tell the pages that the run has gone, s. Chosen."""
+"""Time to notify the pages of the end of the run, s. Chosen."""
 _PR_SET_PDEATHSIG = 1
 """Source: Linux, prctl(2)."""
 
@@ -41,10 +41,10 @@ class Live:
 
     def __init__(self, run: socket.socket) -> None:
         self._run, self._numbers = run, itertools.count(1)
-        self.teller: Teller | None = None
+        self.source: RunSource | None = None
         self.panels: Panels | None = None
         self.begun = asyncio.Event()
-        self._panel = PanelNews()
+        self._panel = PanelUpdates()
         self._asked: dict[int, asyncio.Future[str]] = {}
         """Requests to the panel that wait for their answer, by number."""
         self.over = False
@@ -54,14 +54,14 @@ class Live:
         """A page that knows nothing."""
         return Cursor()
 
-    def news(self, state: Cursor) -> Mapping[str, Any] | None:
-        """News of the run, and of the panel."""
-        news = (None if self.teller is None else self.teller.news(state)) or {}
-        return {**news, **self._panel.news(state)} or None
+    def updates(self, state: Cursor) -> Mapping[str, Any] | None:
+        """Return the changes of the run and of its panel, or None."""
+        update = (None if self.source is None else self.source.updates(state)) or {}
+        return {**update, **self._panel.updates(state)} or None
 
-    def asked(self, state: Any, message: Mapping[str, Any]) -> None:
-        """A page of a run asks for nothing."""
-        raise ValueError("a page of a run asks for nothing")
+    def handle_request(self, state: Any, message: Mapping[str, Any]) -> None:
+        """Reject every request. Raises ValueError."""
+        raise ValueError("the page of a live run accepts no requests")
 
     def retract(self) -> None:
         """Ask the run to retract and end."""
@@ -76,7 +76,7 @@ class Live:
         answer: asyncio.Future[str]
         answer = self._asked[number] = asyncio.get_running_loop().create_future()
         try:
-            self._run.send(wire.encode_message(wire.Asked(number, request)))
+            self._run.send(wire.encode_message(wire.PanelRequest(number, request)))
             async with asyncio.timeout(ANSWER_SECONDS):
                 return await answer
         except (OSError, TimeoutError):
@@ -84,8 +84,8 @@ class Live:
         finally:
             del self._asked[number]
 
-    def heard(self) -> None:
-        """Take what the run has sent, some messages at a time, so that clients have their turn."""
+    def receive(self) -> None:
+        """Receive some messages of the run at a time, so that clients are served in between."""
         for _ in range(32):
             try:
                 data = self._run.recv(wire.MOST_BYTES)
@@ -94,8 +94,8 @@ class Live:
             except OSError:
                 data = b""
             if not data:
-                if self.teller is not None:
-                    self.teller.lost()
+                if self.source is not None:
+                    self.source.lost()
                 asyncio.get_running_loop().remove_reader(self._run)
                 self.over = True
                 return
@@ -103,32 +103,32 @@ class Live:
 
     def _take(self, message: wire.Message) -> None:
         present = time.monotonic()
-        if isinstance(message, (wire.Panel, wire.PanelState, wire.Answered)):
-            self._hear_panel(message)
+        if isinstance(message, (wire.Panel, wire.PanelState, wire.PanelResponse)):
+            self._receive_panel(message)
             return
         if isinstance(message, wire.Begin):
-            if self.teller is None:
-                self.teller = Teller(message, present)
+            if self.source is None:
+                self.source = RunSource(message, present)
                 self.panels = Panels(message.unix_zero_ns)
                 self.begun.set()
             else:
-                self.teller.begin(message)
+                self.source.begin(message)
             return
-        if self.teller is None or self.panels is None:
+        if self.source is None or self.panels is None:
             return
         if isinstance(message, wire.Devices):
             self.panels.devices(message.facts)
         elif isinstance(message, wire.Records):
             for record in wire.records_of(message):
-                self.teller.take(record)
+                self.source.take(record)
                 self.panels.take(record)
         elif isinstance(message, wire.Pulse):
-            self.teller.pulse(message, present)
+            self.source.pulse(message, present)
         else:
-            self.teller.end(message)
+            self.source.end(message)
 
-    def _hear_panel(self, message: wire.Panel | wire.PanelState | wire.Answered) -> None:
-        if not isinstance(message, wire.Answered):
+    def _receive_panel(self, message: wire.Panel | wire.PanelState | wire.PanelResponse) -> None:
+        if not isinstance(message, wire.PanelResponse):
             self._panel.take(message)
         elif (waiting := self._asked.get(message.number)) is not None and not waiting.done():
             waiting.set_result(message.error)
@@ -139,7 +139,7 @@ async def serve(run: socket.socket, listener: socket.socket, admission: Admissio
     run.setblocking(False)
     listener.setblocking(False)
     live = Live(run)
-    asyncio.get_running_loop().add_reader(run, live.heard)
+    asyncio.get_running_loop().add_reader(run, live.receive)
     server = Server(live, admission, page)
     server.operate = live.operate
     server.retract = live.retract if page == RUN_PAGE else None
@@ -160,7 +160,7 @@ async def _open(live: Live, server: Server, session: ClientSession) -> None:
     server.splice = Splicing(server, session, live.panels.url)
 
 
-def show(teller: News, page: str, port: int, say: Callable[[str], object]) -> None:
+def show(source: PageSource, page: str, port: int, say: Callable[[str], object]) -> None:
     """Serve a page that is not of a run, from this process, until Ctrl-C. `say` tells its address.
 
     Raises ConfigError.
@@ -168,7 +168,7 @@ def show(teller: News, page: str, port: int, say: Callable[[str], object]) -> No
     with listening(port) as listener:
         say(f"page: http://{LOOPBACK}:{listener.getsockname()[1]}/   Ctrl-C ends it")
         with suppress(KeyboardInterrupt):
-            asyncio.run(Server(teller, Admission(""), page).serve(listener))
+            asyncio.run(Server(source, Admission(""), page).serve(listener))
 
 
 def settle(parent: int) -> None:

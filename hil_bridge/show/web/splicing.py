@@ -68,7 +68,7 @@ class Splicing:
         allowed = Bucket(PER_S, BURST, time.monotonic)
         async for message in outer:
             if not allowed.take():
-                self._server.told_drop("a client of Foxglove's protocol sent too much")
+                self._server.record_drop("a client of Foxglove's protocol sent too many messages")
                 await outer.close(code=WSCloseCode.POLICY_VIOLATION, message=b"too many messages")
                 return
             if message.type is WSMsgType.TEXT:
@@ -87,6 +87,6 @@ class Splicing:
                     elif message.type is WSMsgType.BINARY:
                         await outer.send_bytes(message.data)
             except TimeoutError:
-                self._server.told_drop("a client of Foxglove's protocol took nothing for too long")
+                self._server.record_drop("a client of Foxglove's protocol took nothing for too long")
                 abort(request)
                 return

@@ -15,7 +15,7 @@ from hil_bridge.show.terminal import Health, Scene
 
 RETRACT = b"retract"
 """The only word that the serving process says."""
-ASKED_BYTES = 1 << 12
+REQUEST_BYTES = 1 << 12
 """Size of what the serving process says at most."""
 MOST_BYTES = 1 << 17
 """Size of a message at most: records that do not fit are dropped."""
@@ -76,52 +76,52 @@ class PanelState(Struct, tag="state", frozen=True):
     at: Mapping[str, str | float]
 
 
-class Answered(Struct, tag="answered", frozen=True):
-    """The answer to a request."""
+class PanelResponse(Struct, tag="answered", frozen=True):
+    """Response to a request."""
 
     number: int
     error: str
-    """Why it was not carried out; empty where it was."""
+    """Why the request failed; empty on success."""
 
 
-class Asked(Struct, frozen=True):
-    """A request of a page to the panel. The serving process has checked the token of the one that asks."""
+class PanelRequest(Struct, frozen=True):
+    """Request of a page to the panel. The serving process has checked the token of the client."""
 
     number: int
     request: Mapping[str, Any]
 
 
-Message: TypeAlias = Begin | Devices | Records | Pulse | End | Panel | PanelState | Answered
+Message: TypeAlias = Begin | Devices | Records | Pulse | End | Panel | PanelState | PanelResponse
 
 _NUMBERS = {topic.record: number for number, topic in enumerate(TOPICS)}
 _encoder = msgspec.msgpack.Encoder(enc_hook=lambda value: value.tolist())
 _decoder = msgspec.msgpack.Decoder(Message)
-_asked = msgspec.msgpack.Decoder(Asked)
+_asked = msgspec.msgpack.Decoder(PanelRequest)
 _records = tuple(msgspec.msgpack.Decoder(topic.record) for topic in TOPICS)
 
 
-def encode_message(message: Message | Asked) -> bytes:
-    """A message as bytes."""
+def encode_message(message: Message | PanelRequest) -> bytes:
+    """Encode a message."""
     return _encoder.encode(message)
 
 
 def encode_records(records: list[Record]) -> bytes:
-    """Records as one message `Records`."""
+    """Encode records as one `Records` message."""
     items: Any = [(_NUMBERS[type(record)], record) for record in records]
     return _encoder.encode(Records(items))
 
 
 def decode_message(data: bytes) -> Message:
-    """A message. Raises msgspec.DecodeError."""
+    """Decode a message. Raises msgspec.DecodeError."""
     message: Message = _decoder.decode(data)
     return message
 
 
-def decode_asked(data: bytes) -> Asked:
-    """A request. Raises msgspec.DecodeError."""
+def decode_request(data: bytes) -> PanelRequest:
+    """Decode a panel request. Raises msgspec.DecodeError."""
     return _asked.decode(data)
 
 
 def records_of(message: Records) -> list[Record]:
-    """The records of a message. Raises msgspec.DecodeError."""
+    """Decode the records of a message. Raises msgspec.DecodeError."""
     return [_records[number].decode(raw) for number, raw in message.items]

@@ -112,8 +112,8 @@ class Situation:
     """Distance that the tool has moved back since the force last fell."""
 
 
-class Asked:
-    """Control loop of a configuration for queries about situations."""
+class PanelRequest:
+    """The control loop of a configuration, asked about situations."""
 
     def __init__(self, config: Config) -> None:
         one_stroke = config.model_copy(update={"task": replace(config.task, step=())})

@@ -18,7 +18,7 @@ from hil_bridge.show.charts.columns import ROWS, Columns
 from hil_bridge.show.charts.run import run_charts
 from hil_bridge.show.terminal import Health, Scene
 from hil_bridge.show.web import wire
-from hil_bridge.show.web.teller import EVENTS, Cursor, Teller
+from hil_bridge.show.web.run_source import EVENTS, Cursor, RunSource
 from tests.near_surface import EMERGENCY_STOP, WHOLE
 from tests.recordings import Recordings
 
@@ -54,19 +54,19 @@ def test_messages_come_over_the_socket_as_they_were(stopped: tuple[Scene, Record
 
 def test_the_page_is_told_what_the_recording_holds(stopped: tuple[Scene, Recording]) -> None:
     scene, recording = stopped
-    teller = Teller(wire.Begin(scene, 0), 0.0)
+    source = RunSource(wire.Begin(scene, 0), 0.0)
     cursor, told, rows = Cursor(), {}, 0
     events: list[Any] = []
     for number, record in enumerate(in_order(recording)):
-        teller.take(record)
+        source.take(record)
         if number % 50 == 0:
-            told = json.loads(msgspec.json.encode(teller.tell(cursor, 0.0)))
+            told = json.loads(msgspec.json.encode(source.update_for(cursor, 0.0)))
             rows += len(told.get("rows", {}).get("cycle", {}).get("x", ()))
             events += told["events"]
-    teller.end(
+    source.end(
         wire.End(RunEnd(Outcome.STOPPED, Reason(Cause.ROBOT_STATE, "the emergency stop")).as_metadata())
     )
-    told = json.loads(msgspec.json.encode(teller.tell(cursor, 0.0)))
+    told = json.loads(msgspec.json.encode(source.update_for(cursor, 0.0)))
     rows += len(told.get("rows", {}).get("cycle", {}).get("x", ()))
     events += told["events"]
     newest = recording.cycles[-1]
@@ -89,10 +89,10 @@ def test_the_page_is_told_what_the_recording_holds(stopped: tuple[Scene, Recordi
 
 def test_a_page_that_comes_later_is_told_everything_at_once(stopped: tuple[Scene, Recording]) -> None:
     scene, recording = stopped
-    teller = Teller(wire.Begin(scene, 0), 0.0)
+    source = RunSource(wire.Begin(scene, 0), 0.0)
     for record in in_order(recording):
-        teller.take(record)
-    told = teller.tell(Cursor(), 0.0)
+        source.take(record)
+    told = source.update_for(Cursor(), 0.0)
     limits = {chart["id"]: chart.get("limits", ()) for chart in told["charts"]["charts"]}
     assert [limit["value"] for limit in limits["force"]] == [
         scene.limits.force_limit_n,
@@ -100,8 +100,8 @@ def test_a_page_that_comes_later_is_told_everything_at_once(stopped: tuple[Scene
     ]
     assert len(told["rows"]["cycle"]["x"]) == len(recording.cycles)
     assert told["scene"]["cell"].startswith("EMULATED")
-    teller.begin(wire.Begin(scene, 0))  # more is known: every page restarts
-    again = teller.tell(Cursor(dict.fromkeys(("cycle", "truth"), 10**6), 10**6, 10**6), 0.0)
+    source.begin(wire.Begin(scene, 0))  # more is known: every page begins anew
+    again = source.update_for(Cursor(dict.fromkeys(("cycle", "truth"), 10**6), 10**6, 10**6), 0.0)
     assert len(again["rows"]["cycle"]["x"]) == len(recording.cycles)
 
 
@@ -115,12 +115,12 @@ def test_a_live_page_and_the_report_of_a_run_have_the_same_marks_limits_and_scal
     first, last = recording.cycles[0].started_at, recording.cycles[len(recording.cycles) // 2].controlled_at
     step = StepRecord(last, 1, "1 (track)", first, word="track", text="done")
     recording = dataclasses.replace(recording, steps=(step,))
-    teller = Teller(wire.Begin(scene, 0), 0.0)
+    source = RunSource(wire.Begin(scene, 0), 0.0)
     for record in in_order(recording):
-        teller.take(record)
-    teller.take(step)
+        source.take(record)
+    source.take(step)
     charts, _ = run_charts(recording)
-    report, live = msgspec.to_builtins(charts), teller.tell(Cursor(), 0.0)
+    report, live = msgspec.to_builtins(charts), source.update_for(Cursor(), 0.0)
     assert {mark["text"].partition(":")[0] for mark in live["marks"]} >= {"stop", "fault", "1 (track)"}
     marks = sorted(live["marks"], key=lambda mark: mark["x"])
     assert [{**mark, "x": round(mark["x"], 6)} for mark in marks] == [
@@ -141,31 +141,31 @@ def test_a_live_page_and_the_report_of_a_run_have_the_same_marks_limits_and_scal
 
 
 def test_silence_is_told_and_an_end_without_a_word(stopped: tuple[Scene, Recording]) -> None:
-    teller = Teller(wire.Begin(stopped[0], 0), 100.0)
-    teller.pulse(wire.Pulse(5.0, Health()), 100.0)
-    assert teller.tell(Cursor(), 101.0)["now"]["silent_s"] == 0
-    assert teller.tell(Cursor(), 107.5)["now"]["silent_s"] == 7.5
-    teller.lost()
-    assert teller.tell(Cursor(), 107.5)["end"]["outcome"] == "gone"
+    source = RunSource(wire.Begin(stopped[0], 0), 100.0)
+    source.pulse(wire.Pulse(5.0, Health()), 100.0)
+    assert source.update_for(Cursor(), 101.0)["now"]["silent_s"] == 0
+    assert source.update_for(Cursor(), 107.5)["now"]["silent_s"] == 7.5
+    source.lost()
+    assert source.update_for(Cursor(), 107.5)["end"]["outcome"] == "gone"
 
 
 def test_a_fast_and_long_run_stays_within_its_bounds(stopped: tuple[Scene, Recording]) -> None:
     scene, recording = stopped
     cycle = next(cycle for cycle in recording.cycles if cycle.phase == "track")
-    columns, teller = Columns(0.0, scene.chart_facts), Teller(wire.Begin(scene, 0), 0.0)
+    columns, source = Columns(0.0, scene.chart_facts), RunSource(wire.Begin(scene, 0), 0.0)
     for number in range(4 * ROWS):
         at, force = number * 0.01, 50.0 if number % 4 == 1 else 1.0
         record = msgspec.structs.replace(cycle, controlled_at=at, started_at=at, force=force)
         columns.cycle(record)
         if number % 20 == 0:
-            teller.take(EventRecord(at, EventKind.MARK, "m" * 10_000))
+            source.take(EventRecord(at, EventKind.MARK, "m" * 10_000))
     found = columns.since({})["cycle"]
     assert len(found["x"]) == ROWS
     forces = found["force"]
     assert forces.count(50.0) == pytest.approx(ROWS / 2, rel=0.01)  # no peak between two rows is lost
     assert columns.counts["cycle"] == pytest.approx(2 * ROWS, rel=0.01)  # a row each 40 ms, and its peak
     assert found["x"] == sorted(found["x"], key=float)  # type: ignore[arg-type]
-    told = teller.tell(Cursor(), 0.0)
+    told = source.update_for(Cursor(), 0.0)
     assert (len(told["events"]), len(told["marks"])) == (EVENTS, EVENTS)
     assert len(msgspec.json.encode(told)) < 200_000
 

@@ -12,11 +12,11 @@ from hil_bridge.show.charts.events import line_of, weight_of
 from hil_bridge.show.terminal import Scene, Snapshot
 
 TEXT_LENGTH = 400
-"""Characters of a text that the page shows at most."""
+"""Most characters of a text on the page."""
 
 
 def scene_values(scene: Scene) -> dict[str, Any]:
-    """Facts of a run that stay the same."""
+    """Return the constant facts of a run."""
     limits = scene.limits
     return {
         "cell": harmless(scene.cell),
@@ -39,7 +39,7 @@ def scene_values(scene: Scene) -> dict[str, Any]:
 
 
 def now_values(snapshot: Snapshot) -> dict[str, Any]:
-    """Values of a moment. Lengths are mm, times ms or s as their names tell, forces N, moments N·m."""
+    """Return the values of a moment: lengths in mm, times in ms or s by their names, forces in N, moments in N·m."""
     newest = snapshot.newest
     latency = snapshot.latency
     values: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""A run as a page shows it. A run that continues is a recording that grows; both are told by the same words."""
+"""Page updates of a run. A live run is a recording that grows, so both use the same messages."""
 
 import math
 import time
@@ -21,7 +21,7 @@ from hil_bridge.show.charts.facts import ChartFacts
 from hil_bridge.show.pages.description import Charts, Mark
 from hil_bridge.show.terminal import Health, Scene, ViewModel
 from hil_bridge.show.terminal.model import HISTORY_CYCLES
-from hil_bridge.show.web.telling import (
+from hil_bridge.show.web.page_values import (
     end_values,
     event_values,
     is_zero,
@@ -32,33 +32,33 @@ from hil_bridge.show.web.telling import (
 from hil_bridge.show.web.wire import Begin, End, Pulse
 
 EVENTS = 200
-"""Events, marks and steps that are kept of a run that continues, and events that a page shows."""
+"""Events, marks and steps kept of a live run, and events displayed on a page."""
 SILENT_S = 2.0
-"""Time without news of the run from which the page says so. Chosen: ten pulses."""
+"""Time without messages from the run after which the page reports it, s. Chosen: ten pulses."""
 ROWS_MOST = 8000
-"""Rows of a whole recording. Chosen: more than any screen has columns."""
+"""Most rows of a recording. Chosen: more than any screen has columns."""
 GONE = "gone"
-"""Outcome of a run that ended without a word."""
+"""Outcome of a run that ended without a message."""
 
 
 @dataclass(slots=True)
 class Cursor:
-    """How far one page has been told, and where it looks."""
+    """Position of one page: what it has received, and the moment that it displays."""
 
     rows: Mapping[str, int] = field(default_factory=dict)
     events: int = 0
     marks: int = 0
     version: int = -1
     at: float | None = None
-    """Moment of a recording, s since its start; None: the newest of a run that continues."""
+    """Moment of a recording, s since its start; None for the newest of a live run."""
     moved: bool = True
-    """It looks at a moment that it has not been told."""
+    """True if the page has not yet received the moment at `at`."""
     panel: tuple[int, int] = (0, 0)
-    """Versions of the panel and of its state that it has been told."""
+    """Versions of the panel and of its state that the page has received."""
 
 
-class Grown:
-    """The records of a run so far. Of one that continues the newest are kept, and what a page never forgets."""
+class RunHistory:
+    """Records of a run so far. A live run keeps the newest, and those that a page always displays."""
 
     def __init__(self, bounded: bool) -> None:
         def kept(most: int) -> MutableSequence[Any]:
@@ -74,12 +74,12 @@ class Grown:
         self.faults: MutableSequence[EventRecord] = kept(EVENTS)
         self.zeros: MutableSequence[EventRecord] = kept(1)
         self.track: CycleRecord | None = None
-        """The first cycle that tracked."""
+        """First tracking cycle."""
         self.stop: EventRecord | None = None
         self.event_count = self.mark_count = 0
 
     def take(self, record: Record, began: float) -> None:
-        """Take a record; `began` is the time at x = 0."""
+        """Add a record; `began` is the time at x = 0."""
         match record:
             case CycleRecord():
                 self.cycles.append(record)
@@ -116,7 +116,7 @@ class Grown:
             self.mark_count += 1
 
     def model(self, scene: Scene, began: float, until: float) -> ViewModel:
-        """The view's values by the records until a moment."""
+        """Return the view model from the records up to a moment."""
         model = ViewModel(scene)
         model.snapshot(began, Health())
         if self.track is not None and self.track.controlled_at <= until:
@@ -130,42 +130,42 @@ class Grown:
         return model
 
 
-class Teller:
-    """Tells pages of one run. Times of a page are seconds since the run's first record."""
+class RunSource:
+    """Source of page updates for one run. Page times are seconds since the run's first record."""
 
     def __init__(
         self,
         begin: Begin,
-        heard_at: float = 0.0,
+        received_at: float = 0.0,
         length_s: float | None = None,
         facts: ChartFacts | None = None,
     ) -> None:
-        """`heard_at` is the present time of this process's own clock, s. `length_s` is that of a whole recording, whose
-        moments a page may ask for; its memory is not bounded.
+        """`received_at` is the time on this process's clock, s. `length_s` is the length of a complete recording, whose
+        moments a page may request; its memory is not bounded.
         """
         self._begin, self._facts = begin, facts or begin.scene.chart_facts
         self._length_s = length_s
         self._version = 0
-        self._grown = Grown(bounded=length_s is None)
+        self._history = RunHistory(bounded=length_s is None)
         self._began: float | None = None
         self._columns: Columns | None = None
         self._pulse = Pulse(0.0, Health())
-        self._heard_at = heard_at
+        self._received_at = received_at
         self._end: Mapping[str, Any] | None = None
         self.counters: Mapping[str, Any] = {}
-        """Counters of a whole recording, which has none of a moment."""
+        """Counters of a complete recording, which has none for a single moment."""
         self.over = False
-        """The run has gone, and nothing more will come."""
+        """True if the run is gone and sends nothing more."""
 
-    # --- what the run tells
+    # --- messages of the run
 
     def begin(self, begin: Begin) -> None:
-        """More is known of the run: every page restarts."""
+        """Restart every page with new facts of the run."""
         self._begin, self._facts = begin, begin.scene.chart_facts
         self._version += 1
 
     def take(self, record: Record) -> None:
-        """Take a record."""
+        """Add a record."""
         match record:
             case CycleRecord():
                 self._since(record.started_at).cycle(record)
@@ -175,10 +175,10 @@ class Teller:
                 self._since(record.at)
             case _:
                 pass
-        self._grown.take(record, self._began or 0.0)
+        self._history.take(record, self._began or 0.0)
 
     def _since(self, at: float) -> Columns:
-        """The columns; the first record begins the time of the page."""
+        """Return the columns; the first record sets the zero of the page's time."""
         if self._columns is None:
             self._began = at
             if self._length_s is None:
@@ -187,62 +187,62 @@ class Teller:
                 self._columns = Columns(at, self._facts, max(ROW_S, self._length_s / ROWS_MOST), None)
         return self._columns
 
-    def pulse(self, pulse: Pulse, heard_at: float) -> None:
-        """Take a pulse of the run."""
+    def pulse(self, pulse: Pulse, received_at: float) -> None:
+        """Store a pulse of the run."""
         self._since(pulse.now)
-        self._pulse, self._heard_at = pulse, heard_at
+        self._pulse, self._received_at = pulse, received_at
 
     def end(self, end: End) -> None:
-        """The run has ended."""
+        """Store the end of the run."""
         self._end = end_values(end.facts)
 
-    def lost(self, cause: str = "the run's process ended without a word") -> None:
-        """The run has gone without a word."""
+    def lost(self, cause: str = "the run's process ended unexpectedly") -> None:
+        """Mark the run as ended without a message."""
         if self._end is None:
             self._end = {"outcome": GONE, "cause": cause, "left": "", "retracted": None, "followed": []}
 
-    # --- what pages ask
+    # --- requests of pages
 
     def first(self) -> Cursor:
-        """A page that knows nothing; of a recording it looks at the end."""
+        """Return the cursor of a new page; for a recording it is at the end."""
         return Cursor(at=self._length_s)
 
-    def asked(self, state: Any, message: Mapping[str, Any]) -> None:
-        """Go to a moment of a recording: `{"at": seconds}`. Raises ValueError."""
+    def handle_request(self, state: Any, message: Mapping[str, Any]) -> None:
+        """Go to a moment of a recording: `{"at": seconds}`. Raises ValueError for an invalid request."""
         if self._length_s is None:
-            raise ValueError("a page of a run asks for nothing")
+            raise ValueError("the page of a live run accepts no requests")
         at = message.get("at")
         if set(message) != {"at"} or isinstance(at, bool) or not isinstance(at, (int, float)):
-            raise ValueError("a page of a recording asks for a moment")
+            raise ValueError('invalid request: expected {"at": seconds}')
         if not math.isfinite(at):
-            raise ValueError("a moment must be a number")
+            raise ValueError("`at` must be a finite number of seconds")
         state.at, state.moved = min(max(0.0, float(at)), self._length_s), True
 
-    def news(self, state: Any) -> Mapping[str, Any] | None:
-        """News since the last call for this state; None for none."""
+    def updates(self, state: Any) -> Mapping[str, Any] | None:
+        """Return the changes since the last call for this state, or None."""
         if state.at is not None and not state.moved:
             return None
-        return self.tell(state, time.monotonic())
+        return self.update_for(state, time.monotonic())
 
-    def tell(self, cursor: Cursor, present: float) -> dict[str, Any]:
-        """News for a page since its cursor, which moves on. `present` is the time of this process's own clock, s."""
+    def update_for(self, cursor: Cursor, present: float) -> dict[str, Any]:
+        """Return the changes since a page's cursor, and advance it. `present` is this process's clock, s."""
         began = self._began or 0.0
-        passed = 0.0 if self._end is not None else max(0.0, present - self._heard_at)
+        passed = 0.0 if self._end is not None else max(0.0, present - self._received_at)
         now = self._pulse.now + passed if cursor.at is None else began + cursor.at
-        news: dict[str, Any] = {}
+        update: dict[str, Any] = {}
         if cursor.version != self._version:
-            news |= self._whole(cursor)
-        news |= self._moment(now, math.inf if cursor.at is None else now, passed)
-        news |= self._news_of(cursor, now)
+            update |= self._initial_update(cursor)
+        update |= self._moment(now, math.inf if cursor.at is None else now, passed)
+        update |= self._changes(cursor, now)
         if cursor.at is not None:
-            news["at"] = tidy(cursor.at)
+            update["at"] = tidy(cursor.at)
         cursor.moved = False
         if self._end is not None:
-            news["end"] = self._end
-        return news
+            update["end"] = self._end
+        return update
 
-    def _whole(self, cursor: Cursor) -> dict[str, Any]:
-        """Begin a page from nothing."""
+    def _initial_update(self, cursor: Cursor) -> dict[str, Any]:
+        """Reset a page; return its scene and charts."""
         cursor.rows, cursor.events, cursor.marks, cursor.version = {}, -1, 0, self._version
         scene, zero_ns = self._begin.scene, self._begin.unix_zero_ns
         start = None if self._began is None or not zero_ns else zero_ns * 1e-9 + self._began
@@ -253,55 +253,57 @@ class Teller:
             empty,
             layers=layers(scene.robot.emulated, False),
         )
-        news = {"scene": scene_values(scene), "charts": msgspec.to_builtins(charts)}
-        return news if self._length_s is None else news | {"playback": {"begin": 0.0, "end": self._length_s}}
+        update = {"scene": scene_values(scene), "charts": msgspec.to_builtins(charts)}
+        return (
+            update if self._length_s is None else update | {"playback": {"begin": 0.0, "end": self._length_s}}
+        )
 
     def _moment(self, now: float, until: float, silent_s: float) -> dict[str, Any]:
-        """The values of a moment, by the records until then."""
-        grown, health = self._grown, self._pulse.health
+        """Return the values of a moment, from the records up to it."""
+        history, health = self._history, self._pulse.health
         if self._length_s is not None:
-            frame = _newest(grown.sensors, until)
+            frame = _newest(history.sensors, until)
             health = Health(sensor_at=None if frame is None else frame.at)
-        snapshot = grown.model(self._begin.scene, self._began or 0.0, until).snapshot(now, health)
-        zero, pulse = _newest(grown.zeros, until), self._pulse
-        news = now_values(snapshot) | {
+        snapshot = history.model(self._begin.scene, self._began or 0.0, until).snapshot(now, health)
+        zero, pulse = _newest(history.zeros, until), self._pulse
+        update = now_values(snapshot) | {
             "zero": "" if zero is None else zero.text,
             "dropped": pulse.dropped,
             "silent_s": tidy(silent_s) if silent_s > SILENT_S else 0,
             "warning": pulse.warning,
         }
-        news["check"] = news["check"] or pulse.check
-        moment: dict[str, Any] = {"now": news | dict(self.counters)}
-        if (truth := _newest(grown.truths, until)) is not None:
+        update["check"] = update["check"] or pulse.check
+        moment: dict[str, Any] = {"now": update | dict(self.counters)}
+        if (truth := _newest(history.truths, until)) is not None:
             moment["truth"] = truth_values(truth)
         return moment
 
-    def _news_of(self, cursor: Cursor, now: float) -> dict[str, Any]:
-        """Rows, events, marks and spans that the page was not told yet."""
-        grown, began = self._grown, self._began or 0.0
-        news: dict[str, Any] = {"events": [], "marks": []}
+    def _changes(self, cursor: Cursor, now: float) -> dict[str, Any]:
+        """Return the rows, events, marks and spans that the page has not received."""
+        history, began = self._history, self._began or 0.0
+        update: dict[str, Any] = {"events": [], "marks": []}
         if self._columns is not None:
             if rows := self._columns.since(cursor.rows):
-                news["rows"] = rows
+                update["rows"] = rows
             cursor.rows = self._columns.counts
-            news["approach"] = self._columns.approach
-        news["marks"] = msgspec.to_builtins(_last(grown.marks, grown.mark_count - cursor.marks))
-        cursor.marks = grown.mark_count
+            update["approach"] = self._columns.approach
+        update["marks"] = msgspec.to_builtins(_last(history.marks, history.mark_count - cursor.marks))
+        cursor.marks = history.mark_count
         if cursor.at is None:
-            events = _last(grown.events, grown.event_count - max(cursor.events, 0))
-            cursor.events = grown.event_count
+            events = _last(history.events, history.event_count - max(cursor.events, 0))
+            cursor.events = history.event_count
         else:
-            events = _until(grown.events, now, "at", EVENTS)
-            news["events_whole"] = True
-        news["events"] = [event_values(event, began) for event in events]
+            events = _until(history.events, now, "at", EVENTS)
+            update["events_whole"] = True
+        update["events"] = [event_values(event, began) for event in events]
         until = now if self._length_s is None else began + self._length_s
-        spans = spans_of(phases_in(grown.phases), list(grown.steps), began, until)
-        news["spans"] = msgspec.to_builtins([*spans, *fault_spans(grown.faults, began, until)])
-        return news
+        spans = spans_of(phases_in(history.phases), list(history.steps), began, until)
+        update["spans"] = msgspec.to_builtins([*spans, *fault_spans(history.faults, began, until)])
+        return update
 
 
 def _until(records: Sequence[Any], now: float, name: str, most: int) -> list[Any]:
-    """The newest records at a moment, oldest first."""
+    """Return the newest records at a moment, oldest first."""
     count = bisect_right(records, now, key=lambda record: getattr(record, name))
     return list(islice(records, max(0, count - most), count))
 

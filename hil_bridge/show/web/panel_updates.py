@@ -1,13 +1,13 @@
-"""The panel of an emulated controller as a page shows it: controls and faults once, its state when it changes."""
+"""Page updates of an emulated controller's panel: controls and faults once, its state on every change."""
 
 from typing import Any
 
 from hil_bridge.show.web import wire
-from hil_bridge.show.web.teller import Cursor
+from hil_bridge.show.web.run_source import Cursor
 
 
-class PanelNews:
-    """News of one panel for any number of pages."""
+class PanelUpdates:
+    """Updates of one panel for any number of pages."""
 
     def __init__(self) -> None:
         self._panel: wire.Panel | None = None
@@ -17,26 +17,26 @@ class PanelNews:
 
     @property
     def is_there(self) -> bool:
-        """Whether there is a panel."""
+        """Return whether there is a panel."""
         return self._panel is not None
 
     def take(self, message: wire.Panel | wire.PanelState) -> None:
-        """Take what the robot's process tells."""
+        """Store a message of the robot's process."""
         whole, state = self._versions
         if isinstance(message, wire.Panel):
             self._panel, self._versions = message, (whole + 1, state)
         else:
             self._state, self._versions = message, (whole, state + 1)
 
-    def news(self, cursor: Cursor) -> dict[str, Any]:
-        """News that a page was not told yet; its cursor moves on."""
+    def updates(self, cursor: Cursor) -> dict[str, Any]:
+        """Return the changes that a page has not received, and advance its cursor."""
         panel, (whole, state) = self._panel, cursor.panel
         if panel is None or cursor.panel == self._versions:
             return {}
-        news: dict[str, Any] = {}
+        update: dict[str, Any] = {}
         if whole != self._versions[0]:
-            news["panel"] = {"robot": panel.robot, "controls": panel.controls, "faults": panel.faults}
+            update["panel"] = {"robot": panel.robot, "controls": panel.controls, "faults": panel.faults}
         if state != self._versions[1]:
-            news["panel_state"] = {"rows": list(self._state.rows.items()), "at": self._state.at}
+            update["panel_state"] = {"rows": list(self._state.rows.items()), "at": self._state.at}
         cursor.panel = self._versions
-        return news
+        return update
