@@ -275,7 +275,7 @@ def test_moments_that_are_never_told_are_missing(tmp_path: Path) -> None:
     recording = hil_bridge.read(write(tmp_path / "bag", topics))
     assert recording.figures.contact["contact_moment_peak_nm"] is None
     page = recording.report(tmp_path / "out").read_text()
-    assert "not told by /ft" in page
+    assert "not in /ft" in page
     assert re.search(r"These charts have no values: [^.]*Moments about", page)
 
 

@@ -333,7 +333,7 @@ def test_levels_rules_and_the_rest_stand_in_the_row_of_their_cycle() -> None:
         "estimate, N/m": "5000",
         "gain": "0.5",
         "correction, mm": "+0.125",
-        "besides": "band 0.81 N, feedforward 12.500 mm, relative error 0.04",
+        "other values": "band 0.81 N, feedforward 12.500 mm, relative error 0.04",
         "verdict": "clamp: step, held",
     }
 
@@ -342,7 +342,7 @@ def test_empty_columns_and_sections_are_left_out(tmp_path: Path) -> None:
     plain = record([cycle(k) for k in range(5)])
     found = decisions(plain, 0.0)
     assert found is not None
-    assert not [title for title in found.titles if "level" in title or "rule" in title or title == "besides"]
+    assert not [title for title in found.titles if "level" in title or "rule" in title or title == "other values"]
     assert "strongest" not in controller_section(plain)
     assert "<details>" in controller_section(plain)
     assert controller_section(record([cycle(0, phase="approach")])) == ""

@@ -1,4 +1,4 @@
-"""Several runs laid over each other: one page with the charts of all, and tables of what differs."""
+"""Comparison of several runs: one page with overlaid charts, and tables of the differences."""
 
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -19,16 +19,16 @@ from hil_bridge.show.charts.facts import facts_of_recording, start_time
 from hil_bridge.show.charts.run import run_marks
 from hil_bridge.show.charts.sources import Sources
 from hil_bridge.show.pages import Axis, Chart, Charts, Layer, Limit, Mark, Series, document, room
-from hil_bridge.show.report.bag_page import taken_table
+from hil_bridge.show.report.bag_page import assumptions_table
 from hil_bridge.show.report.differences import between
 from hil_bridge.show.report.figures import contact_rows, figure_tables
 from hil_bridge.show.report.identity import identity_rows
 from hil_bridge.show.report.markup import across, cells, prose
 
 RUNS_MOST = 8
-"""As many colours as are told apart."""
+"""Most runs of a comparison: the number of distinguishable colours."""
 TOUCH, BEGIN = "touch", "begin"
-"""The moment at 0 s: the start of the first tracking, or that of the run."""
+"""Moment at 0 s: the start of the first tracking, or of the run."""
 COMPARED = {
     "force": "force",
     "lateral": "lateral",
@@ -38,11 +38,11 @@ COMPARED = {
     "stiffness": "stiffness",
     "times": "cycle_ms",
 }
-"""Charts of the catalogue that are laid over each other, and the column of each that stands for a run."""
+"""Charts of the catalogue that are overlaid, and the column of each that represents a run."""
 
 
 def compare_values(runs: Mapping[str, Recording]) -> dict[str, Any]:
-    """Outcome and figures of each run by its name, and the settings that differ. Raises ConfigError as the page."""
+    """Return outcome and figures of each run by name, and the settings that differ. Raises ConfigError as the page."""
     _check_number(runs)
     ours = _own(runs)
     summaries = {name: summarise(recording) for name, recording in runs.items()}
@@ -62,7 +62,7 @@ def _check_number(runs: Mapping[str, Recording]) -> None:
 
 
 def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
-    """The page of at least two runs by their names. Raises ConfigError for too few or too many."""
+    """Render the page of at least two runs by name. Raises ConfigError for too few or too many."""
     _check_number(runs)
     summaries = {name: summarise(recording) for name, recording in runs.items()}
     charts, left_out = _charts(runs, align)
@@ -78,7 +78,7 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
 <h2>Course</h2>
 {room("runs", charts)}{f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""}
 <h2>Figures</h2>
-<p class="quiet">What is the same in all runs is quiet.</p>
+<p class="quiet">Values that are equal in all runs are grey.</p>
 {across(_figures(runs, summaries))}
 <h2>Settings that differ</h2>
 {cells(("setting", *ours), settings, "narrow settings")}{_bags(runs)}"""
@@ -86,24 +86,24 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
 
 
 def _own(runs: Mapping[str, Recording]) -> Mapping[str, Recording]:
-    """Those that have settings: not those of other programs."""
+    """Return the runs that have settings: not those of other programs."""
     return {name: recording for name, recording in runs.items() if recording.foreign is None}
 
 
 def _bags(runs: Mapping[str, Recording]) -> str:
-    """How the bags among them were read."""
+    """Render the assumptions with which each bag was read."""
     bags = {name: recording.foreign for name, recording in runs.items() if recording.foreign is not None}
-    parts = (f"<h2>{escape(name)}, read as</h2>{taken_table(bag)}" for name, bag in bags.items())
+    parts = (f"<h2>{escape(name)}: assumptions</h2>{assumptions_table(bag)}" for name, bag in bags.items())
     return "".join(parts)
 
 
 def names_of(paths: Sequence[Path]) -> list[str]:
-    """Short names for recordings, no two the same: file, else folder and file, else the whole path."""
+    """Return unique short names for recordings: file, else folder and file, else the full path."""
     for name in (lambda path: path.stem, lambda path: f"{path.absolute().parent.name}/{path.stem}", str):
-        found = [name(path) for path in paths]
-        if len(set(found)) == len(found):
-            return found
-    raise ConfigError("compare was given the same file twice")
+        names = [name(path) for path in paths]
+        if len(set(names)) == len(names):
+            return names
+    raise ConfigError("compare was given the same file twice; name each recording once")
 
 
 def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:
@@ -131,19 +131,19 @@ def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:
         for chart in catalogue(facts_of_recording(next(iter(runs.values()))))
         if series.get(chart.id)
     ]
-    label = "time since the touch" if align == TOUCH else "time since the run began"
+    label = "time since contact" if align == TOUCH else "time since the run began"
     layers = [Layer(f"run{place}", name) for place, name in enumerate(runs)]
     return Charts({"time": Axis(label, "s")}, charts, sources.held, marks, layers=layers), sources.sentence()
 
 
 def _title(chart: Chart) -> str:
-    """Title of a chart, with the one of its series that is shown where it has several."""
+    """Return the title of a chart, with the displayed series where it has several."""
     shown = [one.label for one in chart.series if one.column == COMPARED[chart.id]]
     return f"{chart.title}: {shown[0]}" if len(chart.series) > 1 and chart.id != "force" else chart.title
 
 
 def _same_limits(chart: Chart, runs: Mapping[str, Recording]) -> list[Limit]:
-    """The limits of a chart that are the same in all runs, and the target of the force."""
+    """Return the limits of a chart that are equal in all runs, and the target force."""
     each = [
         next((one.limits for one in catalogue(facts_of_recording(run)) if one.id == chart.id), ())
         for run in runs.values()
@@ -159,7 +159,7 @@ def _same_limits(chart: Chart, runs: Mapping[str, Recording]) -> list[Limit]:
 
 
 def _zero(recording: Recording, align: str) -> float:
-    """The moment at 0, s on the run's clock; a run that never tracked begins there, and a bag at its first contact."""
+    """Return the moment at 0, s on the run's clock: start of tracking, else of the run; of a bag its first contact."""
     if recording.foreign is not None and align == TOUCH:
         touches = (cycle.controlled_at for cycle in recording.cycles if cycle.in_contact)
         return next(touches, start_time(recording))
@@ -169,12 +169,12 @@ def _zero(recording: Recording, align: str) -> float:
 
 def _same_target(recordings: Sequence[Recording]) -> float | None:
     ours = [recording for recording in recordings if recording.foreign is None]
-    wanted = {cycle.force_reference for recording in ours for cycle in recording.cycles}
-    return wanted.pop() if len(wanted) == 1 else None
+    targets = {cycle.force_reference for recording in ours for cycle in recording.cycles}
+    return targets.pop() if len(targets) == 1 else None
 
 
 def _figures(runs: Mapping[str, Recording], summaries: Mapping[str, Summary]) -> str:
-    """A row for each figure, a column for each run."""
+    """Render a table with a row for each figure and a column for each run."""
     columns = []
     for name, recording in runs.items():
         summary = summaries[name]

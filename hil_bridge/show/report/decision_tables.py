@@ -15,28 +15,28 @@ from hil_bridge.show.charts.columns import LEVELS
 ROWS_SHOWN = 200
 RULES_SHOWN = 3
 _RULE_SIGN = "→"
-"""Sign in the name of every rule, and in no other key of an explanation."""
+"""Character in the name of every rule, and in no other key of an explanation."""
 _UNITS = {"_m": (1e3, ".3f", "mm"), "_n": (1.0, ".2f", "N")}
-"""Scale, format and unit by the ending of a key."""
+"""Scale, format and unit by the suffix of a key."""
 
 
 @dataclass(frozen=True, slots=True)
 class Decisions:
-    """The table of cycles; only columns in which anything stands."""
+    """Table of cycles, without empty columns."""
 
     titles: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     cycles: int
-    """Tracked cycles, of which the rows are an even choice."""
+    """Number of tracked cycles, of which the rows are an even selection."""
 
 
 def select_tracked(recording: Recording) -> list[CycleRecord]:
-    """Cycles in which the force was controlled."""
+    """Return the cycles in which the force was controlled."""
     return [cycle for cycle in recording.cycles if cycle.phase == TRACK]
 
 
 def decisions(recording: Recording, zero: float) -> Decisions | None:
-    """The table of at most `ROWS_SHOWN` tracked cycles; times from `zero`. None when nothing was tracked."""
+    """Return the table of at most `ROWS_SHOWN` tracked cycles, times from `zero`; None if nothing was tracked."""
     cycles = select_tracked(recording)
     if not cycles:
         return None
@@ -48,8 +48,8 @@ def decisions(recording: Recording, zero: float) -> Decisions | None:
 
 
 def strongest_rules(recording: Recording) -> list[tuple[str, int, float]]:
-    """Rules that had the largest weight of their cycle, alone or with others: name, in how many tracked
-    cycles, and the mean of that weight. The most frequent one first.
+    """Return the rules with the largest weight of their cycle, ties included: name, number of tracked cycles, and
+    mean of that weight; the most frequent first.
     """
     counts: Counter[str] = Counter()
     weights: dict[str, float] = {}
@@ -64,7 +64,7 @@ def strongest_rules(recording: Recording) -> list[tuple[str, int, float]]:
 
 
 def rules(explanation: Mapping[str, float]) -> list[tuple[str, float]]:
-    """Rules that fired with their weights, the strongest first, equal ones by name."""
+    """Return the rules that fired with their weights, the strongest first, equal ones by name."""
     fired = [
         (name, weight)
         for name, weight in explanation.items()
@@ -74,7 +74,7 @@ def rules(explanation: Mapping[str, float]) -> list[tuple[str, float]]:
 
 
 def decimate(cycles: Sequence[CycleRecord], most: int) -> list[CycleRecord]:
-    """At most so many of these cycles, the first and the last among them."""
+    """Return at most `most` of these cycles, including the first and the last."""
     if len(cycles) <= most:
         return list(cycles)
     return [cycles[round(k * (len(cycles) - 1) / (most - 1))] for k in range(most)]
@@ -93,13 +93,13 @@ def _columns(zero: float) -> list[tuple[str, Callable[[CycleRecord], str]]]:
         ("estimate, N/m", lambda cycle: _plain(cycle.stiffness, ".0f")),
         ("gain", lambda cycle: _plain(cycle.gain, ".3g")),
         ("correction, mm", lambda cycle: _plain(cycle.correction, "+.3f", 1e3)),
-        ("besides", _other_text),
+        ("other values", _other_text),
         ("verdict", _verdict_text),
     ]
 
 
 def _plain(value: float | None, form: str, scale: float = 1.0) -> str:
-    """A number without its unit; empty when it is not known."""
+    """Format a number without its unit; empty if it is unknown."""
     return quantity(value, scale, form, "") if _known(value) else ""
 
 
@@ -113,7 +113,7 @@ def _rules_text(cycle: CycleRecord) -> str:
 
 
 def _other_text(cycle: CycleRecord) -> str:
-    """Other values of the controller, with the units that their names end in."""
+    """Format the other values of the controller, with the units in their names."""
     told = []
     for key, value in cycle.explanation.items():
         if key in LEVELS or _RULE_SIGN in key or not _known(value):

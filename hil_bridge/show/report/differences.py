@@ -1,4 +1,4 @@
-"""The recorded configuration as what differs from the defaults, or from another run's."""
+"""Differences of a recorded configuration from the defaults, or between runs."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -12,15 +12,15 @@ from hil_bridge.record.reader import Recording
 from hil_bridge.settings.configuration import Config, dump, read_config
 
 _LONGEST = 300
-"""Letters of a value that are shown. Chosen: a program's steps have more, and the recording holds them."""
+"""Most characters of a displayed value. Chosen: a program's steps have more, and the recording holds them."""
 _CHOICES = ("emulated", "surface_kind")
-"""Keys that choose a kind, whose defaults are then those of that kind."""
+"""Keys that select a kind; the defaults are those of that kind."""
 _DEEPEST = 40
-"""Tables inside tables that are followed."""
+"""Most levels of nested tables."""
 
 
 def from_defaults(recording: Recording) -> list[tuple[str, str, str]]:
-    """Key, value and default of every setting that has another value than its default; of the devices chosen, theirs.
+    """Return key, value and default of every setting that differs from its default, for the selected devices.
 
     A key that this version does not know has an empty default.
     """
@@ -38,7 +38,7 @@ def from_defaults(recording: Recording) -> list[tuple[str, str, str]]:
 
 
 def between(recordings: list[Recording]) -> list[tuple[str, ...]]:
-    """Key and the value in each recording of every setting that is not the same in all."""
+    """Return the key, and the value in each recording, of every setting that differs."""
     found = [flat(recorded_configuration(recording)) for recording in recordings]
     keys = sorted({key for one in found for key in one})
     rows = []
@@ -50,12 +50,12 @@ def between(recordings: list[Recording]) -> list[tuple[str, ...]]:
 
 
 def flat(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested tables as one, by dotted key."""
+    """Flatten nested tables into one with dotted keys."""
     return dict(_flat("", values, 0))
 
 
 def describe_value(value: object) -> str:
-    """A value in a line."""
+    """Format a value in one line."""
     text = json.dumps(value, ensure_ascii=False)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} … ({len(text)} letters)"
 
@@ -70,7 +70,7 @@ def _flat(before: str, values: Mapping[str, Any], depth: int) -> Iterator[tuple[
 
 
 def _defaults(recorded: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The defaults of a configuration with the same devices; of the usual ones where that cannot be made."""
+    """Return the defaults for the same devices, or the general defaults if those devices are unavailable."""
     chosen: dict[str, Any] = {}
     for section in ("robot", "sensor", "cell"):
         values = recorded.get(section)

@@ -1,4 +1,4 @@
-"""The figures of a summary as rows that an operator reads: one table for the picture and the page."""
+"""Figures of a summary as labelled rows, shared by picture and page."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from hil_bridge.record.reader import Recording
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One figure."""
+    """Labelled figure with its explanation."""
 
     label: str
     value: str
@@ -17,11 +17,11 @@ class Row:
 
 
 NAMED = ("controller", "seed")
-"""Rows at the begin of `run_rows` that a page tells at its top."""
+"""First rows of `run_rows`, which a page displays at its top."""
 
 
 def merit_rows(summary: Summary) -> tuple[Row, ...]:
-    """Figures of merit of the force control."""
+    """Return the figures of merit of the force control."""
     several = summary.strokes > 1
     return tuple(
         Row(one.words, one.text(summary.figures.get(one.key)), (several and one.of_several) or one.how)
@@ -30,12 +30,12 @@ def merit_rows(summary: Summary) -> tuple[Row, ...]:
 
 
 def contact_rows(summary: Summary) -> tuple[Row, ...]:
-    """Figures of the contact."""
+    """Return the figures of the contact."""
     return tuple(Row(one.words, one.text(summary.contact.get(one.key)), one.how) for one in CONTACT)
 
 
 def bag_rows(recording: Recording, summary: Summary) -> tuple[Row, ...]:
-    """Other facts of a recording that another program has made."""
+    """Return other facts of a recording made by another program."""
     cycles = recording.cycles
     span_s = cycles[-1].controlled_at - cycles[0].controlled_at if cycles else None
     return (
@@ -50,14 +50,14 @@ def bag_rows(recording: Recording, summary: Summary) -> tuple[Row, ...]:
 
 
 def figure_tables(recording: Recording, summary: Summary) -> tuple[tuple[str, tuple[Row, ...]], ...]:
-    """Titles and rows of the two tables of figures."""
+    """Return titles and rows of the two tables of figures."""
     if recording.foreign is not None:
         return ("figures of the contact", contact_rows(summary)), ("bag", bag_rows(recording, summary))
     return (Group.MERIT.value, merit_rows(summary)), (Group.RUN.value, run_rows(summary))
 
 
 def run_rows(summary: Summary) -> tuple[Row, ...]:
-    """Other facts of the run."""
+    """Return other facts of the run."""
     times, dropped = summary.cycle_time, sum(summary.recorder_dropped.values())
     mean, p50, p90, p99, largest = (
         quantity(value, 1e3, ".1f", "ms")
@@ -68,7 +68,7 @@ def run_rows(summary: Summary) -> tuple[Row, ...]:
     lost = "" if summary.sensor_frames_lost is None else f"{summary.sensor_frames_lost} lost"
     return (
         Row(NAMED[0], summary.controller or UNKNOWN, "control law by its name in the configuration"),
-        Row(NAMED[1], summary.seed or UNKNOWN, "start of every random number of an emulated cell"),
+        Row(NAMED[1], summary.seed or UNKNOWN, "seed of the random numbers of an emulated cell"),
         _target(summary),
         _row("force_mean_steady_n", summary.force_mean_steady_n),
         Row(

@@ -1,4 +1,4 @@
-"""The facts of a run: when, where, with which devices and versions."""
+"""Identity of a run: date, host, devices and versions."""
 
 from datetime import UTC, datetime
 from typing import Any
@@ -14,7 +14,7 @@ _YEAR_3000_S = 32503680000.0
 
 
 def reality(recording: Recording) -> str:
-    """Whether robot and sensor were emulated: `EMULATED`, `REAL` or `PARTLY REAL`; empty where it is not told."""
+    """Return whether robot and sensor were emulated: `EMULATED`, `REAL` or `PARTLY REAL`; empty if unknown."""
     urls = _urls(recording)
     if urls is None:
         return ""
@@ -22,7 +22,7 @@ def reality(recording: Recording) -> str:
 
 
 def identity_rows(recording: Recording, summary: Summary) -> list[tuple[str, str]]:
-    """Names and values for the top of a page."""
+    """Return names and values for the top of a page."""
     devices, metadata = devices_of(recording), recording.metadata
     urls = _urls(recording) or ("", "")
     robot = devices.robot.model or devices.robot.kind
@@ -42,7 +42,7 @@ def identity_rows(recording: Recording, summary: Summary) -> list[tuple[str, str
 
 
 def _urls(recording: Recording) -> tuple[str, str] | None:
-    """URLs of robot and sensor, empty for an emulated one."""
+    """Return the URLs of robot and sensor, empty for an emulated one."""
     told: Any = recorded_configuration(recording)
     robot, sensor = told.get("robot"), told.get("sensor")
     if not isinstance(robot, dict) or not isinstance(sensor, dict) or "url" not in robot:

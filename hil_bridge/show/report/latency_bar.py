@@ -1,4 +1,4 @@
-"""The hops between a force and the motion that answers it, laid end to end."""
+"""Stacked bar of the latency hops between a force and the resulting motion."""
 
 from itertools import cycle
 
@@ -12,17 +12,17 @@ _BAR = (96, 44)
 """Top and height of the bar, px."""
 _COLOURS = {Owner.DEVICE: "c5", Owner.BUS: "c1", Owner.SOFTWARE: "c6", Owner.LINE: "c2", Owner.ROBOT: "c3"}
 _LETTER = 6.6
-"""Width of a letter, px."""
+"""Width of a character, px."""
 _LEVELS = (84, 66, 48)
-"""Places of the names above, in turn: three neighbours do not cover each other."""
+"""Rows of the names above the bar, used in turn so that three neighbours do not overlap."""
 _NAMED = 0.02
-"""Share of the axis from which a hop is named above itself."""
+"""Least share of the axis for which a hop is labelled."""
 _MOST = 2.0
-"""Largest part of the whole on the axis, in sums of medians: an outlier must not flatten the hops."""
+"""Most of the total latency on the axis, in sums of medians: an outlier must not flatten the hops."""
 
 
 def latency_bar(latency: Latency) -> str:
-    """The drawing: medians of the hops, and percentiles of the whole below."""
+    """Draw the medians of the hops, and the percentiles of the total below."""
     end = sum(part.times.p50_s for part in latency.chain) * 1e3
     limit = 1.04 * max(end, min(latency.total.p99_s * 1e3, _MOST * end), 1e-3)
     room = SIZE_PX[0] - _LEFT - _RIGHT
@@ -55,7 +55,7 @@ def latency_bar(latency: Latency) -> str:
 
 
 def by_owner(latency: Latency) -> dict[Owner, float]:
-    """Sum of the medians of each owner's hops, s, in order of appearance."""
+    """Return the sum of the medians of each owner's hops, s, in order of appearance."""
     sums: dict[Owner, float] = {}
     for part in latency.chain:
         sums[part.hop.owner] = sums.get(part.hop.owner, 0.0) + part.times.p50_s
@@ -63,7 +63,7 @@ def by_owner(latency: Latency) -> dict[Owner, float]:
 
 
 def _owners(latency: Latency) -> list[str]:
-    """The meaning of each colour, and its sum."""
+    """Draw the legend: each colour with its sum."""
     parts, left = [], float(_LEFT)
     for owner, seconds in by_owner(latency).items():
         words = f"{owner} {seconds * 1e3:.1f} ms"
@@ -73,7 +73,7 @@ def _owners(latency: Latency) -> list[str]:
 
 
 def _hops(latency: Latency, scale: float) -> list[str]:
-    """The hops at their medians, one behind the other; `scale` is px for a ms."""
+    """Draw the hops at their medians, end to end; `scale` is px per ms."""
     parts, left, levels = [], float(_LEFT), cycle(_LEVELS)
     top, height = _BAR
     room = SIZE_PX[0] - _LEFT - _RIGHT

@@ -1,4 +1,4 @@
-"""The section of the page that tells where a cycle's time went."""
+"""Latency section of the page: how a cycle's time is spent."""
 
 from html import escape
 
@@ -12,7 +12,7 @@ _TITLES = ("hop", "whose time", "p50, ms", "p90, ms", "p99, ms", "max, ms", "wha
 
 
 def latency_section(recording: Recording) -> str:
-    """Empty when the cycles were not stamped."""
+    """Render the section; empty if the cycles were not timestamped."""
     found = latency_of(recording)
     if found is None:
         return ""

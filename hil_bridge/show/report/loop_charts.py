@@ -1,4 +1,4 @@
-"""Gain and phase of a linear force loop over frequency, with its margins."""
+"""Bode charts of a linear force loop, with its margins."""
 
 import math
 
@@ -11,13 +11,13 @@ from hil_bridge.show.report.stability import Analysis, LinearLoop
 
 _POINTS = 300
 _BELOW = 30.0
-"""Factor below the lower crossover at which the charts begin."""
+"""Ratio of the charts' lowest frequency to the lower crossover."""
 _LOWEST_PHASE_DEG = -450.0
 _AXIS = "frequency"
 
 
 def loop_charts(analysis: Analysis, loop: LinearLoop) -> Charts:
-    """The two charts on an axis of their own."""
+    """Return the gain and phase charts, on a frequency axis."""
     plant, found = analysis.plant, loop.margins
     top = math.pi / plant.period
     crossings = [w for w in (found.gain_crossover_rad_s, found.phase_crossover_rad_s) if math.isfinite(w)]
@@ -54,7 +54,7 @@ def loop_charts(analysis: Analysis, loop: LinearLoop) -> Charts:
 
 
 def _marks(loop: LinearLoop) -> list[Mark]:
-    """The crossovers, with the margins that are read there."""
+    """Return the crossovers, with the margins that are read there."""
     found, marks = loop.margins, []
     if math.isfinite(at := found.phase_crossover_rad_s) and math.isfinite(found.gain_margin):
         marks.append(Mark(at, f"gain margin {found.gain_margin:.2f}", "note", _AXIS))

@@ -1,4 +1,4 @@
-"""Tables as HTML."""
+"""HTML tables."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -10,12 +10,12 @@ _COMMAND = re.compile(r"`([^`]+)`")
 
 
 def prose(text: str) -> str:
-    """Sentences for people: without what follows the `?` of a URL, and commands between backticks as such."""
+    """Render prose as HTML: URL queries are removed, and text between backticks becomes code."""
     return _COMMAND.sub(r"<code>\1</code>", escape(text))
 
 
 def rows(figures: Iterable[Row]) -> str:
-    """Figures with their explanations."""
+    """Render figures with their explanations."""
     return table(
         (
             f'<td>{escape(row.label)}</td><td class="value">{escape(row.value)}</td>'
@@ -27,25 +27,25 @@ def rows(figures: Iterable[Row]) -> str:
 
 
 def pairs(named: Iterable[tuple[str, str]], style: str = "narrow") -> str:
-    """Names and values."""
+    """Render names and values."""
     return table(
         (f'<td>{escape(name)}</td><td class="value">{escape(value)}</td>' for name, value in named), style
     )
 
 
 def cells(titles: Sequence[str], lines: Iterable[Sequence[str]], style: str) -> str:
-    """Plain texts below titles."""
+    """Render plain texts below titles."""
     head = "<thead><tr>" + "".join(f"<th>{escape(title)}</th>" for title in titles) + "</tr></thead>\n"
     body = ("".join(f"<td>{escape(text)}</td>" for text in line) for line in lines)
     return across(table(body, style, head))
 
 
 def across(marked: str) -> str:
-    """A part that is wider than a phone, and moves sideways by itself."""
+    """Wrap content wider than a phone, so that it scrolls sideways."""
     return f'<div class="across">{marked}</div>'
 
 
 def table(marked: Iterable[str], style: str = "wide", head: str = "") -> str:
-    """Rows of `td` elements, already escaped."""
+    """Render rows of `td` elements from escaped texts."""
     body = "".join(f"<tr>{row}</tr>\n" for row in marked)
     return f'<table class="{style}">{head}<tbody>{body}</tbody></table>' if body else "<p>none</p>"

@@ -1,4 +1,4 @@
-"""A run and its figures as a notebook shows them: HTML without scripts and style sheets of its own."""
+"""Notebook display of a run and its figures: HTML without scripts and style sheets."""
 
 from collections.abc import Iterable
 from html import escape
@@ -10,7 +10,7 @@ from hil_bridge.show.picture_files import save_figure
 from hil_bridge.show.report.figures import Row, contact_rows, merit_rows
 
 _CHART = "force"
-"""The chart beside the figures."""
+"""Chart next to the figures."""
 
 
 def run_html(recording: Recording) -> str:
@@ -32,7 +32,7 @@ def run_html(recording: Recording) -> str:
 
 
 def figures_html(summary: Summary) -> str:
-    """The figures of merit with their meaning."""
+    """Render the figures of merit with their meaning."""
     return _figures_html(merit_rows(summary))
 
 

@@ -1,4 +1,4 @@
-"""The report of a run: one page that needs nothing beside itself, and on request its picture as PNG and PDF."""
+"""Report of a run: one self-contained page, and on request its picture as PNG and PDF."""
 
 from collections.abc import Iterator, Sequence
 from html import escape
@@ -60,7 +60,7 @@ def write_report(
 
 
 def page(recording: Recording, summary: Summary) -> str:
-    """The page as HTML."""
+    """Render the page as HTML."""
     if recording.foreign is not None:
         return bag_page(recording, recording.foreign, summary)
     charts, left_out = run_charts(recording)
@@ -89,7 +89,7 @@ def _title(summary: Summary) -> str:
 
 
 def _head(recording: Recording, summary: Summary) -> str:
-    """The facts of the run, and its end."""
+    """Render the facts of the run, and its end."""
     which = reality(recording)
     parts = [
         f"<h1>{escape(_title(summary))}</h1>",
@@ -127,7 +127,7 @@ def _settings(recording: Recording) -> str:
 
 
 def _counters(summary: Summary, robot: RobotFacts) -> str:
-    """Counters of the links: those that counted something; the others by name."""
+    """Render the link counters: nonzero ones with their values, the others by name."""
     moved = [(robot.counter_label(name), f"{value:g}") for name, value in summary.link.items() if value]
     still = [robot.counter_label(name) for name, value in summary.link.items() if not value]
     if not summary.link:

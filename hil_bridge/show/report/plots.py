@@ -1,4 +1,4 @@
-"""The picture of a run: its charts above each other, and the figures below."""
+"""Picture of a run: stacked charts, with the figures below."""
 
 import textwrap
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ _DPI = 100
 
 
 def draw(recording: Recording, summary: Summary, kind: str = "png") -> bytes:
-    """The picture as PNG or PDF. The same recording gives the same bytes with the same version of matplotlib.
+    """Render the picture as PNG or PDF. The same recording and matplotlib version give the same bytes.
 
     Raises ConfigError where matplotlib is not installed.
     """
@@ -50,7 +50,7 @@ def draw(recording: Recording, summary: Summary, kind: str = "png") -> bytes:
 
 
 def plot(recording: Recording, names: Sequence[str] = ()) -> "Figure":
-    """The charts of a run above each other, all or those of these ids, as a figure of matplotlib.
+    """Return the stacked charts of a run, all or those with these ids, as a matplotlib figure.
 
     Raises ConfigError for an id that this run has no chart of, and where matplotlib is not installed.
     """
@@ -68,7 +68,7 @@ def plot(recording: Recording, names: Sequence[str] = ()) -> "Figure":
 
 
 def _figure(charts: Sequence[Chart], more_px: Sequence[int], title_px: int) -> tuple["Figure", "GridSpec"]:
-    """A figure with a row for each chart, and rows of these heights below, px."""
+    """Create a figure with a row for each chart, and rows of these heights below, px."""
     from hil_bridge.show.report.run_figure import RunFigure
 
     ratios = [*(chart.height_px + _AXIS_PX for chart in charts), *more_px]
@@ -77,7 +77,7 @@ def _figure(charts: Sequence[Chart], more_px: Sequence[int], title_px: int) -> t
 
 
 def _paint_charts(figure: "Figure", grid: "GridSpec", charts: Charts) -> None:
-    """The charts in the first rows of the grid, over one axis of time."""
+    """Draw the charts in the first rows of the grid, over one time axis."""
     first = figure.add_subplot(grid[0])
     rows = range(1, len(charts.charts))
     axes = [first, *(figure.add_subplot(grid[row], sharex=first) for row in rows)]

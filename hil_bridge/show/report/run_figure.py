@@ -1,4 +1,4 @@
-"""A figure of matplotlib that a notebook shows by itself. To be imported late: matplotlib takes most of a second."""
+"""Matplotlib figure that a notebook displays. Import it late: matplotlib takes most of a second."""
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -7,7 +7,7 @@ from hil_bridge.show.picture_files import save_figure
 
 
 class RunFigure(Figure):
-    """A figure that is drawn without a window, and shown as PNG."""
+    """Figure drawn without a window, and displayed as PNG."""
 
     def __init__(self, size_inch: tuple[float, float], dpi: float) -> None:
         super().__init__(figsize=size_inch, dpi=dpi)

@@ -1,4 +1,4 @@
-"""Two sections of the page: how stable the loop is, and what the controller did."""
+"""Page sections on the stability of the loop and on the controller's decisions."""
 
 import math
 from html import escape
@@ -26,11 +26,11 @@ _AS_PREDICTED = (0.5, 2.0)
 between two positions, and noise widens the measured swing.
 """
 _MOVES_TOLD = 0.005
-"""Resolution steps a second that are printed as more than 0.00."""
+"""Fewest resolution steps a second that print as more than 0.00."""
 
 
 def stability_section(recording: Recording, summary: Summary) -> str:
-    """Empty when the record does not say enough."""
+    """Render the stability section; empty if the recording lacks the data."""
     analysis = analyse(recording, summary)
     if analysis is None:
         return ""
@@ -54,7 +54,7 @@ def stability_section(recording: Recording, summary: Summary) -> str:
 
 
 def controller_section(recording: Recording) -> str:
-    """Empty when nothing was tracked."""
+    """Render the controller section; empty if nothing was tracked."""
     found = decisions(recording, start_time(recording))
     if found is None:
         return ""
@@ -80,7 +80,7 @@ def controller_section(recording: Recording) -> str:
 
 
 def margins_sentence(analysis: Analysis, loop: LinearLoop) -> str:
-    """Whether the margins are comfortable, and at which stiffness they would be gone."""
+    """Describe whether the margins are comfortable, and the stiffness at which they vanish."""
     at, found = f"At {_stiffness(analysis.stiffness)}", loop.margins
     asked = f"phase margin at least {PHASE_MARGIN_DEG:g}°, gain margin at least {GAIN_MARGIN:g}"
     gone, good = loop.unstable_from, loop.comfortable_to
@@ -105,7 +105,7 @@ def margins_sentence(analysis: Analysis, loop: LinearLoop) -> str:
 
 
 def cycle_sentence(analysis: Analysis) -> str:
-    """Predicted values beside measured ones."""
+    """Render predicted next to measured values."""
     predicted, swing, steps = analysis.predicted, analysis.steady_peak_to_peak, analysis.steps_per_second
     if predicted is None:
         unstable = analysis.loop is not None and not analysis.loop.margins.stable

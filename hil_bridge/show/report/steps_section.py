@@ -1,4 +1,4 @@
-"""The section of the page that tells of a program: its steps, and where they led."""
+"""Program section of the page: steps and their outcomes."""
 
 from html import escape
 
@@ -10,13 +10,13 @@ from hil_bridge.show.charts.maps import path_map
 from hil_bridge.show.pages.maps import map_svg
 from hil_bridge.show.report.markup import across, cells
 
-_TITLES = "step", "time", "way", "mean force", "within", "wanted", "outcome", "found"
+_TITLES = "step", "time", "distance", "mean force", "within", "required", "outcome", "result"
 _OPEN = 40
-"""Chosen: a longer table scrolls."""
+"""Rows above which the table scrolls. Chosen."""
 
 
 def steps_section(recording: Recording, summary: Summary) -> str:
-    """Empty for a run without a program."""
+    """Render the section; empty for a run without a program."""
     if not any(cycle.step for cycle in recording.cycles):
         return ""
     steps = cells(_TITLES, (_line(step) for step in summary.steps), "wide")
@@ -28,7 +28,7 @@ def steps_section(recording: Recording, summary: Summary) -> str:
 
 
 def criteria_paragraph(summary: Summary) -> str:
-    """Which steps met their criterion and which did not; empty where none has one."""
+    """Describe which steps met their criterion; empty if none has one."""
     judged = [step for step in summary.steps if step.wanted is not None or step.criterion_failed]
     failed = [step for step in judged if step.criterion_failed]
     if not judged:

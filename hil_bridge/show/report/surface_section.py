@@ -1,4 +1,4 @@
-"""The section of the page that tells what the emulated surface knows: nothing of it was measured."""
+"""Surface section of the page: ground truth of the emulated surface; none of it is measured."""
 
 from html import escape
 
@@ -12,7 +12,7 @@ from hil_bridge.show.report.markup import across
 
 
 def surface_section(recording: Recording) -> str:
-    """Empty for a real cell, and for a record that tells neither a normal nor a map."""
+    """Render the section; empty for a real cell, and for a recording with neither normals nor a map."""
     removed = recording.removed
     tilts = [(truth, tilt) for truth in recording.truths if (tilt := tilt_deg(truth)) is not None]
     if not tilts and removed is None:

@@ -1,4 +1,4 @@
-"""The picture of a program: its paths on the work frame from above, and below it the wanted force over time."""
+"""Picture of a program: its paths in the work frame from above, and the target force over time below."""
 
 import math
 from collections.abc import Sequence
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 WIDTH_PX = 1000
 _DPI = 100
 _PLAN_PX = (240, 620)
-"""Height of the paths: so much as they need, within these bounds."""
+"""Bounds of the height of the paths."""
 _FORCE_PX, _BESIDE_PX = 230, 220
 """Height of the force, and of titles and axes."""
 _ROOM = 0.08
-"""Room around the paths, as a share of the larger side."""
+"""Margin around the paths, as a share of the larger side."""
 _LEAST_ROOM_MM = 4.0
 _LONG_PIECE, _ARROWS = 0.6, 24
 """Pieces of a path with a larger share of the longest have an arrow; of more pieces the last one alone."""
@@ -33,17 +33,17 @@ _PRESS = "#009E73"
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """A step on the plan."""
+    """Step on the plan."""
 
     step: Shown
     places: tuple[Place, ...]
-    """From its begin to its end, mm."""
+    """Points from its start to its end, mm."""
     known: bool
-    """Where it lies is known before the run."""
+    """Whether its position is known before the run."""
 
 
 def draw_task(steps: Sequence[Shown], title: str) -> bytes:
-    """The picture as PNG. The same program gives the same bytes with the same version of matplotlib.
+    """Render the picture as PNG. The same program and matplotlib version give the same bytes.
 
     Raises ConfigError where matplotlib is not installed.
     """
@@ -68,7 +68,7 @@ def draw_task(steps: Sequence[Shown], title: str) -> bytes:
 
 
 def _lines(steps: Sequence[Shown]) -> list[_Line]:
-    """Every step on the plan. Where a place is known in the run alone, the farthest that it can be is taken."""
+    """Return every step on the plan. A position known only in the run is drawn at its farthest possible place."""
     found: list[_Line] = []
     guess: Place | None = None
     for step in steps:
@@ -90,7 +90,7 @@ def _lines(steps: Sequence[Shown]) -> list[_Line]:
 
 
 def _box(lines: Sequence[_Line]) -> tuple[Place, Place]:
-    """Least and largest x and y of the plan, with room around, mm."""
+    """Return the x and y ranges of the plan with margins, mm."""
     everywhere = [place for line in lines for place in line.places] or [(0.0, 0.0)]
     sides = [(min(values), max(values)) for values in zip(*everywhere, strict=True)]
     room = max(_ROOM * max(high - low for low, high in sides), _LEAST_ROOM_MM)
@@ -123,7 +123,7 @@ def _draw_plan(ax: "Axes", lines: Sequence[_Line], box: tuple[Place, Place]) -> 
 
 
 def _draw_line(ax: "Axes", line: _Line) -> None:
-    """One step on the plan."""
+    """Draw one step on the plan."""
     own, places = line.step.leg.step, line.places
     drawing = own.drawing
     if not places or drawing is None:
@@ -186,7 +186,7 @@ def _arrow(ax: "Axes", places: Sequence[Place], colour: str) -> None:
 
 
 def _number(ax: "Axes", lines: Sequence[_Line]) -> None:
-    """The numbers of the steps, once for each place where steps begin."""
+    """Draw the numbers of the steps, once for each place where steps begin."""
     here: dict[Place, list[str]] = {}
     for line in lines:
         if line.places:
@@ -208,7 +208,7 @@ def _number(ax: "Axes", lines: Sequence[_Line]) -> None:
 
 
 def _together(numbers: Sequence[str], order: Sequence[str]) -> str:
-    """Numbers of steps in words, those that follow each other joined: "1–3, 7"."""
+    """Format step numbers, consecutive ones joined: "1–3, 7"."""
     runs: list[list[str]] = []
     for number in numbers:
         if runs and order.index(number) == order.index(runs[-1][-1]) + 1:
@@ -220,7 +220,7 @@ def _together(numbers: Sequence[str], order: Sequence[str]) -> str:
 
 
 def _name(ax: "Axes", lines: Sequence[_Line]) -> None:
-    """The names of what is told, where it is found."""
+    """Draw the legend."""
     here: dict[Place, list[str]] = {}
     for line in lines:
         if (name := line.step.leg.step.name) and line.places:
@@ -241,7 +241,7 @@ def _name(ax: "Axes", lines: Sequence[_Line]) -> None:
 
 
 def _draw_force(ax: "Axes", steps: Sequence[Shown]) -> None:
-    """The wanted force over time; a band for each step."""
+    """Draw the target force over time, with a band for each step."""
     from matplotlib.patches import Patch
 
     whole = sum(step.seconds for step in steps) or 1.0
@@ -267,7 +267,7 @@ def _draw_force(ax: "Axes", steps: Sequence[Shown]) -> None:
             fontsize=9,
         )
         if step.presses:
-            xs, ys = _wanted(step, at)
+            xs, ys = _target_force(step, at)
             ax.plot(xs, ys, color=_PRESS, lw=2.0, zorder=3, solid_capstyle="butt")
             ax.fill_between(xs, ys, color=_PRESS, alpha=0.15, lw=0, zorder=2)
         at = end
@@ -283,8 +283,8 @@ def _draw_force(ax: "Axes", steps: Sequence[Shown]) -> None:
     ax.set_ylabel("wanted force, N")
 
 
-def _wanted(step: Shown, begin: float) -> tuple[list[float], list[float]]:
-    """Times and wanted forces of a step."""
+def _target_force(step: Shown, begin: float) -> tuple[list[float], list[float]]:
+    """Return times and target forces of a step."""
     end = begin + step.seconds
     way, profile = step.leg.way, step.leg.profile
     if way is None or len(profile) == 1:

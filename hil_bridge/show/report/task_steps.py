@@ -1,4 +1,4 @@
-"""The steps of a program as an operator reads them: each one once, with its way, force, time and passes."""
+"""Readable table of a program's steps: each one once, with its distance, force, time and passes."""
 
 import math
 import textwrap
@@ -13,42 +13,42 @@ from hil_bridge.control.steps.seam import Step
 
 HEAD = ("step", "word", "way mm", "force N", "orientation", "time s", "passes", "more")
 _RIGHT = {2, 5}
-"""Columns of numbers."""
+"""Numeric columns."""
 _MORE_WIDTH = 56
-"""Chosen: letters of the last column in a line."""
+"""Most characters of the last column in a line. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """One step as it is in its first pass."""
+    """Step in its first pass."""
 
     number: str
-    """As an operator counts; "4.2" for the second step of a repeat."""
+    """Number from 1; "4.2" for the second step of a repeat."""
     leg: Leg
     begin: Place | None
-    """Where it begins in the work frame, mm; None where that is known in the run alone."""
+    """Start in the work frame, mm; None if known only in the run."""
     seconds: float
-    """Time of one pass, s; of the longest one where they differ."""
+    """Time of the longest pass, s."""
     passes: int
-    """Passes, at most."""
+    """Most passes."""
     ends: str = ""
-    """Condition that ends a repeat before all passes, at its first step."""
+    """Condition that ends a repeat early, at its first step."""
     again: Place | None = None
-    """Where it begins in the passes behind the first, mm; None if there are none, or where that is not known."""
+    """Start in later passes, mm; None if there are none, or if it is unknown."""
 
     @property
     def word(self) -> str:
-        """Word of the step."""
+        """Keyword of the step."""
         return self.leg.step.do
 
     @property
     def presses(self) -> bool:
-        """Whether the tool presses with the wanted force in the step."""
+        """Return whether the tool presses with the target force in the step."""
         return self.leg.step.controls
 
 
 def list_steps(steps: Sequence[Step], row: Row) -> list[Shown]:
-    """The steps of a program, those of a repeat once."""
+    """Return the steps of a program, those of a repeat once."""
     times = seconds(row)
 
     found, leg = [], 0
@@ -78,7 +78,7 @@ def list_steps(steps: Sequence[Step], row: Row) -> list[Shown]:
 
 
 def table_lines(steps: Sequence[Shown]) -> Iterator[str]:
-    """The table of the steps in lines of text; what is long in the last column continues in the next line."""
+    """Format the table of the steps as text lines; a long last column wraps."""
     rows = [HEAD, *(_cells(step) for step in steps)]
     *widths, _ = [max(len(row[column]) for row in rows) for column in range(len(HEAD))]
     for row in rows:
@@ -94,13 +94,13 @@ def table_lines(steps: Sequence[Shown]) -> Iterator[str]:
 
 
 def total_line(steps: Sequence[Shown], row: Row) -> str:
-    """The time of the whole program in words."""
+    """Format the total time of the program."""
     most = " at most, with all passes" if any(step.passes > 1 for step in steps) else ""
     return f"about {duration(sum(seconds(row)))}{most}"
 
 
 def duration(seconds: float) -> str:
-    """A time in words."""
+    """Format a time."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     minutes, rest = divmod(round(seconds), 60)
@@ -108,7 +108,7 @@ def duration(seconds: float) -> str:
 
 
 def way_mm(step: Shown) -> float | None:
-    """Length of the step's way across the approach, mm; None where it has none, or where it is not known."""
+    """Return the length of the step's path across the approach, mm; None if it has none, or if it is unknown."""
     if step.leg.way is not None:
         return step.leg.way.length * 1e3
     goal = step.leg.step.goal_mm
@@ -119,7 +119,7 @@ def way_mm(step: Shown) -> float | None:
 
 
 def force_text(step: Shown) -> str:
-    """The wanted force in words; empty for a step that does not press."""
+    """Format the target force; empty for a step that does not press."""
     if not step.presses:
         return ""
     forces = [newton for _, newton in step.leg.profile]
@@ -142,7 +142,7 @@ def _cells(step: Shown) -> tuple[str, ...]:
 
 
 def _more(step: Shown) -> Iterator[str]:
-    """Further settings, for which there is no column."""
+    """Format the settings that have no column."""
     own = step.leg.step
     yield from own.describe(step.leg.stroke.parameters)
     if own.name:
