@@ -342,7 +342,9 @@ def test_empty_columns_and_sections_are_left_out(tmp_path: Path) -> None:
     plain = record([cycle(k) for k in range(5)])
     found = decisions(plain, 0.0)
     assert found is not None
-    assert not [title for title in found.titles if "level" in title or "rule" in title or title == "other values"]
+    assert not [
+        title for title in found.titles if "level" in title or "rule" in title or title == "other values"
+    ]
     assert "strongest" not in controller_section(plain)
     assert "<details>" in controller_section(plain)
     assert controller_section(record([cycle(0, phase="approach")])) == ""

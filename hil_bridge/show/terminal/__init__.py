@@ -1,4 +1,4 @@
-"""The live view of a run in a terminal. This module says what it shows; `live` draws it and is apart because its
+"""Live terminal view of a run. This module holds its content; `live` draws it and is separate because its
 imports take long.
 """
 

@@ -1,4 +1,4 @@
-"""The force of the last cycles as columns, with the target of each as a line behind them."""
+"""Column chart of the force of the last cycles, with their targets as a line behind."""
 
 import itertools
 import math
@@ -13,20 +13,20 @@ from hil_bridge.show.pages.description import Chart
 from hil_bridge.show.terminal.model import Snapshot
 
 SCALE_WIDTH = 9
-"""Columns of the labels and the axis beside the chart."""
+"""Width of the labels and the axis, in characters."""
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
 _LIMIT = "┈"
-"""Of the line of a limit."""
+"""Style of a limit's line."""
 
 
 def error_style(force: float, reference: float) -> str:
-    """Green for a force near the wanted one, yellow, or red."""
+    """Return green for a force near its target, else yellow or red."""
     share = abs(force - reference) / abs(reference) if reference else math.inf
     return "green" if share <= 0.05 else "yellow" if share <= 0.2 else "red"
 
 
 def chart(snapshot: Snapshot, width: int, rows: int) -> list[Text]:
-    """So many rows of this width, the newest cycle at the right. Its scale is that of the catalogue."""
+    """Draw this many rows of this width, the newest cycle at the right, on the catalogue's scale."""
     columns = max(1, width - SCALE_WIDTH)
     forces = [force if math.isfinite(force) else 0.0 for force in snapshot.forces_n[-columns:]]
     wanted = [*([snapshot.reference_n] * columns), *snapshot.references_n][-columns:]
@@ -57,7 +57,7 @@ def chart(snapshot: Snapshot, width: int, rows: int) -> list[Text]:
 
 
 def trend(snapshot: Snapshot, key: str, values: Sequence[float], size: tuple[int, int]) -> list[Text]:
-    """A chart of the catalogue as columns: a title, then rows; `size` is width and rows in all."""
+    """Draw a chart of the catalogue as columns: a title, then rows; `size` is width and total rows."""
     width, rows = size[0], size[1] - 1
     described = described_charts(snapshot)[key]
     columns = max(1, width - SCALE_WIDTH)
@@ -79,18 +79,18 @@ def trend(snapshot: Snapshot, key: str, values: Sequence[float], size: tuple[int
 
 
 def _label(value: float, span: float) -> str:
-    """An end of a scale, as fine as a hundredth of its span needs."""
+    """Format an end of a scale, with a resolution of a hundredth of its span."""
     digits = max(0, 1 - math.floor(math.log10(span)))
     return f"{value:z.{digits}f}".replace("-", "−")
 
 
 def described_charts(snapshot: Snapshot) -> Mapping[str, Chart]:
-    """The catalogue of the run, by the names of its charts."""
+    """Return the catalogue of the run by chart id."""
     return {chart.id: chart for chart in catalogue(snapshot.scene.chart_facts)}
 
 
 def _cell(filled: float, force: float, reference: float, background: str) -> tuple[str, str]:
-    """Character and style of one place of the chart; `filled` is the part of it that the column covers."""
+    """Return character and style of one chart cell; `filled` is the part that the column covers."""
     eighths = max(0, min(8, round(filled * 8)))
     if eighths:
         return _EIGHTHS[eighths], error_style(force, reference)
@@ -98,6 +98,6 @@ def _cell(filled: float, force: float, reference: float, background: str) -> tup
 
 
 def round_up(value: float) -> float:
-    """The next 1, 1.5, 2, 3, 5 or 7.5 times a power of ten: a scale that does not change at every refresh."""
+    """Round up to 1, 1.5, 2, 3, 5 or 7.5 times a power of ten, so that the scale rarely changes."""
     power = 10.0 ** math.floor(math.log10(value))
     return next((step * power for step in (1, 1.5, 2, 3, 5, 7.5) if step * power >= value), 10 * power)

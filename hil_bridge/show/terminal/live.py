@@ -1,4 +1,4 @@
-"""The view on a terminal: a panel that is redrawn, or plain lines where nothing can be redrawn."""
+"""Live terminal view: a redrawn panel, or plain lines where redrawing is not possible."""
 
 import math
 from contextlib import AbstractContextManager
@@ -17,7 +17,7 @@ LINE_SECONDS = 1.0
 
 
 class LiveView(AbstractContextManager["LiveView"]):
-    """Shows a run while it continues.
+    """Live display of a run.
 
     `update` and `event` only store and belong to the control path. `refresh` draws, which takes milliseconds and waits
     for a slow terminal, for ever for one that is paused. Call it, and `close`, in a thread of the view's own. A
@@ -38,27 +38,27 @@ class LiveView(AbstractContextManager["LiveView"]):
         self._line_cause = ""
 
     def update(self, record: CycleRecord) -> None:
-        """A cycle has ended."""
+        """Add a completed cycle."""
         self._model.update(record)
 
     def event(self, record: EventRecord) -> None:
-        """Something happened beside the cycles."""
+        """Add an event."""
         self._model.event(record)
 
     def warn(self, text: str) -> None:
-        """Show a line until the end."""
+        """Display a warning until the end."""
         self._model.warn(text)
 
     def check(self, text: str) -> None:
-        """Show what was found of the sensor before the touch."""
+        """Display the result of a sensor check before contact."""
         self._model.check(text)
 
     def refresh(self, now: float, health: Health) -> None:
-        """Show the state at `now`, s on the run's clock."""
+        """Display the state at `now`, s on the run's clock."""
         self.show(self._model.snapshot(now, health))
 
     def show(self, snapshot: Snapshot) -> None:
-        """Draw a snapshot; as lines only once a second of the run and when the phase or step changes."""
+        """Draw a snapshot; as lines only once a second of the run, and when the phase or step changes."""
         if self._gone:
             return
         try:
@@ -73,14 +73,14 @@ class LiveView(AbstractContextManager["LiveView"]):
             self._gone = True
 
     def _draw(self, console: Console, snapshot: Snapshot) -> None:
-        """Draw over the picture before; on a cleared screen when the terminal has another size than then."""
+        """Draw over the previous picture; clear the screen first if the size of the terminal has changed."""
         size = console.size
         if self._live is None or size != self._size:
             if self._live is not None:
                 self._live.stop()
                 console.clear()
             self._size = size
-            # not redirected: a program that writes to a stream elsewhere would wait for the thread that draws
+            # not redirected: a program that writes to a stream would wait for the drawing thread
             self._live = Live(
                 console=console,
                 auto_refresh=False,
@@ -89,11 +89,11 @@ class LiveView(AbstractContextManager["LiveView"]):
                 redirect_stderr=False,
             )
             self._live.start()
-        # the last line stays free, for there the terminal would scroll
+        # leave the last line free: writing there would scroll the terminal
         self._live.update(panel(snapshot, size.width, size.height - 1), refresh=True)
 
     def close(self) -> None:
-        """Give the terminal back; the last panel stays. Harmless when called again."""
+        """Release the terminal; the last panel stays. Idempotent."""
         if self._live is None:
             return
         try:
@@ -108,7 +108,7 @@ class LiveView(AbstractContextManager["LiveView"]):
 
 
 def line(snapshot: Snapshot, known_cause: str = "") -> str:
-    """A snapshot as one line, in ASCII for log files and pipes of any encoding, without a cause that is known."""
+    """Format a snapshot as one ASCII line for log files and pipes, without the cause."""
     parts = [f"{snapshot.elapsed_s:7.1f} s", f"{snapshot.phase:<8}"]
     if snapshot.step:
         parts.append(f"step {snapshot.step} of {len(snapshot.scene.steps)}: {snapshot.step_label}")

@@ -1,4 +1,4 @@
-"""Data of the live view: the control path stores, the view takes a snapshot when it likes."""
+"""Data of the live view: the control path stores, the view takes snapshots at its own rate."""
 
 import math
 from collections import deque
@@ -15,20 +15,20 @@ from hil_bridge.record.records import CycleRecord, EventRecord, Vector
 from hil_bridge.show.charts.facts import ChartFacts, limit_numbers
 
 REFRESH_SECONDS = 0.2
-"""Shortest time between two drawings of the view."""
+"""Shortest time between two redraws."""
 HISTORY_CYCLES = 240
 """Cycles that the chart can show on the widest terminal."""
 LATENCY_CYCLES = 60
-"""Newest cycles whose latency is told."""
+"""Number of newest cycles in the latency display."""
 EVENTS_KEPT = 60
 
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """Facts about the wires that the cycle record does not hold."""
+    """Facts about the links that the cycle record does not hold."""
 
     link_errors: int = 0
-    """Troubles of the robot link so far, as its facts add them up."""
+    """Errors of the robot link so far, as summed by its facts."""
     frames_lost: int = 0
     """Sensor frames missing in the stream so far."""
     sensor_at: float | None = None
@@ -39,68 +39,68 @@ class Health:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Facts about a run that stay the same."""
+    """Constant facts about a run."""
 
     reference_n: float
-    """Force that is wanted at first, N."""
+    """Initial target force, N."""
     robot: RobotFacts
-    """Which counters of the robot link tell of what."""
+    """Meaning of the robot link's counters."""
     total_s: float | None = None
-    """How long the surface is to be tracked, s, where that is known."""
+    """Planned tracking time, s, if known."""
     steps: tuple[str, ...] = ()
     """Labels of a program's steps, passes counted; empty without a program."""
     tracks: frozenset[int] = frozenset()
     """Numbers of its steps that track, passes counted, from 1."""
     cell: str = ""
-    """EMULATED or REAL, with the devices where the one is this and the other that; empty where it is not known."""
+    """EMULATED or REAL, with the devices if they differ; empty if unknown."""
     devices: str = ""
     """Kinds of robot and sensor, where `cell` does not name them."""
     real: bool = False
-    """A real robot may move."""
+    """Whether a real robot may move."""
     limits: Limits = field(default_factory=Limits)
     record: str = ""
-    """Where the run is recorded; empty where it is not."""
+    """Path of the recording; empty if the run is not recorded."""
     approach: Vector | None = None
-    """Unit vector of the approach in the robot base frame, where it is known."""
+    """Unit vector of the approach in the robot base frame, if known."""
     keys: bool = False
-    """Keys of the terminal are heard."""
+    """Whether keys of the terminal are read."""
 
     @property
     def chart_facts(self) -> ChartFacts:
-        """Facts that its charts need."""
+        """Return the facts that the charts need."""
         limits = limit_numbers(asdict(self.limits))
         return ChartFacts(self.robot, limits, self.tracks, self.approach, self.robot.line_floor_s)
 
 
 class Told(NamedTuple):
-    """An event, for people."""
+    """Event for display."""
 
     elapsed_s: float
     kind: str
     text: str
-    """The line that tells most."""
+    """Most informative line."""
 
     @property
     def alarm(self) -> bool:
-        """It tells why the run stops."""
+        """Return whether it states why the run stops."""
         return self.kind in ALARMS
 
     @property
     def caution(self) -> bool:
-        """It tells of a disturbance, or of an operator."""
+        """Return whether it reports a disturbance or an operator action."""
         return self.kind in CAUTIONS
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """One picture of a run."""
+    """State of a run at one moment."""
 
     scene: Scene
 
     phase: str
     elapsed_s: float
     tracked_s: float
-    """Time for which the surface has been tracked."""
+    """Tracking time so far."""
     reference_n: float
     newest: CycleRecord | None
     forces_n: tuple[float, ...]
@@ -113,57 +113,57 @@ class Snapshot:
     link: Mapping[str, int]
     """Counters of the robot link by name."""
     check: str = ""
-    """Last finding about the sensor before the touch, in words."""
+    """Last result of the sensor checks before contact, as text."""
     warning: str = ""
-    """Warning that an operator should read at once, beside the run's own reactions."""
+    """Warning that the operator should read at once, in addition to the run's own reactions."""
     period_s: float | None = None
-    """Between the begins of the last two cycles."""
+    """Time between the starts of the last two cycles."""
     depths_mm: tuple[float, ...] = ()
     """Reported depths of the last cycles, oldest first."""
     cycle_times_ms: tuple[float, ...] = ()
     """Times of the last cycles, oldest first."""
     references_n: tuple[float, ...] = ()
-    """Forces that were wanted in the last cycles, oldest first."""
+    """Target forces of the last cycles, oldest first."""
     step: int = 0
-    """Number of the step under way, from 1; 0 before the first and without a program."""
+    """Number of the current step, from 1; 0 before the first and without a program."""
     events: tuple[Told, ...] = ()
-    """Events beside the cycles, oldest first."""
+    """Events, oldest first."""
 
     @property
     def cause(self) -> str:
-        """Why the run stops; empty where it does not."""
+        """Return why the run stops; empty if it does not."""
         return next((told.text for told in self.events if told.kind == EventKind.STOP), "")
 
     @property
     def held(self) -> bool:
-        """An operator holds the tool in its place on the surface."""
+        """Return whether the operator holds the tool in place on the surface."""
         return self.newest is not None and self.newest.sample.held
 
     @property
     def lateral_n(self) -> float | None:
-        """Length of the contact force across the approach, N."""
+        """Return the magnitude of the contact force across the approach, N."""
         if self.newest is None or not math.isfinite(self.newest.force):
             return None
         return math.sqrt(max(0.0, self.resultant_n**2 - self.newest.force**2))
 
     @property
     def resultant_n(self) -> float:
-        """Length of the contact force, N; not a number before the first cycle."""
+        """Return the magnitude of the contact force, N; NaN before the first cycle."""
         return math.nan if self.newest is None else math.hypot(*self.newest.sample.wrench[:3])
 
     @property
     def moment_nm(self) -> float:
-        """Length of the contact moment about the tool frame's origin, N·m; not a number before the first cycle."""
+        """Return the magnitude of the contact moment about the tool frame's origin, N·m; NaN before the first cycle."""
         return math.nan if self.newest is None else math.hypot(*self.newest.sample.wrench[3:])
 
     @property
     def wants_force(self) -> bool:
-        """Whether the force is to be controlled now; of a program, not while the tool is in free space."""
+        """Return whether the force is controlled now; in a program, not while the tool is in free space."""
         return not self.step or self.phase == "track"
 
     @property
     def step_label(self) -> str:
-        """Label of the step under way; empty if there is none."""
+        """Return the label of the current step; empty if there is none."""
         steps = self.scene.steps
         return steps[self.step - 1] if 0 < self.step <= len(steps) else ""
 
@@ -174,7 +174,7 @@ class Snapshot:
 
     @property
     def link_troubles(self) -> dict[str, int]:
-        """Counters of the robot link that are not 0 and would be in an undisturbed run, the largest first."""
+        """Return the nonzero error counters of the robot link, the largest first."""
         robot = self.scene.robot
         counts = {
             robot.counter_label(name): count
@@ -185,7 +185,7 @@ class Snapshot:
 
     @property
     def cycle_time_s(self) -> float | None:
-        """Time of the newest cycle from begin to answer; to the next begin for a robot that drives the cycle."""
+        """Return the time of the newest cycle: from start to answer, or to the next start of a robot-driven cycle."""
         if self.scene.robot.cycle_s is not None:
             return self.period_s
         if self.newest is None or not math.isfinite(self.newest.answered_at):
@@ -194,7 +194,7 @@ class Snapshot:
 
 
 class ViewModel:
-    """The newest of everything. `update` and `enter` only store, so that the control path may call them."""
+    """Newest data of a run. `update` and `enter` only store, so that the control path may call them."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
@@ -210,11 +210,11 @@ class ViewModel:
         self._stop: EventRecord | None = None
 
     def renew(self, scene: Scene) -> None:
-        """More is known of the run."""
+        """Replace the facts of the run."""
         self._scene = scene
 
     def update(self, record: CycleRecord) -> None:
-        """A cycle has ended."""
+        """Add a completed cycle."""
         self._newest = record
         self._phase = record.phase
         if record.phase == "track":
@@ -223,7 +223,7 @@ class ViewModel:
         self._cycles.append(record)
 
     def event(self, record: EventRecord) -> None:
-        """Something happened beside the cycles; a phase begins, perhaps one without cycles."""
+        """Add an event, which may begin a phase, also one without cycles."""
         if record.kind == EventKind.PHASE:
             self._phase = record.text
         elif record.kind == EventKind.STOP and self._stop is None:
@@ -232,15 +232,15 @@ class ViewModel:
             self._events.append(record)
 
     def check(self, text: str) -> None:
-        """Show what was found of the sensor, the newest at a time."""
+        """Store the newest result of the sensor checks."""
         self._check = text
 
     def warn(self, text: str) -> None:
-        """Show a text until the end, before those that were shown earlier."""
+        """Add a warning that stays until the end, before earlier ones."""
         self._warning = f"{text}; {self._warning}" if self._warning else text
 
     def snapshot(self, now: float, health: Health) -> Snapshot:
-        """The state at `now` (s on the run's clock). The first call begins the elapsed time."""
+        """Return the state at `now`, s on the run's clock. The first call starts the elapsed time."""
         if self._began is None:
             self._began = now
         newest, cycles, robot = self._newest, tuple(self._cycles.copy()), self._scene.robot

@@ -1,4 +1,4 @@
-"""Rows of the panel: each is one line of text, or a few, from a snapshot."""
+"""Rows of the panel: one or a few lines of text each, from a snapshot."""
 
 import math
 import textwrap
@@ -14,17 +14,17 @@ from hil_bridge.show.terminal.chart import error_style
 from hil_bridge.show.terminal.model import Snapshot, Told
 
 _LABEL = 11
-"""Columns of a label at the left."""
+"""Width of a label, in characters."""
 _BAR, _SHORT_BAR = 20, 10
 _NARROW = 66
-"""Columns below which a bar is short."""
+"""Width below which a bar is short, in characters."""
 _NEAR, _CLOSE = 0.5, 0.8
-"""Shares of a limit from which a bar is yellow and red. Chosen."""
+"""Shares of a limit above which a bar is yellow and red. Chosen."""
 _ALARM_ROWS = 4
 _HOPS_SHOWN = 4
-"""Hops with the largest medians, that fit a line."""
+"""Number of hops with the largest medians that fit a line."""
 _STALE_SENSOR_S = 0.1
-"""Older than this is shown as a warning; the supervisor has its own, stricter limit. Chosen."""
+"""Age above which a warning is displayed; the supervisor has its own, stricter limit. Chosen."""
 _VERDICT_STYLES = {"allow": "green", "clamp": "yellow", "stop": "bold red"}
 
 
@@ -41,7 +41,7 @@ def _row(label: str, *parts: str | tuple[str, str] | Text) -> Text:
 
 
 def force(snapshot: Snapshot) -> Text:
-    """Force, target and what is missing."""
+    """Render force, target and error."""
     reference, newest = snapshot.reference_n, snapshot.newest
     if newest is None or not math.isfinite(newest.force):
         return _row("force", (f"{'–':>8}     target {reference:6.2f} N", "dim"))
@@ -57,7 +57,7 @@ def force(snapshot: Snapshot) -> Text:
 
 
 def margins(snapshot: Snapshot, width: int) -> list[Text]:
-    """Where forces and moment stand between 0 and the limits that stop the run."""
+    """Render forces and moment as shares of the limits that stop the run."""
     limits, newest, bar = snapshot.scene.limits, snapshot.newest, _BAR if width >= _NARROW else _SHORT_BAR
     force = math.nan if newest is None else newest.force
     pulls = force < 0 and -force / limits.pull_limit_n > -force / limits.force_limit_n
@@ -89,7 +89,7 @@ def _margin(label: str, value: float, limit: float, unit: str, bar: int) -> Text
 
 
 def values(snapshot: Snapshot, width: int) -> list[Text]:
-    """Motion beside the health of the wires: side by side where the width allows it, the pairs are rows then."""
+    """Render motion and link health, side by side as pairs of rows if the width allows."""
     left = max(20, min(26, (width - 2 * _LABEL - 4) // 2))
     rows = []
     for (name, one), (other, two) in zip(_motion(snapshot), _health(snapshot, width >= _NARROW), strict=True):
@@ -138,7 +138,7 @@ def _health(snapshot: Snapshot, wide: bool) -> Sequence[tuple[str, Text]]:
 
 
 def _answer(snapshot: Snapshot) -> tuple[str, Text]:
-    """Time of the newest answer to a robot that drives the cycle, and how many were late."""
+    """Render the time of the newest answer to a robot that drives the cycle, and the number of late ones."""
     seconds = math.nan if snapshot.newest is None else snapshot.newest.answer_s
     told = f"{seconds * 1e3:6.2f} ms" if math.isfinite(seconds) else "–"
     return "answer", Text.assemble(told, _count("  late ", snapshot.link.get(LATE, 0)))
@@ -149,7 +149,7 @@ def _count(label: str, number: int, width: int = 0) -> Text:
 
 
 def verdict(snapshot: Snapshot) -> Text:
-    """Verdict of the supervisor on the newest command."""
+    """Render the supervisor's verdict on the newest command."""
     newest = snapshot.newest
     if snapshot.cause:  # the word on the last cycle stands no more
         return _row("supervisor", ("the run is stopped", "bold red"))
@@ -160,7 +160,7 @@ def verdict(snapshot: Snapshot) -> Text:
 
 
 def latency(snapshot: Snapshot) -> list[Text]:
-    """The whole of the last cycles, and its larger hops."""
+    """Render the total latency of the last cycles, and its largest hops."""
     found = snapshot.latency
     if found is None:
         return [_row("latency", "–"), Text()]
@@ -174,7 +174,7 @@ def latency(snapshot: Snapshot) -> list[Text]:
 
 
 def link(snapshot: Snapshot) -> list[Text]:
-    """Traffic on the robot's link, and the counters of all troubles there."""
+    """Render the traffic on the robot link, and its error counters."""
     counts = "; ".join(
         f"{snapshot.link.get(one.sent, 0)} {one.what} sent, {snapshot.link.get(one.received, 0)} received"
         for one in snapshot.scene.robot.traffic
@@ -189,7 +189,7 @@ def link(snapshot: Snapshot) -> list[Text]:
 
 
 def render_alarms(snapshot: Snapshot, width: int) -> list[Text]:
-    """Texts that an operator should read at once: why the run stops, a warning, the check of the sensor."""
+    """Render the texts that the operator should read at once: stop cause, warning, sensor check."""
     rows = _wrap("STOPPED", snapshot.cause, width) if snapshot.cause else []
     if snapshot.warning:
         rows.append(_row("warning", (snapshot.warning, "bold red")))
@@ -199,7 +199,7 @@ def render_alarms(snapshot: Snapshot, width: int) -> list[Text]:
 
 
 def _wrap(label: str, text: str, width: int) -> list[Text]:
-    """An alarm in as many rows as it needs, up to `_ALARM_ROWS`."""
+    """Wrap an alarm in up to `_ALARM_ROWS` rows."""
     parts = textwrap.wrap(text, max(20, width - _LABEL - 1), max_lines=_ALARM_ROWS, placeholder=" …")
     rows = [_row(label if k == 0 else "", (part, "bold red")) for k, part in enumerate(parts)]
     rows[0].stylize("bold red not dim", 0, _LABEL)
@@ -207,7 +207,7 @@ def _wrap(label: str, text: str, width: int) -> list[Text]:
 
 
 def events(snapshot: Snapshot, count: int) -> list[Text]:
-    """The newest events, oldest first, in so many rows."""
+    """Render the newest events, oldest first, in this many rows."""
     others = [one for one in snapshot.events if one.text != snapshot.check]  # that one has its own row
     return [_event(one) for one in others[-count:]] if count > 0 else []
 
@@ -218,7 +218,7 @@ def _event(one: Told) -> Text:
 
 
 def progress(snapshot: Snapshot, width: int) -> Text:
-    """Cycle, time, and a bar of what is done."""
+    """Render cycle, time and a progress bar."""
     cycle = "" if snapshot.newest is None else f"cycle {snapshot.newest.cycle}  "
     elapsed = f"{cycle}{snapshot.elapsed_s:.1f} s"
     total_s, remaining_s, count = snapshot.scene.total_s, snapshot.remaining_s, len(snapshot.scene.steps)
@@ -236,7 +236,7 @@ def progress(snapshot: Snapshot, width: int) -> Text:
 
 
 def foot(snapshot: Snapshot) -> list[Text]:
-    """Where the run is recorded, and the keys."""
+    """Render the path of the recording, and the keys."""
     scene = snapshot.scene
     record = [_row("recording", scene.record or ("none", "yellow"))]
     if not scene.keys:

@@ -1,4 +1,4 @@
-"""Which requests the page's server takes: by Host, Origin, token, and how many. It reads no clock by itself."""
+"""Admission of requests to the page's server: Host, Origin, token and rate. It reads no clock."""
 
 import hmac
 import ipaddress
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 TOKEN_HEADER = "X-Hil-Bridge-Token"
-"""A header of our own: a browser asks first whether another origin may send it, and is refused."""
+"""Custom header: for another origin, a browser sends a preflight request first, which is refused."""
 CSP = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -20,11 +20,11 @@ HEADERS: Mapping[str, str] = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-"""Headers of every answer."""
+"""Headers of every response."""
 
 
 def host_name(host: str) -> str:
-    """Name or address in a Host header, without port and brackets; empty for one that is none."""
+    """Return the name or address in a Host header, without port and brackets; empty if it is invalid."""
     try:
         return urlsplit(f"//{host}").hostname or ""
     except ValueError:
@@ -46,12 +46,12 @@ def is_loopback(host: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Admission:
-    """The requests that the server of a run takes."""
+    """Admission rules of a run's server."""
 
     token: str
-    """Needed to end the run."""
+    """Token that is required to end the run."""
     origins: Collection[str] = ()
-    """Origins of other pages that may read."""
+    """Other origins that may read."""
 
     def refusal(self, host: str, origin: str | None, site: str = "") -> str:
         """Why a request is refused, or nothing. A program that is no browser sends no Origin. `site` is where a browser
@@ -66,19 +66,19 @@ class Admission:
         return f"pages of {origin[:80]} may not read this run; --web-origin names one that may"
 
     def may_end(self, token: str) -> bool:
-        """Whether this is the run's token; its comparison takes the same time for every wrong one."""
+        """Return whether this is the run's token, compared in constant time."""
         return bool(self.token) and hmac.compare_digest(token.encode(errors="replace"), self.token.encode())
 
 
 class Bucket:
-    """Allows so many things a second, and a burst."""
+    """Token bucket: a rate per second, and a burst."""
 
     def __init__(self, per_s: float, burst: float, clock: Callable[[], float]) -> None:
         self._per_s, self._burst, self._clock = per_s, burst, clock
         self._left, self._at = burst, clock()
 
     def take(self) -> bool:
-        """Whether one more is allowed now."""
+        """Return whether one more is allowed now, and count it."""
         now = self._clock()
         self._left = min(self._burst, self._left + (now - self._at) * self._per_s)
         self._at = now

@@ -1,4 +1,4 @@
-"""The run's side of its page: starts the process that serves it, and hands it the records without ever waiting."""
+"""Run side of the live page: starts the serving process, and passes it the records without blocking."""
 
 import asyncio
 import importlib.util
@@ -26,39 +26,39 @@ from hil_bridge.show.web import wire
 
 LOOPBACK = "127.0.0.1"
 BATCH_S = 0.03
-"""Time of the run that one message gathers. Chosen: a page is drawn less often."""
+"""Run time batched in one message, s. Chosen: a page is drawn less often."""
 BATCH_RECORDS = 48
-"""Records of one message at most. Chosen: they stay far below `wire.MOST_BYTES`."""
+"""Most records in one message. Chosen: far below `wire.MOST_BYTES`."""
 WAITING_RECORDS = 1024
-"""Records that wait here for the end of a batch at most."""
+"""Most records that wait for the end of a batch."""
 BUFFER_BYTES = 1 << 20
-"""Bytes that the socket is asked to hold; Linux may give less."""
+"""Requested size of the socket buffer, bytes; Linux may grant less."""
 CLOSE_SECONDS = 3.0
-"""Longest wait for the serving process to tell its clients the end. Chosen."""
+"""Longest wait for the serving process to notify its clients of the end, s. Chosen."""
 NEEDED = ("aiohttp", "foxglove")
 RUN_PAGE, PANEL_PAGE = "page.html", "panel.html"
 
 
 @dataclass(frozen=True, slots=True)
 class WebOptions:
-    """An operator's wishes of the page."""
+    """Settings of the page."""
 
     port: int = 0
-    """Port on loopback; 0: one that is free."""
+    """Port on loopback; 0 for a free one."""
     origins: tuple[str, ...] = ()
-    """Origins of other pages that may read, such as https://app.foxglove.dev."""
+    """Origins of other pages that may read, for example https://app.foxglove.dev."""
     page: str = RUN_PAGE
-    """The page: that of a run, or that of an emulated robot's panel."""
+    """Page of a run, or of an emulated robot's panel."""
 
 
 def check_extra(what: str) -> None:
-    """Raise ConfigError where the extra `web` is not installed."""
+    """Raise ConfigError if the extra `web` is not installed."""
     if any(importlib.util.find_spec(name) is None for name in NEEDED):
         raise ConfigError(f"{what} needs the extra web: {install_command('web')}")
 
 
 def listening(port: int) -> socket.socket:
-    """A socket that listens on loopback. Raises ConfigError."""
+    """Open a socket that listens on loopback. Raises ConfigError."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -74,7 +74,7 @@ def listening(port: int) -> socket.socket:
 
 
 class Feed:
-    """Gives the records of a run to the process that serves its page.
+    """Sender of a run's records to the process that serves its page.
 
     All methods belong to the thread of the run's loop. `put`, `cycle`, `event` and `pulse` never wait: what the socket
     does not take is dropped and counted. A serving process that ends is told once to `gone`; the run continues.
@@ -91,14 +91,14 @@ class Feed:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._panel: LocalPanel | None = None
         self._look: PanelView | None = None
-        """State of the panel that the page was told last."""
+        """Last state of the panel that was sent."""
         self.dropped = 0
-        """Records that the page was not given."""
+        """Number of records that were not sent."""
         token = secrets.token_urlsafe(24)
         listener = listening(options.port)
         port: int = listener.getsockname()[1]
         self.url = f"http://{LOOPBACK}:{port}/#token={token}"
-        """Address of the page, with the token of this run, which a browser does not send to any server."""
+        """Return the URL of the page, with the token of this run in the fragment, which browsers do not send."""
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
         self._socket.setblocking(False)
@@ -149,7 +149,7 @@ class Feed:
             self._loop = None
 
     def offer(self, panel: LocalPanel) -> None:
-        """Let pages with the token operate the panel of an emulated controller, and show its state."""
+        """Let pages with the token operate the panel of an emulated controller, and display its state."""
         self._panel = panel
         controls = panel.perform({"do": "controls"})["controls"]
         faults = panel.perform({"do": "faults"})["faults"]
@@ -157,7 +157,7 @@ class Feed:
         self.show_panel()
 
     def show_panel(self) -> None:
-        """Tell the state of the panel where it has changed. Harmless without one."""
+        """Send the state of the panel if it has changed. Does nothing without a panel."""
         if self._panel is not None and self._alive and (look := self._panel.view()) != self._look:
             self._look = look
             self._send(wire.encode_message(wire.PanelState(look.rows, look.at)), 0)
@@ -172,15 +172,15 @@ class Feed:
         self._send(wire.encode_message(wire.PanelResponse(request.number, error)), 0)
 
     def begin(self, scene: Scene, unix_zero_ns: int) -> None:
-        """Tell the facts of the run, and again when more is known."""
+        """Send the facts of the run; call again when they change."""
         self._send(wire.encode_message(wire.Begin(scene, unix_zero_ns)), 0)
 
     def devices(self, facts: Mapping[str, str]) -> None:
-        """Tell the facts of the devices, JSON by name, once they are ready."""
+        """Send the facts of the devices, JSON by name, once they are ready."""
         self._send(wire.encode_message(wire.Devices(facts)), 0)
 
     def put(self, record: Record) -> None:
-        """Take a record."""
+        """Queue a record."""
         if not self._alive:
             return
         if len(self._waiting) >= WAITING_RECORDS:
@@ -189,19 +189,19 @@ class Feed:
         self._waiting.append(record)
 
     def cycle(self, record: CycleRecord) -> None:
-        """A cycle has ended, and the loop has time."""
+        """Use the idle time after a cycle."""
         if len(self._waiting) >= BATCH_RECORDS or not 0 <= record.answered_at - self._sent_at < BATCH_S:
             self._sent_at = record.answered_at
             self.flush()
 
     def flush(self) -> None:
-        """Send all that waits."""
+        """Send everything that is queued."""
         while self._waiting:
             batch, self._waiting = self._waiting[:BATCH_RECORDS], self._waiting[BATCH_RECORDS:]
             self._send(wire.encode_records(batch), len(batch))
 
     def pulse(self, now: float, health: Health, check: str = "", warning: str = "") -> None:
-        """Tell the time and the health of the wires, after what waits."""
+        """Send the time and the link health, after everything that is queued."""
         self.flush()
         self._send(wire.encode_message(wire.Pulse(now, health, self.dropped, check, warning)), 0)
 
@@ -218,7 +218,7 @@ class Feed:
             self._lose()
 
     def end(self, end: RunEnd) -> None:
-        """Tell how the run ended, after all records."""
+        """Send the end of the run, after all records."""
         self.flush()
         self._send(wire.encode_message(wire.End(end.as_metadata())), 0)
 

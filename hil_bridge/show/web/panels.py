@@ -36,14 +36,14 @@ PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 Lichtblick until 2025, ask by the second. The messages are the same. Source: Lichtblick, as it took the first.
 """
 BACKLOG = 2048
-"""Messages that wait for one client at most; the oldest are dropped. Chosen: 2 s of a fast run."""
+"""Most messages queued for one client; the oldest are dropped. Chosen: 2 s of a fast run."""
 AGAIN_S = 2.0
-"""Time between two messages of a thing that does not move, for a client that came later. Chosen."""
+"""Time between two messages of a static object, for clients that connect later, s. Chosen."""
 _STILL = (TOOL, SURFACE, TRAIL)
 
 
 class Panels:
-    """Gives records to Foxglove's clients."""
+    """Publisher of records to Foxglove clients."""
 
     def __init__(self, unix_zero_ns: int) -> None:
         """Start the inner server. Its address is one of the 16 million of loopback, drawn at random, so that a page of
@@ -74,7 +74,7 @@ class Panels:
             message_backlog_size=BACKLOG,
         )
         self.url = f"ws://{host}:{self._server.port}/"
-        """The inner address."""
+        """Return the inner URL."""
 
     def _channel(self, topic: Topic | SceneTopic) -> Channel:
         schema = Schema(name=topic.schema_name, encoding="jsonschema", data=encode(topic.schema))
@@ -92,7 +92,7 @@ class Panels:
         }
 
     def devices(self, facts: Mapping[str, str]) -> None:
-        """The devices are ready: frames of the sensor have messages of ROS 2 from now on."""
+        """Store the device facts: from now on, sensor frames are published as ROS 2 messages."""
         sensor = devices_in(facts).sensor.facts
         if self._ros is not None and sensor is not None:
             self._ros.scales = sensor.scales
@@ -101,7 +101,7 @@ class Panels:
         return self._zero_ns + round(at * 1e9)
 
     def take(self, record: Record) -> None:
-        """Give a record to those that want it."""
+        """Publish a record to its subscribers."""
         topic = self._topics[type(record)]
         record, _, placed = self._axis.place(topic, record)
         channel = self._channels[topic.name]
@@ -116,7 +116,7 @@ class Panels:
                 self._channels[name].log(data, log_time=placed)
 
     def _give_ros(self, record: Record) -> None:
-        """Give the messages of ROS 2 to those that want them; where no client does, none is made."""
+        """Publish the ROS 2 messages to their subscribers; without subscribers, none is created."""
         if self._ros is None:
             return
         if not any(channel.has_sinks() for channel in self._ros_channels_of.get(type(record), ())):
@@ -145,7 +145,7 @@ class Panels:
 
 
 def _ros_messages(unix_zero_ns: int) -> Messages | None:
-    """What makes messages of ROS 2; None where the extra is not installed."""
+    """Return the factory of ROS 2 messages, or None if the extra is not installed."""
     try:
         return Messages(unix_zero_ns)
     except ConfigError:

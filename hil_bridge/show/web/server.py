@@ -1,4 +1,4 @@
-"""The HTTP server of a page: static files, live data, and what it refuses. Bounded for every client and in all."""
+"""HTTP server of a page: static files, live data and limits, per client and in total."""
 
 import asyncio
 import json
@@ -16,30 +16,30 @@ from hil_bridge.show.pages import chart_script, skeleton, style
 from hil_bridge.show.web.admission import HEADERS, TOKEN_HEADER, Admission, Bucket
 
 CLIENTS = 12
-"""WebSockets at one time at most, of pages and Foxglove together."""
+"""Most concurrent WebSockets, of pages and Foxglove together."""
 CONNECTIONS = 64
-"""Connections at one time at most. One more takes the place of the one that has been idle for longest."""
+"""Most concurrent connections. A further one replaces the one that has been idle longest."""
 MESSAGE_BYTES = 1 << 14
-"""Message of a client at most; a page sends far less."""
+"""Largest message of a client, bytes; a page sends far less."""
 MESSAGES_PER_S, MESSAGES_BURST = 40.0, 80.0
 REQUESTS_PER_S, REQUESTS_BURST = 100.0, 200.0
 TRIES_PER_S, TRIES_BURST = 1.0, 5.0
-"""Requests to end the run, or to a panel, with a wrong token. The right one is always heard, whatever others do."""
+"""Rate limit of requests with a wrong token. A request with the right token is always accepted."""
 SLOW_S = 5.0
-"""A client that takes nothing for so long is dropped. Chosen."""
+"""Time after which a client that reads nothing is dropped, s. Chosen."""
 IDLE_S = 20.0
-"""A connection without a complete request for so long is closed. Chosen."""
+"""Time without a complete request after which a connection is closed, s. Chosen."""
 FIRST_S = 3.0
 """A connection is closed that has sent no complete request by then. Chosen: a browser sends one at once, or, where it
 opens a connection beforehand, opens another."""
 PICTURE_S = 0.05
-"""Time between two messages to a page. Chosen: an operator sees it as motion."""
+"""Time between two messages to a page, s. Chosen: perceived as motion."""
 BODY_BYTES = 1024
 END, PANEL = "/end", "/panel"
 
 _TYPES = {"js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
 _SHARED: Mapping[str, Callable[[], str]] = {"charts.js": chart_script, "charts.css": style}
-"""Scripts and style of `hil_bridge.show.pages`, each in one."""
+"""Scripts and styles of `hil_bridge.show.pages`, each combined in one file."""
 _OWN = ("page.js", "page.css", "panel.js", "panel.css", "robot.js", "sketch.js", "table.js", "icon.svg")
 _STYLES: Mapping[str, Sequence[str]] = {
     "page.html": ("charts.css", "page.css", "panel.css"),
@@ -69,7 +69,7 @@ class PageSource(Protocol):
 
 
 class Server:
-    """Serves one page to browsers."""
+    """Server of one page."""
 
     def __init__(self, source: PageSource, admission: Admission, page: str = "page.html") -> None:
         self._source = source
@@ -84,23 +84,23 @@ class Server:
         self._asked: dict[asyncio.BaseTransport, float] = {}
         """Time of each connection's newest request."""
         self._busy: set[asyncio.BaseTransport] = set()
-        """Connections whose request is being answered."""
+        """Connections with a request in progress."""
         self.retract: Callable[[], object] | None = None
-        """Ends the run as its key `r` does; None where there is no run."""
+        """Ends the run like the key `r`; None if there is no run."""
         self.operate: Callable[[Mapping[str, Any]], Awaitable[str]] | None = None
         """Carries out a request to the panel of an emulated controller; why it was not, or nothing. None where there is
         none. Raises ConnectionError where the run does not answer.
         """
         self.splice: Handler | None = None
-        """Serves a client that speaks Foxglove's protocol."""
+        """Serves a Foxglove client."""
         self.dropped: list[str] = []
-        """Why clients were dropped, the last few."""
+        """Why the last few clients were dropped."""
 
     # --- requests
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Check every request before anything else looks at it."""
+        """Check every request before it is handled."""
         transport = request.transport
         if transport is None:
             return _refuse(400, "the connection has gone")
@@ -144,7 +144,7 @@ class Server:
         return _file(name)
 
     async def _end(self, request: web.Request) -> web.StreamResponse:
-        """Retract and end: needs the token, in a header, and JSON, which no form of another page can send."""
+        """Retract and end: requires the token in a header, and JSON, which no form of another page can send."""
         if self.retract is None:
             return _refuse(404, "no run continues here")
         wanted = await self._read_trusted(request)
@@ -156,7 +156,7 @@ class Server:
         return web.json_response({"done": "asked the run to retract and end"})
 
     async def _panel(self, request: web.Request) -> web.StreamResponse:
-        """An act at the panel of an emulated controller, with the same token and form as the end."""
+        """Operate the panel of an emulated controller, with the same token and format as the end."""
         if self.operate is None:
             return _refuse(404, "no emulated robot is operated here")
         wanted = await self._read_trusted(request)
@@ -171,7 +171,7 @@ class Server:
         return _refuse(409, refusal) if refusal else web.json_response({"done": "carried out"})
 
     async def _read_trusted(self, request: web.Request) -> Any:
-        """The JSON that a page with the token has sent, or why it is refused."""
+        """Return the JSON of a page with the token, or the refusal."""
         if not self._admission.may_end(request.headers.get(TOKEN_HEADER, "")):
             if not self._tries.take():
                 return _refuse(429, "too many tries; wait some seconds")
@@ -183,14 +183,14 @@ class Server:
         except (ValueError, RecursionError):
             return _refuse(400, "send JSON")
 
-    # --- clients that stay
+    # --- persistent clients
 
     def admit(self) -> bool:
-        """Whether one more WebSocket may come."""
+        """Return whether one more WebSocket is admitted."""
         return len(self._sockets) < CLIENTS
 
     def hold(self, socket: web.WebSocketResponse, request: web.Request) -> None:
-        """Count a WebSocket, which the present task serves."""
+        """Count a WebSocket that the current task serves."""
         self._sockets[socket] = request
         task = asyncio.current_task()
         assert task is not None
@@ -278,7 +278,7 @@ class Server:
     # --- the server
 
     async def serve(self, listener: Any) -> None:
-        """Serve on this listening socket until nothing more will come, or for ever."""
+        """Serve on this listening socket until the source is over, or forever."""
         app = web.Application(middlewares=[self._guard], client_max_size=BODY_BYTES)
         app.router.add_get("/", self._root)
         app.router.add_get("/static/{name}", self._static)
@@ -309,7 +309,7 @@ class Server:
                     await runner.cleanup()
 
     def _has_room(self, server: web.Server) -> bool:
-        """Whether one more connection may come. Where all places are taken, the one that is idle for longest leaves."""
+        """Return whether one more connection is admitted; at the limit, the one idle longest is closed."""
         present = _transports(server)
         if len(present) < CONNECTIONS:
             return True
@@ -334,13 +334,13 @@ class Server:
 
 
 def _transports(server: web.Server) -> list[asyncio.BaseTransport]:
-    """The connections of a server that are open, oldest first."""
+    """Return the open connections of a server, oldest first."""
     transports = (connection.transport for connection in server.connections)
     return [one for one in transports if one is not None and not one.is_closing()]
 
 
 class _Refusing(asyncio.Protocol):
-    """Closes a connection at once."""
+    """Close a connection at once."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -370,7 +370,7 @@ def _file(name: str) -> web.Response:
 
 
 def _page(name: str) -> web.Response:
-    """A page: its body in the skeleton of every page."""
+    """Render a page: its body in the common skeleton."""
     links = "\n".join(f'<link rel="stylesheet" href="/static/{sheet}">' for sheet in _STYLES[name])
     body = files("hil_bridge.show.web").joinpath("static", name).read_text(encoding="utf-8")
     icon = '<link rel="icon" href="/static/icon.svg" type="image/svg+xml">'

@@ -1,4 +1,4 @@
-"""The process that serves the page of a run. It ends with the run, also with one that is killed."""
+"""Process that serves the page of a run. It ends with the run, even a killed one."""
 
 import asyncio
 import ctypes
@@ -25,11 +25,11 @@ from hil_bridge.show.web.server import PageSource, Server
 from hil_bridge.show.web.splicing import Splicing
 
 NICE = 10
-"""Lower priority than that of a run. Chosen."""
+"""Niceness relative to the run. Chosen."""
 LOG_BYTES = 1 << 20
-"""The most that the process may write to its log; it writes no other file."""
+"""Largest log file, bytes; the process writes no other file."""
 ANSWER_SECONDS = 5.0
-"""Longest wait for an answer of the panel, s. Chosen: it answers at once, also on a busy computer."""
+"""Longest wait for a response of the panel, s. Chosen: it responds at once, even on a busy computer."""
 LAST_SECONDS = 5
 """Time to notify the pages of the end of the run, s. Chosen."""
 _PR_SET_PDEATHSIG = 1
@@ -37,7 +37,7 @@ _PR_SET_PDEATHSIG = 1
 
 
 class Live:
-    """Hears the run, and tells its pages."""
+    """Receiver of a run's messages, and source of its page updates."""
 
     def __init__(self, run: socket.socket) -> None:
         self._run, self._numbers = run, itertools.count(1)
@@ -46,12 +46,12 @@ class Live:
         self.begun = asyncio.Event()
         self._panel = PanelUpdates()
         self._asked: dict[int, asyncio.Future[str]] = {}
-        """Requests to the panel that wait for their answer, by number."""
+        """Pending panel requests, by number."""
         self.over = False
-        """The run has gone."""
+        """True after the run has ended."""
 
     def first(self) -> Cursor:
-        """A page that knows nothing."""
+        """Return the state of a new page."""
         return Cursor()
 
     def updates(self, state: Cursor) -> Mapping[str, Any] | None:
@@ -69,7 +69,7 @@ class Live:
             self._run.send(wire.RETRACT)
 
     async def operate(self, request: Mapping[str, Any]) -> str:
-        """Let the run carry out a request to its panel; why it did not, or nothing. Raises ConnectionError."""
+        """Send a request to the run's panel; return the error, empty on success. Raises ConnectionError."""
         if not self._panel.is_there:
             return "there is no panel yet"
         number = next(self._numbers)
@@ -135,7 +135,7 @@ class Live:
 
 
 async def serve(run: socket.socket, listener: socket.socket, admission: Admission, page: str) -> None:
-    """Serve until the run has gone and the pages have been told."""
+    """Serve until the run has ended and the pages have received everything."""
     run.setblocking(False)
     listener.setblocking(False)
     live = Live(run)
@@ -161,7 +161,7 @@ async def _open(live: Live, server: Server, session: ClientSession) -> None:
 
 
 def show(source: PageSource, page: str, port: int, say: Callable[[str], object]) -> None:
-    """Serve a page that is not of a run, from this process, until Ctrl-C. `say` tells its address.
+    """Serve a static page from this process until Ctrl-C. `say` prints its URL.
 
     Raises ConfigError.
     """
@@ -172,7 +172,7 @@ def show(source: PageSource, page: str, port: int, say: Callable[[str], object])
 
 
 def settle(parent: int) -> None:
-    """Make this process a modest one: it ends with the run's, yields to it, and writes little.
+    """Limit this process: it ends with the run's process, yields to it, and writes little.
 
     The end of the run's socket ends it, after its pages have been told. A signal from the system does so for certain.
     """

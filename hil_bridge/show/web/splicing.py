@@ -1,4 +1,4 @@
-"""Joins a client of Foxglove's protocol to the inner server, once our server has admitted it."""
+"""Proxy from an admitted Foxglove client to the inner server."""
 
 import asyncio
 import time
@@ -11,19 +11,19 @@ from hil_bridge.show.web.panels import PROTOCOLS
 from hil_bridge.show.web.server import SLOW_S, Server, abort
 
 CLIENT_BYTES = 1 << 16
-"""Message of a client at most: it names the channels that it wants."""
+"""Largest message of a client, bytes: it names the requested channels."""
 PER_S, BURST = 100.0, 300.0
-"""Messages of a client a second, and at once."""
+"""Most messages of a client per second, and in a burst."""
 
 
 class Splicing:
-    """Carries messages both ways. What a slow client does not take waits in the inner server, which is bounded."""
+    """Bidirectional proxy. Messages for a slow client wait in the inner server, whose queue is bounded."""
 
     def __init__(self, server: Server, session: ClientSession, url: str) -> None:
         self._server, self._session, self._url = server, session, url
 
     async def __call__(self, request: web.Request) -> web.StreamResponse:
-        """Serve one client until it goes, or is dropped."""
+        """Serve one client until it disconnects or is dropped."""
         wanted = [each.strip() for each in request.headers.get("Sec-WebSocket-Protocol", "").split(",")]
         chosen = next((one for one in PROTOCOLS if one in wanted), None)
         if chosen is None:
