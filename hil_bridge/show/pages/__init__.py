@@ -1,4 +1,4 @@
-"""Parts that pages in a browser share: charts by uPlot, the look, and a document that needs nothing beside itself."""
+"""Shared parts of browser pages: uPlot charts, style, and self-contained documents."""
 
 from hil_bridge.show.pages.assets import asset, chart_script, style
 from hil_bridge.show.pages.description import (

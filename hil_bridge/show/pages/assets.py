@@ -1,4 +1,4 @@
-"""The scripts and style sheets that a page is made of. uPlot's come from the build, see `hatch_build.py`."""
+"""Scripts and style sheets of pages. uPlot's come from the build, see `hatch_build.py`."""
 
 from functools import cache
 from importlib.resources import files
@@ -11,21 +11,19 @@ _FROM_BUILD = {"uPlot.iife.js": "vendor/uPlot.iife.js", "uPlot.min.css": "vendor
 
 @cache
 def asset(name: str) -> str:
-    """A file of this room by its name: `charts.js`, `pages.css`, `uPlot.iife.js`, `uPlot.min.css`, the licence.
+    """Return an asset by name: `charts.js`, `pages.css`, `uPlot.iife.js`, `uPlot.min.css`, the licence.
 
-    Raises ConfigError where the installation lacks uPlot.
+    Raises ConfigError if the installation lacks uPlot.
     """
     path = files("hil_bridge.show.pages").joinpath(_FROM_BUILD.get(name, name))
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise ConfigError(
-            f"{path} is missing: install hil-bridge by pip, whose build puts it there"
-        ) from None
+        raise ConfigError(f"{path} is missing: install hil-bridge with pip, which builds it") from None
 
 
 def chart_script() -> str:
-    """uPlot with its licence, and our charts on it: one script, which defines `HilCharts`."""
+    """Return one script with uPlot, its licence and the charts; it defines `HilCharts`."""
     return "\n".join(
         (
             f"/*\n{asset(UPLOT_LICENSE)}*/",
@@ -38,5 +36,5 @@ def chart_script() -> str:
 
 
 def style() -> str:
-    """The style sheet of every page, uPlot's included."""
+    """Return the style sheet of every page, including uPlot's."""
     return f"{asset('uPlot.min.css')}\n{asset('pages.css')}"

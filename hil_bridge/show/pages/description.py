@@ -1,7 +1,7 @@
-"""A drawing as plain values: stacked charts with linked axes, which become JSON for `charts.js`, and maps.
+"""Drawings as plain values: stacked charts with linked axes, encoded as JSON for `charts.js`, and maps.
 
-A page puts the encoded `Charts` into the document and calls `HilCharts.draw(element, description)`. A page that lives
-appends with `append(rows)` of what `draw` gave. `charts.js` names all of its verbs.
+A page embeds the encoded `Charts` in the document and calls `HilCharts.draw(element, description)`. A live page appends
+rows with the `append(rows)` method of the result. `charts.js` lists all methods.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,46 +10,46 @@ from typing import TypeAlias
 from msgspec import Struct
 
 Values: TypeAlias = Sequence[float | None]
-"""A column of a source. None and NaN are a gap."""
+"""Column of a source. None and NaN are gaps."""
 Source: TypeAlias = Mapping[str, Values]
-"""Columns of equal length by their names. The column `x` rises: seconds since the run began on an axis of time."""
+"""Columns of equal length by name. The column `x` increases: seconds since the start of the run on a time axis."""
 
 
 class Axis(Struct, frozen=True, omit_defaults=True):
-    """The axis that several charts have in common. Charts of one axis zoom, pan and show their values together."""
+    """Shared axis of several charts, which zoom, pan and display their values together."""
 
     label: str
     unit: str
     wall_start_s: float | None = None
-    """UTC at x = 0, s since 1970; the values under the cursor then show it, too."""
+    """UTC at x = 0, s since 1970; the values at the cursor then include it."""
     log: bool = False
     """Logarithmic; every x must then be above 0."""
     names: Sequence[str] = ()
-    """Names of x = 0, 1, 2 …, where places of a row stand for things; the axis shows them alone."""
+    """Names of x = 0, 1, 2 … on a categorical axis, which shows only them."""
 
 
 class Series(Struct, frozen=True, omit_defaults=True):
     """One line of a chart."""
 
     source: str
-    """Which of `Charts.sources`."""
+    """Key in `Charts.sources`."""
     column: str
     label: str
     colour: str = "1"
-    """`1` to `8`, or a role: `target`, `limit`, `stop`, `truth`, `faint`. `pages.css` holds them for light and dark."""
+    """`1` to `8`, or a role: `target`, `limit`, `stop`, `truth`, `faint`. Defined in `pages.css` for light and dark."""
     style: str = "line"
     """`line`, `step` (holds until the next), `points`, `bars`."""
     dashed: bool = False
     width: float = 1.5
     """px"""
     layer: str = ""
-    """The layer that shows and hides it; none: always shown."""
+    """Layer that shows and hides it; empty: always visible."""
     values: Sequence[str] = ()
-    """Words for 0, 1, 2 …, where a number stands for a state."""
+    """Texts for 0, 1, 2 …, if a number represents a state."""
 
 
 class Band(Struct, frozen=True, omit_defaults=True):
-    """The area between two columns of a source, such as the least and greatest of a stream."""
+    """Area between two columns of a source, such as the least and greatest values of a stream."""
 
     source: str
     low: str
@@ -60,7 +60,7 @@ class Band(Struct, frozen=True, omit_defaults=True):
 
 
 class Limit(Struct, frozen=True, omit_defaults=True):
-    """A level across a chart. Where it lies outside of the picture, the chart says so at its edge."""
+    """Level across a chart. If it is outside the picture, the chart indicates it at its edge."""
 
     value: float
     """In the chart's unit."""
@@ -68,13 +68,13 @@ class Limit(Struct, frozen=True, omit_defaults=True):
     kind: str = "limit"
     """`limit` or `target`."""
     shown: bool = False
-    """Whether the chart always makes room for it when it zooms by itself; else once a value has come to half of it."""
+    """Whether automatic zoom always includes it; otherwise only after a value has reached half of it."""
     column: str = ""
-    """The one column that it is a limit of; none: of all."""
+    """Column to which it applies; empty: all."""
 
 
 class Chart(Struct, frozen=True, omit_defaults=True):
-    """One of the charts above each other."""
+    """One of the stacked charts."""
 
     id: str
     title: str
@@ -83,44 +83,44 @@ class Chart(Struct, frozen=True, omit_defaults=True):
     bands: Sequence[Band] = ()
     limits: Sequence[Limit] = ()
     axis: str = "time"
-    """Which of `Charts.axes`."""
+    """Key in `Charts.axes`."""
     log: bool = False
     """Logarithmic; values of 0 and below are gaps."""
     height_px: int = 180
     least_span: float = 0.0
-    """The picture shows at least so much of y, in the chart's unit."""
+    """Least y range, in the chart's unit."""
     zero: bool = False
-    """Whether 0 is always in the picture."""
+    """Whether the y range always includes 0."""
     quiet_span: float | None = None
-    """The chart is left out while no series spans more than this, in the chart's unit."""
+    """The chart is omitted while no series spans more than this, in the chart's unit."""
 
 
 class Mark(Struct, frozen=True, omit_defaults=True):
-    """A moment: a line across every chart of the axis, with its text at the cursor."""
+    """Moment, drawn as a line across every chart of the axis, with its text at the cursor."""
 
     x: float
     text: str
     kind: str = "event"
-    """`event`, `step`, `fault`, `stop`, `note`. The texts of the last three stand in the first chart."""
+    """`event`, `step`, `fault`, `stop`, `note`. The first chart displays the texts of the last three."""
     axis: str = "time"
     layer: str = ""
 
 
 class Span(Struct, frozen=True, omit_defaults=True):
-    """A stretch with a name, shaded behind every chart of the axis; the page offers to zoom to it."""
+    """Named interval, shaded behind every chart of the axis; the page can zoom to it."""
 
     begin: float
     end: float
     text: str
     kind: str = ""
-    """Chooses the colour: a phase's name, or `fault`."""
+    """Name of a phase, or `fault`; selects the colour."""
     axis: str = "time"
     short: str = ""
-    """Name for where there is little room; empty where it has none but its text."""
+    """Short name for little room; empty: none."""
 
 
 class Layer(Struct, frozen=True, omit_defaults=True):
-    """Curves that an operator shows and hides together."""
+    """Curves that the user shows and hides together."""
 
     id: str
     label: str
@@ -128,7 +128,7 @@ class Layer(Struct, frozen=True, omit_defaults=True):
 
 
 class Charts(Struct, frozen=True, omit_defaults=True):
-    """Everything that `HilCharts.draw` needs."""
+    """Complete input of `HilCharts.draw`."""
 
     axes: Mapping[str, Axis]
     charts: Sequence[Chart]
@@ -143,17 +143,17 @@ Range: TypeAlias = tuple[float, float]
 
 
 class Scale(Struct, frozen=True, omit_defaults=True):
-    """Which colour is which value."""
+    """Colour scale of values."""
 
     palette: str
-    """`amount`, from little to much, or `sign`, from below to above."""
+    """`amount`, sequential, or `sign`, diverging."""
     low: float
     high: float
     unit: str
 
 
 class Trace(Struct, frozen=True, omit_defaults=True):
-    """A line on a map, through places in the map's unit. A place that is not a number cuts it."""
+    """Line on a map, through points in the map's unit. A NaN point interrupts it."""
 
     x: Values
     y: Values
@@ -163,11 +163,11 @@ class Trace(Struct, frozen=True, omit_defaults=True):
     """px"""
     dashed: bool = False
     values: Values = ()
-    """A value for each place, which colours the piece that begins there; none: the line has its own colour."""
+    """Value for each point, which colours the segment that begins there; empty: `colour` applies."""
 
 
 class Spot(Struct, frozen=True, omit_defaults=True):
-    """A dot with a text beside it."""
+    """Dot with a label."""
 
     x: float
     y: float
@@ -175,13 +175,13 @@ class Spot(Struct, frozen=True, omit_defaults=True):
 
 
 class Grid(Struct, frozen=True, omit_defaults=True):
-    """Values on a grid that fills the map: rows from the least y to the greatest, in each the least x first."""
+    """Values on a grid that fills the map: rows from the least y to the greatest, each with the least x first."""
 
     rows: Sequence[Values]
 
 
 class Map(Struct, frozen=True, omit_defaults=True):
-    """A picture of the surface from above, with equal scales along x and y."""
+    """Picture of the surface from above, with equal scales along x and y."""
 
     id: str
     title: str
@@ -198,7 +198,7 @@ class Map(Struct, frozen=True, omit_defaults=True):
 
 
 def room_of(drawn: Map, width_px: float) -> tuple[float, float, Range]:
-    """Width and height of a map in px, where so much width is free, and the y that it shows: a flat map shows more."""
+    """Return width and height of a map, px, for the free width, and its y range: a flat map has a larger one."""
     (left, right), (low, high) = drawn.x, drawn.y
     least, most = drawn.heights_px
     height = width_px * (high - low) / (right - left)

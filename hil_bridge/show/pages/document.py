@@ -1,4 +1,4 @@
-"""A page as one file: scripts, style and data inside, no address of anything else."""
+"""Page as one self-contained file with scripts, style and data."""
 
 import base64
 import hashlib
@@ -11,24 +11,24 @@ from hil_bridge.show.pages.description import Charts
 
 _DRAW = """
 for (const place of document.querySelectorAll("[data-charts]")) {
-  const told = document.getElementById(place.dataset.charts).textContent;
-  HilCharts.draw(place, JSON.parse(told));
+  const encoded = document.getElementById(place.dataset.charts).textContent;
+  HilCharts.draw(place, JSON.parse(encoded));
 }
 """
 _ESCAPES = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
-"""Characters that could end a script element, or a line of one, and the way in which JSON writes them."""
+"""Characters that could end a script element or a line of it, with their JSON escapes."""
 
 
 def in_script(value: object) -> str:
-    """A value as JSON that can stand inside a script element, whatever texts it holds. NaN becomes null."""
-    told = msgspec.json.encode(value).decode()
+    """Encode a value as JSON that is safe inside a script element. NaN becomes null."""
+    encoded = msgspec.json.encode(value).decode()
     for character, escaped in _ESCAPES.items():
-        told = told.replace(character, escaped)
-    return told
+        encoded = encoded.replace(character, escaped)
+    return encoded
 
 
 def room(name: str, charts: Charts) -> str:
-    """Charts at this place of a document's body. Each of a document has a name of its own, of letters."""
+    """Render charts for the body of a document. Their name, of letters, must be unique in the document."""
     return (
         f'<script type="application/json" id="data-{name}">{in_script(charts)}</script>\n'
         f'<div data-charts="data-{name}"><noscript>The charts need JavaScript.</noscript></div>'
@@ -36,8 +36,8 @@ def room(name: str, charts: Charts) -> str:
 
 
 def document(title: str, body: str, charts: bool = True) -> str:
-    """The page around a body of HTML, with the script that draws `room` unless it has no charts. No script runs but
-    ours, and nothing is loaded from anywhere.
+    """Render the page around an HTML body, with the script that draws `room` unless it has no charts. Its policy
+    allows only this script, and no external resources.
     """
     script = f"{chart_script()}\n{_DRAW}" if charts else ""
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
@@ -48,7 +48,7 @@ def document(title: str, body: str, charts: bool = True) -> str:
 
 
 def skeleton(title: str, head: str, body: str) -> str:
-    """The skeleton of every page around its head and its body, both HTML."""
+    """Render the skeleton of every page around its head and body, both HTML."""
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>
 <meta name="viewport" content="width=device-width, initial-scale=1">

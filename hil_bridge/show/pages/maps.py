@@ -1,4 +1,4 @@
-"""Draws maps as SVG inside a page: what `charts/map_painter.py` draws with matplotlib, by the same description."""
+"""Maps as SVG inside a page, from the same description as in pictures (`charts/map_painter.py`)."""
 
 from itertools import pairwise
 
@@ -19,11 +19,11 @@ from hil_bridge.show.pages.svg import (
 
 WIDTH_PX = 1000
 _LEFT, _RIGHT, _TOP, _BELOW = 60, 110, 26, 40
-"""Room around a map, px."""
+"""Margins of a map, px."""
 
 
 def map_svg(drawn: Map) -> str:
-    """The drawing."""
+    """Draw a map as SVG."""
     width, height, y = room_of(drawn, WIDTH_PX - _LEFT - _RIGHT)
     frame = Frame((_LEFT, _TOP, width, height), drawn.x, y)
     frame.axes(drawn.x_label, drawn.y_label)

@@ -1,4 +1,4 @@
-"""Drawings that need no script, as SVG inside a page. Colours are names of the style sheet: light and dark follow."""
+"""SVG drawings inside a page, without scripts. Colours are style sheet variables, for light and dark pages."""
 
 import math
 import struct
@@ -13,35 +13,35 @@ from numpy.typing import NDArray
 from hil_bridge.show.pages.description import Range
 
 VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
-"""From little to much; told apart in grey, too. Source: the colour map viridis, at five places."""
+"""Sequential palette; distinguishable in grey. Source: the colour map viridis, at five places."""
 COOLWARM = ((59, 76, 192), (141, 176, 254), (221, 221, 221), (244, 152, 122), (180, 4, 38))
-"""From below to above. Source: the colour map of K. Moreland, at five places."""
+"""Diverging palette. Source: the colour map of K. Moreland, at five places."""
 PALETTES = {"amount": VIRIDIS, "sign": COOLWARM}
-"""By the names of `description.Scale`."""
+"""Palettes by their names in `description.Scale`."""
 _LEAST_PX = 45.0
 
 
 class Frame:
-    """A rectangle of a drawing with its own scales, and what is drawn in it."""
+    """Rectangle of a drawing with its own scales, and its elements."""
 
     def __init__(self, place: tuple[float, float, float, float], x: Range, y: Range) -> None:
-        """`place` is left, top, width and height, px; `x` and `y` are what is shown, y upwards."""
+        """`place` is left, top, width and height, px; `x` and `y` are the displayed ranges, y upwards."""
         self.left, self.top, self.width, self.height = place
         self.x_range, self.y_range = x, y
         self.parts: list[str] = []
 
     def x(self, value: float) -> float:
-        """Place of a value, px."""
+        """Convert a value to px."""
         low, high = self.x_range
         return self.left + self.width * (value - low) / (high - low)
 
     def y(self, value: float) -> float:
-        """Place of a value, px."""
+        """Convert a value to px."""
         low, high = self.y_range
         return self.top + self.height * (high - value) / (high - low)
 
     def axes(self, x_label: str, y_label: str) -> None:
-        """Lines at round numbers, and what they are."""
+        """Draw grid lines at round numbers, with labels."""
         bottom = self.top + self.height
         for value in round_numbers(*self.x_range, self.width):
             at = self.x(value)
@@ -61,7 +61,7 @@ class Frame:
     def path(
         self, places: Iterable[tuple[float, float]], colour: str, width: float, dashed: bool = False
     ) -> None:
-        """A line through places in the frame's own values; a place that is not a number cuts it."""
+        """Draw a line through points in the frame's units; a NaN point interrupts it."""
         commands, joined = [], False
         for x, y in places:
             if not (math.isfinite(x) and math.isfinite(y)):
@@ -77,7 +77,7 @@ class Frame:
 
 
 def drawing(size: tuple[float, float], parts: Iterable[str], label: str) -> str:
-    """The whole drawing; `label` says what it shows to a reader that cannot see it."""
+    """Render the complete drawing; `label` describes it to a screen reader."""
     width, height = size
     return (
         f'<svg viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}" role="img"'
@@ -87,12 +87,12 @@ def drawing(size: tuple[float, float], parts: Iterable[str], label: str) -> str:
 
 
 def shade(colour: str) -> str:
-    """A colour of the style sheet by its name there, or one that is given as `#rrggbb`."""
+    """Return a CSS colour from the name of a style sheet variable; `#rrggbb` is returned unchanged."""
     return colour if colour.startswith("#") else f"var(--{colour})"
 
 
 def line(begin: tuple[float, float], end: tuple[float, float], colour: str, width: float = 1.0) -> str:
-    """A straight line between two places, px."""
+    """Draw a straight line between two points, px."""
     return (
         f'<line x1="{begin[0]:.1f}" y1="{begin[1]:.1f}" x2="{end[0]:.1f}" y2="{end[1]:.1f}"'
         f' stroke-width="{width:g}" style="stroke:{shade(colour)}"/>'
@@ -100,7 +100,7 @@ def line(begin: tuple[float, float], end: tuple[float, float], colour: str, widt
 
 
 def box(place: tuple[float, float, float, float], colour: str, title: str = "") -> str:
-    """A filled rectangle: left, top, width, height, px. The title shows under the pointer."""
+    """Draw a filled rectangle: left, top, width, height, px. The title is its tooltip."""
     left, top, width, height = place
     inside = f"<title>{escape(title)}</title>" if title else ""
     return (
@@ -112,7 +112,7 @@ def box(place: tuple[float, float, float, float], colour: str, title: str = "") 
 def text(
     place: tuple[float, float], words: str, anchor: str = "start", colour: str = "quiet", bold: bool = False
 ) -> str:
-    """Words; `anchor` is start, middle or end."""
+    """Draw text; `anchor` is start, middle or end."""
     weight = ' font-weight="600"' if bold else ""
     return (
         f'<text x="{place[0]:.1f}" y="{place[1]:.1f}" text-anchor="{anchor}"{weight}'
@@ -121,24 +121,24 @@ def text(
 
 
 def dot(place: tuple[float, float], radius: float, colour: str) -> str:
-    """A filled circle, px."""
+    """Draw a filled circle, px."""
     return f'<circle cx="{place[0]:.1f}" cy="{place[1]:.1f}" r="{radius:g}" style="fill:{shade(colour)}"/>'
 
 
 def scale_colours(shares: NDArray[np.float64], stops: Sequence[tuple[int, int, int]]) -> NDArray[np.uint8]:
-    """Colours of shares from 0 to 1, (…, 3)."""
+    """Return the colours (…, 3) of shares from 0 to 1."""
     at = np.linspace(0.0, 1.0, len(stops))
     parts = [np.interp(np.clip(shares, 0.0, 1.0), at, [stop[k] for stop in stops]) for k in range(3)]
     return np.stack(parts, axis=-1).round().astype(np.uint8)
 
 
 def hexadecimal(colour: NDArray[np.uint8]) -> str:
-    """`#rrggbb`."""
+    """Format a colour as `#rrggbb`."""
     return "#" + bytes(colour.tolist()).hex()
 
 
 def image(pixels: NDArray[np.uint8], place: tuple[float, float, float, float]) -> str:
-    """Pixels (rows, columns, 3) at a place of a drawing, each as a sharp rectangle."""
+    """Draw pixels (rows, columns, 3) as sharp rectangles."""
     rows, columns, _ = pixels.shape
     raw = b"".join(b"\0" + pixels[row].tobytes() for row in range(rows))
 
@@ -161,18 +161,18 @@ def image(pixels: NDArray[np.uint8], place: tuple[float, float, float, float]) -
 def scale_bar(
     place: tuple[float, float, float], stops: Sequence[tuple[int, int, int]], ends: Range, unit: str
 ) -> str:
-    """Which colour is which value: left, top and height, px."""
+    """Draw the colour bar: left, top and height, px."""
     left, top, height = place
     colours = scale_colours(np.linspace(1.0, 0.0, 64)[:, None], stops)
     low, high = ends
-    told = [(high, top + 9), ((low + high) / 2, top + height / 2 + 4), (low, top + height)]
+    labels = [(high, top + 9), ((low + high) / 2, top + height / 2 + 4), (low, top + height)]
     return image(colours, (left, top, 14, height)) + "".join(
-        text((left + 20, y), f"{number(value)} {unit}") for value, y in told
+        text((left + 20, y), f"{number(value)} {unit}") for value, y in labels
     )
 
 
 def round_numbers(low: float, high: float, room_px: float) -> list[float]:
-    """Round numbers between two, as many as find room."""
+    """Return round numbers between two values, as many as fit."""
     if not high > low:
         return []
     rough = (high - low) / max(room_px / _LEAST_PX, 1.0)
@@ -183,5 +183,5 @@ def round_numbers(low: float, high: float, room_px: float) -> list[float]:
 
 
 def number(value: float) -> str:
-    """A number as short as it can be."""
+    """Format a number as short as possible."""
     return f"{value:.4g}".replace("-", "−")

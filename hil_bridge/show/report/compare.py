@@ -178,15 +178,15 @@ def _figures(runs: Mapping[str, Recording], summaries: Mapping[str, Summary]) ->
     columns = []
     for name, recording in runs.items():
         summary = summaries[name]
-        told = dict(identity_rows(recording, summary))
-        told["outcome"] = summary.outcome
+        texts = dict(identity_rows(recording, summary))
+        texts["outcome"] = summary.outcome
         tables = (rows for _, rows in figure_tables(recording, summary))
         shown = [*(row for rows in tables for row in rows), *contact_rows(summary)]
-        told |= {row.label: row.value for row in shown}
-        columns.append(told)
+        texts |= {row.label: row.value for row in shown}
+        columns.append(texts)
     lines = []
-    for label in dict.fromkeys(label for told in columns for label in told):
-        values = [told.get(label, "–") or "–" for told in columns]
+    for label in dict.fromkeys(label for texts in columns for label in texts):
+        values = [texts.get(label, "–") or "–" for texts in columns]
         quiet = ' class="quiet"' if len(set(values)) == 1 else ""
         lines.append(
             f"<tr{quiet}><td>{escape(label)}</td>{''.join(f'<td>{escape(value)}</td>' for value in values)}</tr>"

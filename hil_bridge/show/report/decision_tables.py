@@ -114,14 +114,14 @@ def _rules_text(cycle: CycleRecord) -> str:
 
 def _other_text(cycle: CycleRecord) -> str:
     """Format the other values of the controller, with the units in their names."""
-    told = []
+    parts = []
     for key, value in cycle.explanation.items():
         if key in LEVELS or _RULE_SIGN in key or not _known(value):
             continue
         ending = next((ending for ending in _UNITS if key.endswith(ending)), "")
         scale, form, unit = _UNITS.get(ending, (1.0, ".3g", ""))
-        told.append(f"{key.removesuffix(ending).replace('_', ' ')} {quantity(value, scale, form, unit)}")
-    return ", ".join(sorted(told))
+        parts.append(f"{key.removesuffix(ending).replace('_', ' ')} {quantity(value, scale, form, unit)}")
+    return ", ".join(sorted(parts))
 
 
 def _verdict_text(cycle: CycleRecord) -> str:

@@ -9,7 +9,7 @@ from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.facts import start_time
 
 EMULATED, REAL, MIXED = "EMULATED", "REAL", "PARTLY REAL"
-_UNKNOWN = "not told by the recording"
+_UNKNOWN = "not in the recording"
 _YEAR_3000_S = 32503680000.0
 
 
@@ -43,8 +43,8 @@ def identity_rows(recording: Recording, summary: Summary) -> list[tuple[str, str
 
 def _urls(recording: Recording) -> tuple[str, str] | None:
     """Return the URLs of robot and sensor, empty for an emulated one."""
-    told: Any = recorded_configuration(recording)
-    robot, sensor = told.get("robot"), told.get("sensor")
+    recorded: Any = recorded_configuration(recording)
+    robot, sensor = recorded.get("robot"), recorded.get("sensor")
     if not isinstance(robot, dict) or not isinstance(sensor, dict) or "url" not in robot:
         return None
     return str(robot.get("url") or ""), str(sensor.get("url") or "")

@@ -36,12 +36,14 @@ def latency_bar(latency: Latency) -> str:
     low, high = latency.total.p50_s * 1e3, min(latency.total.p99_s * 1e3, limit)
     whole = top + height + 16
     parts.append(line((at(low), whole), (at(high), whole), "text", 1.4))
-    told = {"p50": latency.total.p50_s, "p90": latency.total.p90_s, "p99": latency.total.p99_s}
-    for seconds in told.values():
+    percentiles = {"p50": latency.total.p50_s, "p90": latency.total.p90_s, "p99": latency.total.p99_s}
+    for seconds in percentiles.values():
         if seconds * 1e3 <= limit:
             place = at(seconds * 1e3)
             parts.append(line((place, whole - 5), (place, whole + 5), "text", 1.6))
-    words = "the whole: " + ", ".join(f"{name} {seconds * 1e3:.0f}" for name, seconds in told.items()) + " ms"
+    words = (
+        "total: " + ", ".join(f"{name} {seconds * 1e3:.0f}" for name, seconds in percentiles.items()) + " ms"
+    )
     left = low > limit / 2
     parts.append(
         text((at(low) - 8 if left else at(high) + 8, whole + 4), words, "end" if left else "start", "text")

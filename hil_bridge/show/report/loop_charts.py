@@ -60,6 +60,6 @@ def _marks(loop: LinearLoop) -> list[Mark]:
         marks.append(Mark(at, f"gain margin {found.gain_margin:.2f}", "note", _AXIS))
     turned = found.phase_margin_deg > 0.0 and not found.stable  # more than a turn: no margin to be shown
     if math.isfinite(at := found.gain_crossover_rad_s) and not turned:
-        told = f"{found.phase_margin_deg:.0f}°".replace("-", "−")
-        marks.append(Mark(at, f"phase margin {told}", "note", _AXIS))
+        margin = f"{found.phase_margin_deg:.0f}°".replace("-", "−")
+        marks.append(Mark(at, f"phase margin {margin}", "note", _AXIS))
     return marks

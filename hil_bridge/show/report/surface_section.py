@@ -29,6 +29,6 @@ def surface_section(recording: Recording) -> str:
         sentences.append(
             f"While it touched, its axis stood {rms:.2f}° RMS from the normal, at most {max(touched):.2f}°."
         )
-    told = f'<p class="verdict">{escape(" ".join(sentences))}</p>\n' if sentences else ""
+    verdict = f'<p class="verdict">{escape(" ".join(sentences))}</p>\n' if sentences else ""
     drawn = "" if (wear := removed_map(recording)) is None else across(map_svg(wear))
-    return f"<h2>Emulated surface</h2>\n{told}{drawn}\n"
+    return f"<h2>Emulated surface</h2>\n{verdict}{drawn}\n"

@@ -157,7 +157,7 @@ def _draw_line(ax: "Axes", line: _Line) -> None:
 
 
 def _arrow(ax: "Axes", places: Sequence[Place], colour: str) -> None:
-    """Heads that tell the direction: in the middle of each long piece of the way, of the longest one where there are
+    """Draw arrowheads for the direction in the middle of each long segment of the path, only of the longest if there are
     many.
     """
     pieces = [(math.dist(*pair), pair) for pair in pairwise(places)]

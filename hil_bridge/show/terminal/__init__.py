@@ -2,6 +2,6 @@
 imports take long.
 """
 
-from hil_bridge.show.terminal.model import REFRESH_SECONDS, Health, Scene, Snapshot, Told, ViewModel
+from hil_bridge.show.terminal.model import REFRESH_SECONDS, Health, Scene, Snapshot, ViewEvent, ViewModel
 
-__all__ = ["REFRESH_SECONDS", "Health", "Scene", "Snapshot", "Told", "ViewModel"]
+__all__ = ["REFRESH_SECONDS", "Health", "Scene", "Snapshot", "ViewEvent", "ViewModel"]

@@ -72,7 +72,7 @@ class Scene:
         return ChartFacts(self.robot, limits, self.tracks, self.approach, self.robot.line_floor_s)
 
 
-class Told(NamedTuple):
+class ViewEvent(NamedTuple):
     """Event for display."""
 
     elapsed_s: float
@@ -126,13 +126,13 @@ class Snapshot:
     """Target forces of the last cycles, oldest first."""
     step: int = 0
     """Number of the current step, from 1; 0 before the first and without a program."""
-    events: tuple[Told, ...] = ()
+    events: tuple[ViewEvent, ...] = ()
     """Events, oldest first."""
 
     @property
     def cause(self) -> str:
         """Return why the run stops; empty if it does not."""
-        return next((told.text for told in self.events if told.kind == EventKind.STOP), "")
+        return next((event.text for event in self.events if event.kind == EventKind.STOP), "")
 
     @property
     def held(self) -> bool:
@@ -244,7 +244,7 @@ class ViewModel:
         if self._began is None:
             self._began = now
         newest, cycles, robot = self._newest, tuple(self._cycles.copy()), self._scene.robot
-        told = [*([] if self._stop is None else [self._stop]), *self._events.copy()]
+        records = [*([] if self._stop is None else [self._stop]), *self._events.copy()]
         young = cycles[-LATENCY_CYCLES:]
         return Snapshot(
             scene=self._scene,
@@ -267,7 +267,7 @@ class ViewModel:
             step=newest.step if newest else 0,
             period_s=cycles[-1].started_at - cycles[-2].started_at if len(cycles) > 1 else None,
             events=tuple(
-                Told(record.at - self._began, record.kind, record.line)
-                for record in sorted(told, key=lambda record: record.at)
+                ViewEvent(record.at - self._began, record.kind, record.line)
+                for record in sorted(records, key=lambda record: record.at)
             ),
         )

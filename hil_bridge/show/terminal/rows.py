@@ -11,7 +11,7 @@ from hil_bridge.errors.text_files import harmless
 from hil_bridge.record.analysis.times import in_ms
 from hil_bridge.show.charts.catalogue import FORCE, MOMENT, PULL, RESULTANT
 from hil_bridge.show.terminal.chart import error_style
-from hil_bridge.show.terminal.model import Snapshot, Told
+from hil_bridge.show.terminal.model import Snapshot, ViewEvent
 
 _LABEL = 11
 """Width of a label, in characters."""
@@ -45,10 +45,10 @@ def force(snapshot: Snapshot) -> Text:
     reference, newest = snapshot.reference_n, snapshot.newest
     if newest is None or not math.isfinite(newest.force):
         return _row("force", (f"{'–':>8}     target {reference:6.2f} N", "dim"))
-    told = (f"{newest.force:z8.2f} N", "bold")
+    value = (f"{newest.force:z8.2f} N", "bold")
     if not snapshot.wants_force:
-        return _row("force", told, "   in free space")
-    line = _row("force", told, f"  target {reference:6.2f} N")
+        return _row("force", value, "   in free space")
+    line = _row("force", value, f"  target {reference:6.2f} N")
     if newest.in_contact:
         line.append(f"  off by {newest.force - reference:+.2f} N", error_style(newest.force, reference))
     else:
@@ -140,8 +140,8 @@ def _health(snapshot: Snapshot, wide: bool) -> Sequence[tuple[str, Text]]:
 def _answer(snapshot: Snapshot) -> tuple[str, Text]:
     """Render the time of the newest answer to a robot that drives the cycle, and the number of late ones."""
     seconds = math.nan if snapshot.newest is None else snapshot.newest.answer_s
-    told = f"{seconds * 1e3:6.2f} ms" if math.isfinite(seconds) else "–"
-    return "answer", Text.assemble(told, _count("  late ", snapshot.link.get(LATE, 0)))
+    value = f"{seconds * 1e3:6.2f} ms" if math.isfinite(seconds) else "–"
+    return "answer", Text.assemble(value, _count("  late ", snapshot.link.get(LATE, 0)))
 
 
 def _count(label: str, number: int, width: int = 0) -> Text:
@@ -212,7 +212,7 @@ def events(snapshot: Snapshot, count: int) -> list[Text]:
     return [_event(one) for one in others[-count:]] if count > 0 else []
 
 
-def _event(one: Told) -> Text:
+def _event(one: ViewEvent) -> Text:
     style = "red" if one.alarm else "yellow" if one.caution else ""
     return _row(f"{one.elapsed_s:8.1f} s", (f"{one.kind}: {one.text}", style))
 

@@ -240,7 +240,7 @@ class Feed:
 
 
 def _start(
-    sockets: Sequence[int], token: str, words: Sequence[str], told: IO[bytes]
+    sockets: Sequence[int], token: str, words: Sequence[str], log: IO[bytes]
 ) -> "subprocess.Popen[bytes]":
     """The serving process. It has a session of its own, so that Ctrl-C reaches the run alone. `words` are its page, and
     origins that may read.
@@ -254,6 +254,6 @@ def _start(
         start_new_session=True,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
-        stderr=told,
+        stderr=log,
         env={**os.environ, "HIL_BRIDGE_WEB_TOKEN": token},
     )

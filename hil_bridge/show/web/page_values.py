@@ -114,7 +114,7 @@ def end_values(end: Mapping[str, str]) -> dict[str, Any]:
 
 
 def is_zero(event: EventRecord) -> bool:
-    """Whether it tells the zero that was taken."""
+    """Return whether the event reports the sensor zero."""
     return event.check is Check.ZERO
 
 

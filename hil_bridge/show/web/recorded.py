@@ -84,7 +84,7 @@ def _counters(recording: Recording, scene: Scene) -> Mapping[str, Any]:
 
 
 def _scene(recording: Recording, name: str) -> Scene:
-    """Facts of a recorded run, as far as the recording tells them."""
+    """Return the facts of a recorded run, as far as the recording contains them."""
     devices = devices_of(recording)
     recorded = recorded_configuration(recording)
     try:

@@ -219,7 +219,7 @@ class Server:
             state = self._source.first()
             receiving = asyncio.create_task(self._receive(socket, state))
             try:
-                await self._tell(request, socket, state, receiving)
+                await self._send_updates(request, socket, state, receiving)
             finally:
                 receiving.cancel()
                 with suppress(asyncio.CancelledError, ConnectionError):
@@ -228,7 +228,7 @@ class Server:
             self.release(socket)
         return socket
 
-    async def _tell(
+    async def _send_updates(
         self,
         request: web.Request,
         socket: web.WebSocketResponse,
