@@ -163,7 +163,7 @@ async def test_the_page_retracts_and_ends_the_run(
     await page.value("document.querySelector('#sure .danger').click()")
     await page.until(f"{text('phase')} === 'retract' || !document.getElementById('outcome').hidden")
     await page.until("!document.getElementById('outcome').hidden")
-    assert (await page.value(text("outcome"))).startswith("Ended by hand")
+    assert (await page.value(text("outcome"))).startswith("Ended by the operator")
     assert run.ended() == 130
     recording = read(tmp_path / "0" / "run.mcap")
     assert recording.end["outcome"] == "interrupted"

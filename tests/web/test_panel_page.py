@@ -223,7 +223,7 @@ async def test_a_robot_is_operated_in_the_browser(
     await page.until(f"{row(state)} !== {json.dumps(before)}")
     if robot in ("egm", "rsi", "rtde"):
         await page.value(f"{button(power, '0')}.click()")
-        await page.until("document.querySelector('.said').textContent.startsWith('not done: ')")
+        await page.until("document.querySelector('.said').textContent.startsWith('failed: ')")
     await page.value(f"{button('emergency stop', '1')}.click()")
     await page.until(f"{button('emergency stop', '1')}.getAttribute('aria-pressed') === 'true'")
     await page.value("document.querySelector('.injector button').click()")

@@ -1,4 +1,4 @@
-/* Charts above each other with linked axes, on uPlot. `description.py` tells what a description holds.
+/* Stacked charts with linked axes, on uPlot. `description.py` documents the description.
 
    const charts = HilCharts.draw(element, description, {keep: 120, follow: 30, bar: true});   // options may be left out
      keep    a source drops what lies more than so many units of x behind its end
@@ -79,7 +79,7 @@ var HilCharts = (() => {
       this.observer.observe(this.stack);
     }
 
-    // what a page calls
+    // methods for pages
 
     take(name, source) {
       this.sources[name] = source;
@@ -174,7 +174,7 @@ var HilCharts = (() => {
       this.place.replaceChildren();
     }
 
-    // the bar
+    // toolbar
 
     makeBar() {
       const bar = element("div", "hil-bar");
@@ -217,7 +217,7 @@ var HilCharts = (() => {
     }
 
     fillPlaces() {
-      const first = element("option", "", "whole run");
+      const first = element("option", "", "full run");
       first.value = "";
       this.places.replaceChildren(first);
       this.told.spans.forEach((span, index) => {
@@ -257,7 +257,7 @@ var HilCharts = (() => {
       this.zoom(axis, from + shift, to + shift);
     }
 
-    // what is shown
+    // visible range
 
     extent(axis) {
       let low = Infinity, high = -Infinity;

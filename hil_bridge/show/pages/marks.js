@@ -1,4 +1,4 @@
-/* What lies behind and before the lines of a chart: spans, limits, marks. Used by `charts.js`, drawn with canvas. */
+/* Spans, limits and marks behind and in front of a chart's lines, drawn on its canvas. Used by `charts.js`. */
 "use strict";
 var HilMarks = (() => {
   const FONT_PX = 11, LONGEST = 70;

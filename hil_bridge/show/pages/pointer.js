@@ -1,4 +1,4 @@
-/* Fingers, shift+drag and wheel on a chart: they move and zoom every chart of its axis. Used by `charts.js`. */
+/* Touch, shift+drag and wheel on a chart pan and zoom every chart of its axis. Used by `charts.js`. */
 "use strict";
 var HilPointer = (() => {
   function attach(charts, chart) {

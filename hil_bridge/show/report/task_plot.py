@@ -157,8 +157,8 @@ def _draw_line(ax: "Axes", line: _Line) -> None:
 
 
 def _arrow(ax: "Axes", places: Sequence[Place], colour: str) -> None:
-    """Draw arrowheads for the direction in the middle of each long segment of the path, only of the longest if there are
-    many.
+    """Draw arrowheads for the direction in the middle of each long segment of the path, or
+    of the longest one if there are many.
     """
     pieces = [(math.dist(*pair), pair) for pair in pairwise(places)]
     longest = max((length for length, _ in pieces), default=0.0)

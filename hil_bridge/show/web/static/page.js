@@ -1,4 +1,4 @@
-/* The page of a run: takes the server's news and shows them. Every text is set as text, never as HTML. */
+/* Page of a run: displays the server's updates. Every text is set as text, never as HTML. */
 "use strict";
 (() => {
   const $ = id => document.getElementById(id);
@@ -89,23 +89,23 @@
     const [, , , mx, my, mz] = now.wrench || [];
     list("across", [["lateral force", fixed(now.lateral, 2, "N")], ["mx", signed(mx, 3, "N·m")], ["my", signed(my, 3, "N·m")], ["mz", signed(mz, 3, "N·m")]]);
     list("motion", [["depth, reported", fixed(now.depth_mm, 3, "mm")], ["depth, commanded", fixed(now.commanded_mm, 3, "mm")],
-      ["correction", signed(now.correction_mm, 3, "mm") + (now.resting ? " rests" : "")], ["travel", fixed(now.travel_mm, 1, "mm")],
+      ["correction", signed(now.correction_mm, 3, "mm") + (now.resting ? " in dead band" : "")], ["travel", fixed(now.travel_mm, 1, "mm")],
       ["stiffness", Number.isFinite(now.stiffness) ? `${Math.round(now.stiffness).toLocaleString("en")} N/m` : "–"],
-      now.cause ? ["supervisor", "the run is stopped", "bad"]   // the last cycle's word stands no more
+      now.cause ? ["supervisor", "the run is stopped", "bad"]   // the last cycle's verdict no longer applies
         : now.phase === "end" ? ["supervisor", "the run has ended"]
         : ["supervisor", now.verdict ? [now.verdict, ...(now.reasons || [])].join(": ") : "–", now.verdict === "stop" ? "bad" : now.verdict === "clamp" ? "warn" : now.verdict ? "good" : ""]]);
     const latency = now.latency;
     list("times", [["cycle", fixed(now.cycle_ms, 1, "ms")],
-      scene.streamed ? ["answer", `${fixed(now.answer_ms, 2, "ms")}, ${now.late} late`, now.late ? "warn" : ""] : ["line's least", fixed(scene.floor_ms, 1, "ms")],
+      scene.streamed ? ["answer", `${fixed(now.answer_ms, 2, "ms")}, ${now.late} late`, now.late ? "warn" : ""] : ["line floor", fixed(scene.floor_ms, 1, "ms")],
       ["sensor age", fixed(now.age_ms, 1, "ms"), now.age_ms > scene.limits.stale_ms ? "bad" : now.age_ms > 100 ? "warn" : ""],
       ["latency p50", latency ? fixed(latency.p50_ms, 1, "ms") : "–"], ["latency p99", latency ? fixed(latency.p99_ms, 1, "ms") : "–"]]);
     const troubles = Object.entries(now.troubles || {}).map(([name, count]) => `${name} ${count}`).join(", ");
     const counted = count => [count === null ? "–" : String(count), count === null ? "" : count ? "warn" : "good"];
-    const whole = playback ? ", whole run" : "";
-    const lines = [[`link errors${whole}`, ...counted(now.link_errors)], [`frames lost${whole}`, ...counted(now.frames_lost)]];
+    const scope = playback ? ", full run" : "";
+    const lines = [[`link errors${scope}`, ...counted(now.link_errors)], [`frames lost${scope}`, ...counted(now.frames_lost)]];
     for (const [what, sent, received] of now.traffic || []) lines.push([what, `${sent} sent, ${received} received`]);
-    if (now.dropped) lines.push(["not shown here", `${now.dropped} records`, "warn"]);
-    if (troubles) lines.push(["troubles", troubles, "wide warn"]);
+    if (now.dropped) lines.push(["not displayed", `${now.dropped} records`, "warn"]);
+    if (troubles) lines.push(["errors", troubles, "wide warn"]);
     if (now.zero || now.check) lines.push(["sensor", now.zero || now.check, "wide"]);
     list("health", lines);
   }
@@ -126,7 +126,7 @@
   }
 
   function ended(end, cause) {
-    const words = {completed: "Completed", stopped: "Stopped", interrupted: "Ended by hand", gone: "The run has gone"};
+    const words = {completed: "Completed", stopped: "Stopped", interrupted: "Ended by the operator", gone: "The run ended unexpectedly"};
     const shown = $("outcome"), said = [end.cause, ...end.followed.map(text => `Then: ${text}`)];
     bar("left", end.left && " ", end.left && `Tool ${end.left}`);
     $("left").className = `bar ${end.retracted === false ? "alarm" : ""}`;
@@ -158,7 +158,7 @@
     if (now) {
       bar("cause", now.cause, "Stopped:");
       bar("warning", now.warning, "Warning:");
-      bar("silent", now.silent_s ? `no news from the run for ${now.silent_s.toFixed(0)} s` : "", "");
+      bar("silent", now.silent_s ? `no data from the run for ${now.silent_s.toFixed(0)} s` : "", "");
       const until = told.at === undefined ? null : told.at;
       sketch.show({approach: told.approach, quaternion: now.quaternion, wrench: now.wrench, truth: told.truth, limit: scene.limits.force, until});
     }
@@ -200,9 +200,9 @@
       const answer = await fetch("/end", {method: "POST", headers: {"Content-Type": "application/json", "X-Hil-Bridge-Token": token},
         body: JSON.stringify({do: "retract and end"})});
       if (!answer.ok) throw new Error(await answer.text());
-      bar("said", "the run was asked to retract and end", "");
+      bar("said", "requested: retract and end", "");
     } catch (error) {
-      bar("said", `not done: ${error.message}`, "");
+      bar("said", `failed: ${error.message}`, "");
       $("end").disabled = false;
     }
   });

@@ -1,4 +1,4 @@
-/* The panel of an emulated robot: its state, its controls and its faults, from what its process tells of them.
+/* Panel of an emulated robot: its state, controls and faults, as reported by its process.
    Every text is set as text, never as HTML. */
 "use strict";
 window.HilPanel = (() => {
@@ -10,7 +10,7 @@ window.HilPanel = (() => {
   };
   const words = name => name.replace(/-/g, " ");
 
-  /* A panel in `place`. `token` is that of the page's address; without it the panel only shows. */
+  /* A panel in `place`. `token` is that of the page's address; without it the panel is read-only. */
   function draw(place, token) {
     const state = make("dl", "state"), controls = make("div", "controls"), faults = make("div", "faults"), said = make("p", "said");
     const hands = make("div", "all"), lamps = new Map(), dials = new Map();   // by name of the control
@@ -27,7 +27,7 @@ window.HilPanel = (() => {
         if (!answer.ok) throw new Error((await answer.text()).trim());
         say(done, false);
       } catch (error) {
-        say(`not done: ${error.message}`, true);
+        say(`failed: ${error.message}`, true);
       } finally { busy = false; }
     }
     const button = (text, look, act, title) => {
@@ -103,8 +103,8 @@ window.HilPanel = (() => {
         ask({do: "inject", target, fault, with: values}, `${target}: ${fault}`);
       };
       const hands = make("div", "hands");
-      hands.append(button("inject", "", inject), button("mend", "", () => ask({do: "mend"}, "faults that last are ended"), "End the faults that last."),
-        button("disarm", "", () => ask({do: "disarm"}, "faults that waited are forgotten"), "Forget the faults that wait for their moment."));
+      hands.append(button("inject", "", inject), button("mend", "", () => ask({do: "mend"}, "lasting faults ended"), "End all lasting faults."),
+        button("disarm", "", () => ask({do: "disarm"}, "armed faults removed"), "Remove all armed faults."));
       form.append(which, meaning, given, hands);
       box.append(make("summary", "", "Faults"), form);
       return box;
@@ -119,7 +119,7 @@ window.HilPanel = (() => {
       describe(told) {
         lamps.clear(); dials.clear();
         controls.replaceChildren(...Object.entries(told.controls).map(([name, one]) => control(name, one)));
-        if (!token) controls.append(make("p", "quiet", "To operate it, open the address that was printed, with its token."));
+        if (!token) controls.append(make("p", "quiet", "To operate the panel, open the printed URL with its token."));
         faults.replaceChildren(injector(told.faults));
         place.hidden = false;
       },

@@ -1,4 +1,4 @@
-/* The page of an emulated robot alone: its panel, live. */
+/* Page of an emulated robot: its live panel. */
 "use strict";
 (() => {
   const $ = id => document.getElementById(id);

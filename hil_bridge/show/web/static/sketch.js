@@ -1,4 +1,4 @@
-/* The tool on the surface: from the side, and in space. Places are mm from the start point in the robot's base frame.
+/* Tool on the surface: side view and 3-D view. Positions are mm from the start point in the robot's base frame.
 
    const sketch = HilSketch.make(side, space, scale)   two canvases, and an element that is told the scale
    sketch.rows(rows, whole)    columns of cycles and of the truth; `whole` instead of those before

@@ -1,4 +1,4 @@
-/* A saved page that is served: shows its body, each time that the server sends it again. That of a campaign may continue. */
+/* Served report page: displays its body whenever the server sends it. A campaign's page may change. */
 "use strict";
 (() => {
   const $ = id => document.getElementById(id);
