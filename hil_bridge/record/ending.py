@@ -1,4 +1,4 @@
-"""The end of a run and the events of its course: facts that only the run itself knows, for its record."""
+"""End of a run and events of its course: facts that only the run itself knows, for its record."""
 
 import json
 from collections.abc import Mapping
@@ -11,16 +11,16 @@ from hil_bridge.errors.causes import Cause, Reason
 
 
 class Check(StrEnum):
-    """Subjects of findings about the sensor before the touch."""
+    """Subjects of sensor checks before contact."""
 
     FACTS = "facts"
     """Full scales and model."""
     UNVERIFIED = "unverified"
     """Axes that the tool's weight does not verify."""
     UNCHECKED = "unchecked"
-    """The tool's weight is not known, and an operator takes that on."""
+    """Tool weight unknown, and accepted by the operator."""
     ZERO = "zero"
-    """The zero that was taken."""
+    """Zero of the sensor."""
 
 
 class Outcome(StrEnum):
@@ -30,7 +30,7 @@ class Outcome(StrEnum):
     STOPPED = "stopped"
     """The supervisor or an error ended it; there is a cause."""
     INTERRUPTED = "interrupted"
-    """An operator ended it, or the process was killed."""
+    """The operator ended it, or the process was killed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,42 +39,42 @@ class RunEnd:
 
     outcome: Outcome
     reason: Reason | None = None
-    """Why it ended; None for a run that went to its end."""
+    """Why it ended; None for a completed run."""
     line_floor_s: float | None = None
     """Shortest time of one cycle's characters on the line."""
     link: Mapping[str, float] = field(default_factory=dict)
     """Counters of the robot's link by name."""
     sensor_lost: int | None = None
-    """Sensor frames that were sent and never came, as the client of the gateway counts them."""
+    """Sensor frames that were sent but not received, as counted by the gateway client."""
     sensor_delay_s: float | None = None
     """Delay of the sensor's filter at low frequencies."""
     left: str = ""
-    """Place at which the tool was left, in words; empty when it never moved."""
+    """Final position of the tool, as text; empty if it never moved."""
     followed: tuple[Reason, ...] = ()
     """Causes after the first one, in order."""
     rest: Mapping[str, bool | float | list[str] | None] = field(default_factory=dict)
-    """Place at which the tool was left, as values: retracted, depth_m, force_n, unverified; empty when it never moved.
+    """Final position of the tool, as values: retracted, depth_m, force_n, unverified; empty if it never moved.
     """
     place: str = ""
-    """The place alone, in words; empty when it never moved."""
+    """Only the position, as text; empty if it never moved."""
 
     @property
     def cause(self) -> Cause | None:
-        """Row of the table of causes; None for a run that went to its end."""
+        """Row of the table of causes; None for a completed run."""
         return None if self.reason is None else self.reason.cause
 
     @property
     def retracted(self) -> bool | None:
-        """Whether the tool was left off the surface; None where it never moved, or where that is not known."""
+        """Whether the tool ended off the surface; None if it never moved, or if that is unknown."""
         return retracted_in(self.rest)
 
     @property
     def text(self) -> str:
-        """The cause in words, in one line; empty without one."""
+        """Cause as one line of text; empty without one."""
         return "" if self.reason is None else str(self.reason)
 
     def as_metadata(self) -> dict[str, str]:
-        """Metadata for `Recorder.close`, so that a record tells its end by itself."""
+        """Return metadata for `Recorder.close`, so that a record includes its end."""
         return {
             "outcome": self.outcome.value,
             "cause": self.cause or "",
@@ -94,13 +94,13 @@ class RunEnd:
 
 
 def retracted_in(rest: Mapping[str, object]) -> bool | None:
-    """Whether a tool was left off the surface, by `RunEnd.rest`; None where that is not known."""
+    """Return whether the tool ended off the surface, from `RunEnd.rest`; None if unknown."""
     retracted = rest.get("retracted")
     return retracted if isinstance(retracted, bool) else None
 
 
 def reason_of(end: Mapping[str, str]) -> Reason | None:
-    """Why a recorded run ended, by the metadata of its end; None where it went to its end."""
+    """Return why a recorded run ended, from the metadata of its end; None for a completed run."""
     if end.get("cause", "") not in set(Cause):
         return None
     texts = end.get("text", ""), end.get("remedy", ""), end.get("step", "")
@@ -116,7 +116,7 @@ def _seconds(text: str) -> float:
 
 
 def followed_of(end: Mapping[str, str]) -> tuple[Reason, ...]:
-    """Causes that followed the first one, by the metadata of the end."""
+    """Return the causes that followed the first one, from the metadata of the end."""
     try:
         return msgspec.json.decode(end.get("followed") or "[]", type=tuple[Reason, ...])
     except msgspec.DecodeError:  # of an earlier version

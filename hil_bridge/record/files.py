@@ -1,4 +1,4 @@
-"""An operator's files: written whole or not at all, and never over one that is there unless that was asked for."""
+"""Output files: written completely or not at all, and never over an existing one unless requested."""
 
 import fcntl
 import os

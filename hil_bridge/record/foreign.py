@@ -1,4 +1,4 @@
-"""A recording that another program has made: its origin, and the choices with which it was read."""
+"""Origin of a recording made by another program, and the choices with which it was read."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ ROLES: Mapping[str, str] = {
     POSE: "measured pose of the tool",
     TARGET: "commanded pose of the tool",
 }
-"""Roles that a topic can have. The last is never found by its type."""
+"""Roles of topics. The last is never detected by its type."""
 TOOL_FRAME, BASE_FRAME = "tool", "base"
 FRAMES = (TOOL_FRAME, BASE_FRAME)
 """Frames of a wrench and of an axis: the child of the pose, and its parent."""
@@ -27,28 +27,28 @@ HEADER, LOG = "header", "log"
 STAMPS = (HEADER, LOG)
 """Times of a message: the stamp of its header, or the time at which it was recorded."""
 CONTACT_N = 1.0
-"""Force from which the tool is in contact, N. Chosen: the default of `task.contact_threshold_n`."""
+"""Force above which the tool is in contact, N. Chosen: the default of `task.contact_threshold_n`."""
 LARGEST = 1e6
-"""Chosen: the largest value of a measured quantity, in its SI unit. No device comes near, and squares stay numbers."""
+"""Largest value of a measured quantity, in its SI unit. Chosen: far above any device, and squares stay finite."""
 Topics: TypeAlias = Mapping[str, str | Sequence[str]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BagChoices:
-    """Assumptions of a reader about a bag of ROS 2. Raises ConfigError for a choice that there is not."""
+    """Assumptions about a ROS 2 bag. Raises ConfigError for an invalid choice."""
 
     topics: Topics = field(default_factory=dict)
     """Topic, or several of which a bag has one, by role: wrench, pose, target. `/tf:CHILD` is a frame of `/tf`."""
     axis: str = "tool:z"
     """Direction in which the tool presses: `tool:` or `base:`, and x, y, z, -x, -y or -z."""
     wrench_in: str = TOOL_FRAME
-    """Frame along whose axes the wrench is told: tool, the child of the pose, or base, its parent."""
+    """Frame in which the wrench is expressed: tool, the child of the pose, or base, its parent."""
     sign: int = 1
-    """1: the wrench is that of the surroundings on the tool; -1: that of the tool on them."""
+    """1: the wrench of the environment on the tool; -1: of the tool on the environment."""
     zero_s: float = 0.0
-    """Begin of the bag whose mean wrench is taken off, s; 0 takes nothing off."""
+    """Initial time whose mean wrench is subtracted, s; 0 subtracts nothing."""
     contact_n: float = CONTACT_N
-    """Force from which the tool is in contact, N."""
+    """Force above which the tool is in contact, N."""
     stamps: str = HEADER
     """Times of the messages: header or log."""
 
@@ -66,13 +66,13 @@ class BagChoices:
             raise ConfigError(f"stamps {self.stamps!r} must be one of {', '.join(STAMPS)}")
         for name, value in (("zero_s", self.zero_s), ("contact_n", self.contact_n)):
             if not (math.isfinite(value) and 0.0 <= value <= LARGEST):
-                raise ConfigError(f"{name} {value!r} must be a number from 0 on")
+                raise ConfigError(f"{name} {value!r} must be a number from 0 to {LARGEST:g}")
         for role in self.topics:
             if role not in ROLES:
-                raise ConfigError(f"topics has no {role!r}; there are {', '.join(ROLES)}")
+                raise ConfigError(f"topics: unknown role {role!r}; known: {', '.join(ROLES)}")
 
     def named(self, role: str) -> tuple[str, ...]:
-        """Topics that were named for a role."""
+        """Return the topics given for a role."""
         names = self.topics.get(role, ())
         return (names,) if isinstance(names, str) else tuple(names)
 
@@ -100,7 +100,7 @@ class ForeignTopic:
 
 @dataclass(frozen=True, slots=True)
 class Foreign:
-    """Origin of a recording that another program has made."""
+    """Origin of a recording made by another program."""
 
     file: str
     """Name of its file or folder."""
@@ -108,6 +108,6 @@ class Foreign:
     """By role."""
     choices: BagChoices
     left_out: int = 0
-    """Wrenches that were left out since the place of the tool was not known."""
+    """Number of wrenches omitted because the tool position was unknown."""
     moments: bool = True
     """Whether the moments are known."""

@@ -1,4 +1,4 @@
-"""The record of a run in memory: taken as a `Recorder` takes it, and written to a file only when that is wanted."""
+"""In-memory record of a run, with the interface of `Recorder`; saved to a file only on request."""
 
 import math
 from collections.abc import Callable, Collection, Mapping
@@ -29,11 +29,11 @@ class _Attachment(NamedTuple):
 
 
 _Step: TypeAlias = Record | _Attachment | Mapping[str, str]
-"""Everything that a recorder was given; a mapping is the facts of the devices."""
+"""Input of a recorder; a mapping is the facts of the devices."""
 
 
 class KeptRecords:
-    """Takes what a `Recorder` takes, and keeps it. Nothing is encoded before `save`."""
+    """In-memory recorder. Nothing is encoded before `save`."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class KeptRecords:
         """
         self._most = most
         self.is_whole = True
-        """No record has been forgotten."""
+        """Whether no record was discarded."""
         self.takes = takes
         self._wall_ns = wall_ns
         self._metadata = dict(sorted(metadata.items()))
@@ -70,17 +70,17 @@ class KeptRecords:
         self._steps.append(_Attachment(name, media_type, data))
 
     def pause(self, seconds: float) -> None:
-        """There is no thread that could use the time."""
+        """Do nothing: there is no writer thread."""
 
     def close(self, end: Mapping[str, str]) -> None:
-        """Take the end. Harmless when called again."""
+        """Store the end. Idempotent."""
         if self._end is None:
             self._end = dict(end)
             self._steps = _add_times(self._steps)
 
     @property
     def traffic(self) -> RawTraffic:
-        """Data that went over the wires."""
+        """Raw traffic of the wires."""
         return RawTraffic(
             tuple(step for step in self._steps if type(step) is records.LinkRecord),
             tuple(step for step in self._steps if type(step) is records.WireRecord),

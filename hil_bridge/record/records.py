@@ -1,4 +1,4 @@
-"""Records of a run: one for each cycle, the sensor's whole stream, and other events.
+"""Records of a run: one for each cycle, the full sensor stream, and events.
 
 The text under a field is also what a recording's schema tells of it, and so what Foxglove shows.
 """
@@ -36,20 +36,20 @@ class CycleRecord(Struct, frozen=True):
     """Phase of the run: approach, track, retract, move, seek, zero or end."""
     # --- times of the hops
     started_at: float
-    """Cycle begins: a robot that is asked is asked where it is, the report of one that streams is taken, s."""
+    """Start of the cycle: a polled robot is queried for its position, the report of a streaming one is read, s."""
     controlled_at: float
-    """Controller and supervisor are done, s."""
+    """Controller and supervisor have finished, s."""
     sent_at: float
-    """The order is handed over, s: its first byte to the port of a robot that is asked, the target to a stream."""
+    """The command is handed over, s: its first byte to the port of a polled robot, the target to a stream."""
     answered_at: float
-    """The robot has taken the order, or the stream has its target: the cycle ends, s."""
+    """End of the cycle: the robot has accepted the command, or the stream has its target, s."""
     # --- inputs
     sample: Sample
-    """All measurements that the decision was made from."""
+    """All measurements on which the decision is based."""
     force: float
     """N along the approach direction, positive while pressing."""
     force_reference: float
-    """Wanted force, N."""
+    """Target force, N."""
     depth: float
     """Reported position along the approach direction from the start point, m."""
     # --- answer of the controller and verdict of the supervisor
@@ -62,35 +62,35 @@ class CycleRecord(Struct, frozen=True):
     stiffness: float | None = None
     """Estimated contact stiffness, N/m."""
     gain: float = 1.0
-    """Factor of the adaptation on the feedback law's output, without unit."""
+    """Adaptive gain factor on the feedback law's output, without unit."""
     held: bool = False
-    """The controller rests in its dead band: no position that the robot can take is nearer."""
+    """Whether the controller holds in its dead band: no position that the robot can reach is closer."""
     in_contact: bool = False
-    """The tool touches the surface."""
+    """Whether the tool is in contact with the surface."""
     verdict: VerdictName = "allow"
     """allow, clamp or stop."""
     reasons: tuple[str, ...] = ()
     """Why the supervisor clamped or stopped."""
     explanation: dict[str, float] = {}
-    """Further values that explain the controller's answer, by name."""
+    """Further values that explain the controller's output, by name."""
     # --- input for deciding again
     target: Vector = (0.0, 0.0, 0.0)
-    """Tool position that the supervisor allowed, robot base frame, m; ordered in whole device steps."""
+    """Tool position that the supervisor allowed, robot base frame, m; commanded in whole device steps."""
     start: Vector = (0.0, 0.0, 0.0)
     """Reported tool position at the start point, robot base frame, m."""
     asked: Reason | None = None
-    """Why the run was asked to finish before this decision; None in all other cycles."""
+    """Why the run was requested to finish before this decision; None in all other cycles."""
     # --- more times of the hops; NaN for a time without a stamp
     status_transmitted_at: float = math.nan
-    """The last character of the question where the robot is has left the line, calculated at the line's rate, s."""
+    """The last character of the position query has left the line, calculated from the line rate, s."""
     decoded_at: float = math.nan
-    """The sensor frame that the controller was given had been decoded, s."""
+    """The sensor frame that the controller uses was decoded, s."""
     proposed_at: float = math.nan
-    """The controller is done; the supervisor begins, s."""
+    """The controller has finished; the supervisor begins, s."""
     transmitted_at: float = math.nan
-    """The last character of the order has left the line, calculated at the line's rate, s."""
+    """The last character of the command has left the line, calculated from the line rate, s."""
     sensor_counter: int = 0
-    """Counter of the sensor frame used, as the device sent it."""
+    """Counter of the sensor frame used, as sent by the device."""
     answer_s: float = math.nan
     """Time from the arrival of a stream's packet to its answer, of the packet before this report, s; NaN for a robot
     that is asked.
@@ -101,50 +101,50 @@ class CycleRecord(Struct, frozen=True):
     step: int = 0
     """Number of the program's step, passes counted, from 1; 0 without a program."""
     quaternion_commanded: Annotated[tuple[float, ...], Meta(max_length=4)] = ()
-    """Commanded orientation, tool in base, w x y z; empty where it is that of the start."""
+    """Commanded orientation, tool in base, w x y z; empty for the start orientation."""
 
 
 class StepRecord(Struct, frozen=True):
-    """A step of a program that has ended."""
+    """Completed step of a program."""
 
     at: float
-    """When it ended, s on the run's clock."""
+    """End of the step, s on the run's clock."""
     step: int
     """Its number, passes counted, from 1."""
     label: str
-    """Its number as it stands in the program, and its word."""
+    """Its number in the program, and its keyword."""
     began_at: float
     """s on the run's clock."""
     way: float = 0.0
-    """Way along its path, m."""
+    """Distance along its path, m."""
     force_mean: float | None = None
-    """Mean force while it pressed, N; left out for a step that does not press."""
+    """Mean force while it pressed, N; omitted for a step that does not press."""
     within: float | None = None
-    """Share of the way for which the force was as near as its criterion wants; left out where there is none."""
+    """Share of the distance over which the force met its criterion; omitted without a criterion."""
     wanted: float | None = None
-    """Share that its criterion wants; left out where there is none."""
+    """Share that its criterion requires; omitted without a criterion."""
     passed: bool = True
-    """It ended as it was meant to, and met its criterion if it has one."""
+    """Whether it ended as planned, and met its criterion if it has one."""
     name: str = ""
-    """Name of what it found."""
+    """Name of its result."""
     found: Annotated[tuple[float, ...], Meta(max_length=3)] = ()
-    """Place that it found, base frame, m; empty where it looked for none."""
+    """Position that it detected, base frame, m; empty if it searched for none."""
     text: str = ""
-    """How it ended, in words."""
+    """How it ended, as text."""
     resumable: float = 0.0
-    """Way until which its force was last within its band, m."""
+    """Distance at which its force was last within its band, m."""
     word: str = ""
-    """Its word alone: approach, track, hold, seek, retract, move, zero, or that of a plug-in."""
+    """Its keyword: approach, track, hold, seek, retract, move, zero, or one of a plug-in."""
     repeat: int = 0
-    """Number of the repeat that it belongs to, as it stands in the program; 0 for none."""
+    """Number of its repeat in the program; 0 for none."""
     turn: int = 0
     """Its pass in that repeat, from 1; 0 for none."""
     number: str = ""
-    """Its number alone, as it stands in the program: 3, or 3.1 within a repeat."""
+    """Its number in the program: 3, or 3.1 within a repeat."""
 
 
 class SensorRecord(Struct, frozen=True):
-    """One complete frame of the sensor's stream, with its values as they came."""
+    """Complete frame of the sensor's stream, with its raw values."""
 
     at: float
     """Arrival of the frame, s on the run's clock."""
@@ -155,10 +155,10 @@ class SensorRecord(Struct, frozen=True):
 
 
 class LinkRecord(Struct, frozen=True):
-    """A stretch of the log of the robot's link: raw traffic and link events."""
+    """Section of the robot link's log: raw traffic and link events."""
 
     at: float
-    """When its first piece was sent or received, s on the run's clock."""
+    """Time at which its first piece was sent or received, s on the run's clock."""
     pieces: tuple[str, ...]
     """Each: seconds since `at`, `tx` or `rx` as the PC sees it and hexadecimal bytes, or `--` and a link event; of
     several datagrams, a space between them.
@@ -166,10 +166,10 @@ class LinkRecord(Struct, frozen=True):
 
 
 class WireRecord(Struct, frozen=True):
-    """A stretch of the raw traffic of a device's wire, where that is not the robot's."""
+    """Section of the raw traffic of a device other than the robot."""
 
     at: float
-    """When its first piece was sent or received, s on the run's clock."""
+    """Time at which its first piece was sent or received, s on the run's clock."""
     device: str
     """sensor."""
     pieces: tuple[str, ...]
@@ -190,7 +190,7 @@ class TruthRecord(Struct, frozen=True):
     ticks of the robot later.
     """
     sampled_at: float
-    """The sensor measured the sample that the controller was given, s."""
+    """The sensor measured the sample that the controller uses, s."""
     motion_at: float
     """The position loops took the first set point on the way to the point that the cycle ordered, s."""
     position: Vector
@@ -200,43 +200,43 @@ class TruthRecord(Struct, frozen=True):
     joints_deg: Six
     """Axes 1 to 6, °."""
     faults: tuple[str, ...] = ()
-    """Injected faults that were under way, each as target and name."""
+    """Injected faults that were active, each as target and name."""
     quaternion: Quaternion = (math.nan,) * 4
-    """True orientation, tool in base, w x y z; not known of older recordings."""
+    """True orientation, tool in base, w x y z; unknown in older recordings."""
     normal: Vector = (math.nan,) * 3
     """Outward unit normal of the surface below the tool in the robot base frame; not known where a surface tells none.
     """
 
 
 class FaultNote(Struct, frozen=True):
-    """Stage of an injected fault."""
+    """Injected fault and its stage."""
 
     target: str
-    """Part of the cell that it is of."""
+    """Part of the cell that it affects."""
     name: str
     """Name of the fault."""
     stage: FaultStage
     """begins, happens, ends, struck, never, refused or by hand."""
     values: dict[str, float] = {}
-    """Its parameters that are numbers, by name."""
+    """Its numeric parameters, by name."""
     words: dict[str, str] = {}
-    """Its other parameters, by name."""
+    """Its text parameters, by name."""
     struck: int | None = None
     """Number of its effects, once the run is over."""
 
     @property
     def is_injected(self) -> bool:
-        """Whether it strikes from this event on."""
+        """Whether it takes effect from this event on."""
         return self.stage in (FaultStage.BEGINS, FaultStage.HAPPENS)
 
     @property
     def title(self) -> str:
-        """Target and name, as people read it."""
+        """Target and name for display."""
         return f"{self.target}: {self.name}"
 
 
 class EventRecord(Struct, frozen=True):
-    """Something that happened: a phase begins, a device answers late, the supervisor stops the run."""
+    """Event of a run: a phase begins, a device answers late, the supervisor stops the run."""
 
     at: float
     """s on the run's clock."""
@@ -245,19 +245,19 @@ class EventRecord(Struct, frozen=True):
     text: str
     """Text of the event."""
     cause: Cause | None = None
-    """Row of the table of causes, of an event that ends the run or follows that; left out of all others."""
+    """Row of the table of causes, for an event that ends the run or follows that; omitted in all others."""
     check: Check | None = None
-    """Subject of a finding about the sensor; left out of all other events."""
+    """Subject of a sensor check; omitted in all other events."""
     by: str = ""
-    """The key, or the signal, by which an operator asked; empty for all other events."""
+    """Key or signal that the operator used; empty for all other events."""
     fault: FaultNote | None = None
-    """The injected fault that the event tells of; left out of all others."""
+    """Injected fault that the event reports; omitted in all others."""
     not_modelled: NotModelled | None = None
-    """The thing that the emulated device does not model; left out of all other events."""
+    """Feature that the emulated device does not model; omitted in all other events."""
 
     @property
     def line(self) -> str:
-        """The line of the text that tells most: the last one of a traceback, else the first."""
+        """Most informative line of the text: the last one of a traceback, else the first."""
         if self.kind in (EventKind.TRACEBACK, EventKind.BUG):
             return last_line(self.text)
         return self.text.strip().partition("\n")[0]

@@ -1,4 +1,4 @@
-"""The map of what a tool has removed from an emulated surface, as a record holds it: a JSON attachment."""
+"""Map of the material removed from an emulated surface, as a JSON attachment of a recording."""
 
 import math
 from typing import TypeAlias
@@ -14,13 +14,13 @@ REMOVED_NAME = "removed.json"
 """Name of the attachment."""
 MEDIA_TYPE = "application/json"
 CELLS_LIMIT = 1 << 16
-"""Most cells that are kept; a larger map is made coarser. Chosen: more than a picture shows, some 0.5 MB of text."""
+"""Most cells; a larger map is made coarser. Chosen: more than a picture shows, about 0.5 MB of text."""
 BYTES_LIMIT = 1 << 21
 """Longest text that is read. Chosen: twice the longest that is written."""
 DEPTH_LIMIT_UM = 1e9
 """A depth lies below this, µm. Chosen: a kilometre."""
 _DIGITS = 3
-"""Behind the point of a depth in µm. Chosen: a nanometre."""
+"""Decimal places of a depth in µm. Chosen: a nanometre."""
 
 
 class RemovedMap(Struct, frozen=True):
@@ -31,7 +31,7 @@ class RemovedMap(Struct, frozen=True):
     direction: tuple[float, float]
     """Unit vector of the path in base x and y: rows follow each other along it, the numbers of a row to its left."""
     corner_m: tuple[float, float]
-    """Path coordinate of `depths_um[0][0]`, and how far to the left of the path it lies."""
+    """Path coordinate of `depths_um[0][0]`, and its distance to the left of the path."""
     spacing_m: float
     """From one row or number to the next."""
     depths_um: tuple[tuple[float, ...], ...]

@@ -423,7 +423,7 @@ def test_options_of_a_bag_are_checked(tmp_path: Path) -> None:
     bag = pressed(tmp_path / "press")
     for options, words in (
         (("--topic", "/ft"), "'/ft' must be ROLE=TOPIC"),
-        (("--topic", "force=/ft"), "topics has no 'force'; there are wrench, pose, target"),
+        (("--topic", "force=/ft"), "topics: unknown role 'force'; known: wrench, pose, target"),
         (("--axis", "up"), "axis 'up' must be tool or base"),
         (("--sign", "3"), "--sign"),
     ):

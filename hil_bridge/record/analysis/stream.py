@@ -1,4 +1,4 @@
-"""The sensor's whole stream as the controlled force, beside the cycles that used some of its frames."""
+"""Full sensor stream as the controlled force, in addition to the cycles that use some of its frames."""
 
 import math
 import statistics
@@ -20,7 +20,7 @@ Floats: TypeAlias = NDArray[np.float64]
 _BINS = 3000
 _FEWEST_CYCLES = 8
 _TOLERANCE = 0.02
-"""Share of the force range by which the stream may miss the cycle samples and still be drawn. Chosen."""
+"""Largest deviation from the cycle samples for which the stream is drawn, as a share of the force range. Chosen."""
 
 
 class _Mounting(Struct):

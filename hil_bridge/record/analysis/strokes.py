@@ -1,4 +1,4 @@
-"""The strokes of a run: the stretches in which its force was controlled, and the figures of merit over all of them."""
+"""Strokes of a run: the intervals with force control, and the figures of merit over all of them."""
 
 import math
 from collections.abc import Sequence
@@ -10,11 +10,11 @@ from hil_bridge.record.records import CycleRecord
 TRACK = "track"
 """The phase in which the force is controlled."""
 _SEEK = "seek"
-"""Word of a step that looks for the edge of a surface: there the force is meant to be lost."""
+"""Keyword of a step that searches for the edge of a surface, where the loss of force is intended."""
 
 
 def strokes_of(recording: Recording) -> list[list[CycleRecord]]:
-    """Cycles of each stroke, from a touch until the tool is taken away. A run without a program has one at most."""
+    """Return the cycles of each stroke, from contact to retraction. A run without a program has at most one."""
     seeks = {step.step for step in recording.steps if step.word == _SEEK}
     strokes: list[list[CycleRecord]] = []
     going = False
