@@ -39,7 +39,7 @@ from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import RAISED, raise_if_interrupt
 from protocol.geometry import Vector
 
-# PanelRequest for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
+# Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
 _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
 LONGEST_SAMPLES = 2.0
 """Sample times that one sample counts for at most. Chosen: as far off as a control period may be."""

@@ -23,8 +23,8 @@ from protocol.geometry import Vector
 Action: TypeAlias = NDArray[np.float64]
 
 
-class PanelRequest(NamedTuple):
-    """The run asks for a decision."""
+class Decision(NamedTuple):
+    """Decision that the run requests."""
 
     observation: Observed
     at: float
@@ -43,7 +43,7 @@ class EpisodeEnd(NamedTuple):
     result: Result | None
     """Result of the run; None if a device refused before any motion."""
     cycles: tuple[CycleRecord, ...]
-    """As of `PanelRequest`."""
+    """Control cycles since the previous decision."""
     text: str
     """Reason; empty if the run completed."""
 
@@ -57,19 +57,19 @@ class Episode:
         self._hold = np.zeros(len(axes))
         self._cycles: list[CycleRecord] = []
         self._simulation: Simulation | None = None
-        # Each holds one thing at most.
-        self._asked: SimpleQueue[PanelRequest | Ended | BaseException] = SimpleQueue()
+        # Each holds at most one item.
+        self._decisions: SimpleQueue[Decision | EpisodeEnd | BaseException] = SimpleQueue()
         self._actions: SimpleQueue[Action | None] = SimpleQueue()
         self._left = False
         self._thread = threading.Thread(target=self._run, name="episode", daemon=True)
 
-    def start(self) -> PanelRequest | Ended:
-        """Run to the first decision. Raises ConfigError for what cannot be run."""
+    def start(self) -> Decision | EpisodeEnd:
+        """Run to the first decision. Raises ConfigError for a configuration that cannot be run."""
         self._thread.start()
         return self._next()
 
-    def act(self, action: Action) -> PanelRequest | Ended:
-        """Run on with an action, to the next decision."""
+    def act(self, action: Action) -> Decision | EpisodeEnd:
+        """Apply an action and run to the next decision."""
         self._actions.put(action)
         return self._next()
 
@@ -79,8 +79,8 @@ class Episode:
             self._actions.put(None)
             self._thread.join()
 
-    def _next(self) -> PanelRequest | Ended:
-        answer = self._asked.get()
+    def _next(self) -> Decision | EpisodeEnd:
+        answer = self._decisions.get()
         if isinstance(answer, BaseException):
             self._thread.join()
             raise answer
@@ -119,7 +119,7 @@ class Episode:
             return self._hold
         truth = simulation.truth()
         at = simulation.clock.now()
-        self._asked.put(PanelRequest(observation, at, self._since(), truth.position, truth.contact_force))
+        self._decisions.put(Decision(observation, at, self._since(), truth.position, truth.contact_force))
         action = self._actions.get()
         if action is None:
             self._left = True

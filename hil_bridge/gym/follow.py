@@ -16,7 +16,7 @@ from gymnasium import spaces
 from hil_bridge.control.laws.policy import AXES, HIGH, LOW, Axis, Observed, PolicyController
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.gym.drawing import Episodes, Tables, plan_episodes
-from hil_bridge.gym.episode import Action, Ended, Episode, PanelRequest
+from hil_bridge.gym.episode import Action, Decision, Episode, EpisodeEnd
 from hil_bridge.gym.rewards import Reward, Transition, make_reward
 from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import Config
@@ -104,7 +104,7 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
         self.observation_space = spaces.Box(LOW, HIGH, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self._axes),), np.float64)
         self._episode: Episode | None = None
-        self._asked: PanelRequest | None = None
+        self._decision: Decision | None = None
         self._seed = 0
         self._counts = dict(_NONE_YET)
 
@@ -133,8 +133,8 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
             self._seed = int(self.np_random.integers(_SEEDS)) if chosen is None else int(chosen)
             self._episode = Episode(self.config(self._seed), self._axes, self._speeds)
             begun = self._episode.start()
-            if isinstance(begun, PanelRequest):
-                self._asked = begun
+            if isinstance(begun, Decision):
+                self._decision = begun
                 self._counts["episodes"] += 1
                 drawn = self._episodes.drawn(self._seed)
                 return begun.observation, {**self._info(begun), "seed": self._seed, "drawn": drawn}
@@ -158,17 +158,17 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
         if given.shape != self.action_space.shape or not np.isfinite(given).all():
             raise ValueError(f"an action must be {len(self._axes)} numbers from -1 to 1, got {action!r}")
         after = episode.act(given)
-        if isinstance(after, PanelRequest):
-            self._asked = after
+        if isinstance(after, Decision):
+            self._decision = after
             transition = Transition(after.cycles, after.at - before.at, given, None, stopped=False)
             return after.observation, float(self._reward(transition)), False, False, self._info(after)
         self._decision = None
         return before.observation, *self._end(before, after, given)
 
     def _end(
-        self, before: PanelRequest, end: Ended, action: Action
+        self, before: Decision, end: EpisodeEnd, action: Action
     ) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Reward, terminated, truncated and info of the last step."""
+        """Return reward, terminated, truncated and info of the last step."""
         result = end.result
         stopped = result is None or result.outcome is Outcome.STOPPED
         self._counts["stops"] += stopped
@@ -190,8 +190,8 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
         }
         return float(self._reward(transition)), not time_is_up, time_is_up, info
 
-    def _info(self, asked: PanelRequest) -> dict[str, Any]:
-        """Truth of the cell at a decision, and the counts of this environment."""
+    def _info(self, decision: Decision) -> dict[str, Any]:
+        """Return the true state of the cell at a decision, and the counts of this environment."""
         return {
             "truth_position": np.array(decision.position),
             "truth_force": np.array(decision.force),

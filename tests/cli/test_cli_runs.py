@@ -118,7 +118,7 @@ def test_a_sensor_that_never_boots_is_one_line_and_keeps_the_record(hil: Command
         assert (code, errors) == (0, ""), command
         assert words in output, command
     source = run_source_of(api.read("r.mcap"), "r.mcap")
-    assert source.tell(source.first(), 0.0)
+    assert source.update_for(source.first(), 0.0)
 
 
 def test_a_device_that_fails_before_the_first_cycle_is_the_cause(

@@ -75,6 +75,8 @@ def test_an_installation_without_the_library_says_so_in_one_line(
 ) -> None:
     assets.asset.cache_clear()
     monkeypatch.setattr(assets, "files", lambda _package: tmp_path)
-    with pytest.raises(ConfigError, match=r"^.*vendor/uPlot\.iife\.js is missing: install .* with pip[^\n]*$"):
+    with pytest.raises(
+        ConfigError, match=r"^.*vendor/uPlot\.iife\.js is missing: install .* with pip[^\n]*$"
+    ):
         assets.asset("uPlot.iife.js")
     assets.asset.cache_clear()

@@ -18,7 +18,7 @@ from hil_bridge.control.course.touch import Doubt, Touch, TouchTest, begin_track
 from hil_bridge.control.types import Command, Controller, Measurement, ask, begin
 from hil_bridge.errors.causes import Cause, Reason
 
-# PanelRequest for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
+# Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
 _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
 
 

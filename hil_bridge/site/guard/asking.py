@@ -112,7 +112,7 @@ class Situation:
     """Distance that the tool has moved back since the force last fell."""
 
 
-class PanelRequest:
+class Asked:
     """The control loop of a configuration, asked about situations."""
 
     def __init__(self, config: Config) -> None:

@@ -17,7 +17,7 @@ from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.errors.causes import Cause
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import robot_in
-from hil_bridge.site.guard.asking import PanelRequest, Situation, middle
+from hil_bridge.site.guard.asking import Asked, Situation, middle
 from hil_bridge.site.guard.margins import Margin, margins, number
 
 
@@ -74,7 +74,7 @@ def _leads_to(row: CauseRow) -> str:
 
 def explain(config: Config, situation: Situation) -> Explanation:
     """Decision of a run with this configuration. Raises ConfigError for a situation that no run can be in."""
-    ask = PanelRequest(config)
+    ask = Asked(config)
     # values that follow from the configuration must stay when a setting is loosened
     situation = dataclasses.replace(
         situation,
@@ -87,7 +87,7 @@ def explain(config: Config, situation: Situation) -> Explanation:
     ruled = tuple(
         key
         for key in LOOSE
-        if _without_numbers(PanelRequest(_loosen(config, key))(situation)) != _without_numbers(decision)
+        if _without_numbers(Asked(_loosen(config, key))(situation)) != _without_numbers(decision)
     )
     rows = tuple(ROWS[each] for each in _causes(decision))
     robot = robot_in(config).kind
@@ -208,7 +208,7 @@ def _then(decision: Decision, situation: Situation, commanded_mm: float) -> str:
     return f"the tool goes back, to {depth}" if way < 0 else f"the tool stays at {depth}"
 
 
-def _deepest(ask: PanelRequest, situation: Situation, decision: Decision) -> tuple[float | None, str]:
+def _deepest(ask: Asked, situation: Situation, decision: Decision) -> tuple[float | None, str]:
     """The deepest order that would be sent, and why none deeper."""
     if isinstance(decision.verdict, Stop) or situation.phase is Phase.RETRACT:
         return None, ""

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from hil_bridge.control import Phase, Stop
 from hil_bridge.errors.causes import Cause
-from hil_bridge.site.guard.asking import PanelRequest, Situation
+from hil_bridge.site.guard.asking import Asked, Situation
 
 
 class Margin(NamedTuple):
@@ -44,14 +44,14 @@ class _Quantity(NamedTuple):
     name: str
     unit: str
     causes: tuple[Cause, ...]
-    value: Callable[[PanelRequest, Situation], float]
+    value: Callable[[Asked, Situation], float]
     largest: float
     """End of the search."""
     make: Callable[[Situation, float], Situation]
     """Returns an undisturbed situation with this value."""
 
 
-def _field(name: str) -> Callable[[PanelRequest, Situation], float]:
+def _field(name: str) -> Callable[[Asked, Situation], float]:
     return lambda ask, seen: getattr(seen, name)
 
 
@@ -65,20 +65,20 @@ def _lagging(calm: Situation, value: float) -> Situation:
     return dataclasses.replace(calm, depth_mm=calm.commanded_mm - value)
 
 
-def _largest_force(ask: PanelRequest, seen: Situation) -> float:
+def _largest_force(ask: Asked, seen: Situation) -> float:
     force = ask.force(seen)
     return max(abs(force), abs(force if seen.peak_n is None else seen.peak_n))
 
 
-def _pull(ask: PanelRequest, seen: Situation) -> float:
+def _pull(ask: Asked, seen: Situation) -> float:
     return max(0.0, -ask.force(seen))
 
 
-def _resultant(ask: PanelRequest, seen: Situation) -> float:
+def _resultant(ask: Asked, seen: Situation) -> float:
     return _largest_force(ask, seen) if seen.resultant_n is None else seen.resultant_n
 
 
-def _apart(ask: PanelRequest, seen: Situation) -> float:
+def _apart(ask: Asked, seen: Situation) -> float:
     return 0.0 if seen.witness_n is None else abs(seen.witness_n - ask.force(seen))
 
 
@@ -87,7 +87,7 @@ def _disagreeing(calm: Situation, value: float) -> Situation:
     return dataclasses.replace(calm, force_n=0.0, witness_n=value)
 
 
-def _lag(ask: PanelRequest, seen: Situation) -> float:
+def _lag(ask: Asked, seen: Situation) -> float:
     return 0.0 if seen.depth_mm is None else abs(ask.commanded_mm(seen) - seen.depth_mm)
 
 
@@ -122,7 +122,7 @@ _RISE = _Quantity(
 """Quantities of a retraction."""
 
 
-def margins(ask: PanelRequest, situation: Situation) -> Iterator[Margin]:
+def margins(ask: Asked, situation: Situation) -> Iterator[Margin]:
     """How far each quantity is from where it would stop the run by itself, all others calm."""
     if situation.phase is Phase.RETRACT:
         lowest = _resultant(ask, situation) if situation.lowest_n is None else situation.lowest_n
@@ -143,7 +143,7 @@ def margins(ask: PanelRequest, situation: Situation) -> Iterator[Margin]:
             yield Margin(quantity.name, quantity.unit, value, limit)
 
 
-def _limit(ask: PanelRequest, calm: Situation, quantity: _Quantity) -> float | None:
+def _limit(ask: Asked, calm: Situation, quantity: _Quantity) -> float | None:
     """Value at which the loop begins to stop for this quantity, by halving; None where it never does, or always."""
 
     def stops(value: float) -> bool:
