@@ -63,7 +63,7 @@ def latency(recording: Path, out: Path | None, as_json: bool, overwrite: bool) -
         write_whole(out, text.encode(), overwrite)
         lines.append(f"wrote {out}{left_out and f'; {left_out}'}")
     if as_json:
-        tell_json({**_values(budget, answers), "truncated": record.truncated})
+        echo_json({**_values(budget, answers), "truncated": record.truncated})
         return
     for line in lines:
         click.echo(harmless(line))

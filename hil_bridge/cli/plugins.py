@@ -24,7 +24,7 @@ def plugins(with_own: bool, as_json: bool) -> None:
     if as_json:
         echo_json(rows)
     elif not rows:
-        tell(["no plug-ins are installed; docs/how-to/devices.md describes how to write one"])
+        echo_lines(["no plug-ins are installed; docs/how-to/devices.md describes how to write one"])
     else:
         widths = [max(len(row[key]) for row in rows) for key in ("thing", "name", "package")]
         for row in rows:
@@ -47,7 +47,7 @@ def controllers(name: str | None, as_json: bool) -> None:
 
     facts = [controller_facts(each) for each in ([name] if name else controller_names())]
     if as_json:
-        tell_json(facts)
+        echo_json(facts)
         return
     for number, one in enumerate(facts):
         lines = [""] if number else []

@@ -71,9 +71,9 @@ def robot(
         write_whole(out, robot_probe.site_toml(_with_kind(kind.name, wire), result).encode(), overwrite)
         click.echo(f"wrote {out}\n", err=as_json)
     if as_json:
-        tell_json({"kind": kind.name, "url": _with_kind(kind.name, wire), **robot_probe.probe_values(result)})
+        echo_json({"kind": kind.name, "url": _with_kind(kind.name, wire), **robot_probe.probe_values(result)})
     else:
-        tell(f"{name:<14} {text}" for name, text in robot_probe.probe_rows(result))
+        echo_lines(f"{name:<14} {text}" for name, text in robot_probe.probe_rows(result))
     if result.refusals:
         sys.exit(EXIT_REFUSED)
 

@@ -69,7 +69,7 @@ def replay(
             echo_lines(_versions(record.metadata.get("version", "")))
             sys.exit(EXIT_DIFFERENT)
     note = "; the recording is cut short or damaged after them" if record.truncated else ""
-    tell([f"{len(cycles)} cycles replayed, every command identical{note}"])
+    echo_lines([f"{len(cycles)} cycles replayed, every command identical{note}"])
 
 
 def _differences(cycle: "ReplayedCycle", count: int) -> "Iterator[str]":

@@ -28,6 +28,6 @@ def runs(folder: Path, last: int, as_json: bool) -> None:
 
     listed = list_runs(folder, last)
     if as_json:
-        tell_json([one.values for one in listed])
+        echo_json([one.values for one in listed])
         return
-    tell(run_lines(listed))
+    echo_lines(run_lines(listed))

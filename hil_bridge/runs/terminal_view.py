@@ -85,7 +85,7 @@ class TerminalView(Listener):
         loop, board = asyncio.get_running_loop(), Keys(run, stopping)
         try:
             async with background_task(self._refresh(view, run), "view"):
-                with keys.hearing(lambda key: loop.call_soon_threadsafe(board.press, key)):
+                with keys.listen_for_keys(lambda key: loop.call_soon_threadsafe(board.press, key)):
                     yield
         finally:
             screen.do(view.close)

@@ -34,23 +34,23 @@ def test_page_in_the_browser_is_the_saved_one(
     with Store.open(other) as store:
         in_browser = Results(store)
         seen = in_browser.first()
-        told = in_browser.news(seen)
+        told = in_browser.updates(seen)
         assert told is not None
         assert f"<body>\n{told['body']}\n</body>" in page(store)
         assert (told["title"], told["trouble"]) == ("Campaign study", "")
-        assert [in_browser.news(seen) for _ in range(25)] == [None] * 25  # nothing is said twice
+        assert [in_browser.updates(seen) for _ in range(25)] == [None] * 25  # nothing is said twice
         changed_by_another(other, "DELETE FROM runs WHERE passed")
-        again = in_browser.news(seen)
+        again = in_browser.updates(seen)
         assert again is not None
         assert "4 of 8 runs done" in again["body"]
         changed_by_another(other, "UPDATE runs SET figures = '['")
-        broken = in_browser.news(seen)
+        broken = in_browser.updates(seen)
         assert broken is not None
         assert broken["trouble"].startswith("cannot read ")
         assert broken["body"] == again["body"]
-        assert in_browser.news(in_browser.first()) == broken  # a new page is told all
+        assert in_browser.updates(in_browser.first()) == broken  # a new page is told all
         with pytest.raises(ValueError, match="accepts no messages"):
-            in_browser.asked(seen, {"at": 1})
+            in_browser.handle_request(seen, {"at": 1})
 
 
 def changed_by_another(place: Path, sql: str) -> None:

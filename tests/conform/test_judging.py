@@ -173,7 +173,7 @@ def test_a_robot_that_may_not_move_from_the_start_forgives_some_tries() -> None:
         watch.receive(order(at, at, taken=False))
     assert watch.seen.fault_at == pytest.approx(1.0)
     assert watch.seen.after_stop == 1
-    watch.receive(order(3.0, 3.0, taken=True))  # a person has switched it on
+    watch.receive(order(3.0, 3.0, taken=True))  # an operator has switched it on
     assert watch.seen.after_stop == 1
 
 

@@ -54,7 +54,8 @@ def test_the_schema_says_what_the_fields_say_of_themselves() -> None:
         "items": {"type": "number"},
         "minItems": 3,
         "maxItems": 3,
-        "description": "Tool position that the supervisor allowed, robot base frame, m; ordered in whole device steps.",
+        "description": "Tool position that the supervisor allowed, robot base frame, m; "
+        "commanded in whole device steps.",
     }
     assert {"cycle", "phase", "controlled_at", "sample"} <= {*schema["required"]}
     assert not {"force", "stiffness", "asked"} & {*schema["required"]}

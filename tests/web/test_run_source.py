@@ -100,7 +100,7 @@ def test_a_page_that_comes_later_is_told_everything_at_once(stopped: tuple[Scene
     ]
     assert len(told["rows"]["cycle"]["x"]) == len(recording.cycles)
     assert told["scene"]["cell"].startswith("EMULATED")
-    source.begin(wire.Begin(scene, 0))  # more is known: every page begins anew
+    source.begin(wire.Begin(scene, 0))  # more is known: every page restarts
     again = source.update_for(Cursor(dict.fromkeys(("cycle", "truth"), 10**6), 10**6, 10**6), 0.0)
     assert len(again["rows"]["cycle"]["x"]) == len(recording.cycles)
 

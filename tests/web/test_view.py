@@ -66,7 +66,7 @@ def test_a_slider_finds_every_moment(recording: Recording) -> None:
 def test_a_page_of_a_recording_can_ask_for_a_moment_alone(
     recording: Recording, message: dict[str, Any]
 ) -> None:
-    with pytest.raises(ValueError, match="moment"):
+    with pytest.raises(ValueError, match=r"invalid request|`at` must be"):
         run_source_of(recording, "run.mcap").handle_request(Cursor(at=0.0), message)
 
 
@@ -82,7 +82,7 @@ def test_a_page_of_a_report_is_told_once_and_asks_for_nothing() -> None:
     }
     assert report.updates(place) is None
     assert report.updates(report.first()) is not None
-    with pytest.raises(ValueError, match="nothing"):
+    with pytest.raises(ValueError, match="accepts no requests"):
         report.handle_request(place, {"at": 1.0})
 
 
