@@ -78,7 +78,7 @@ def terminate() -> None:
 @pytest.mark.parametrize(
     ("end", "kind", "words"),
     [
-        (crash, BridgeError, "a worker process was ended from outside; give the same command again"),
+        (crash, BridgeError, "a worker process was killed externally; run the same command again"),
         (fail, ValueError, "invalid literal"),
         (interrupt, KeyboardInterrupt, "^$"),
         (terminate, SystemExit, "143"),

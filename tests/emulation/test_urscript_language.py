@@ -523,4 +523,4 @@ def test_numbers_that_are_none_stay_out_of_the_arm() -> None:
     played = Played(program("x = 1e308 * 10\nmovel(p[x, 0, 0, 0, 0, 0])"))
     assert played.play(5) >= 0
     assert math.isfinite(max(played.controller.arm.joints))
-    assert "no number" in played.said(Message.RUNTIME)[0]
+    assert "not a number" in played.said(Message.RUNTIME)[0]

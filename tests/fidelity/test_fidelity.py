@@ -106,7 +106,7 @@ def test_joints_of_an_abb_are_played_as_joints(tmp_path: Path) -> None:
         quantity = line(compare("egm", measured, tmp_path, settings), "q1")
         assert quantity.source == "order_q1"
         assert quantity.emulated.lag_s - quantity.measured.lag_s == pytest.approx(later_s, abs=1e-3)
-    with pytest.raises(ConfigError, match="set it to joint to play order_q"):
+    with pytest.raises(ConfigError, match="set it to joint for order_q"):
         compare("egm", measured, tmp_path, {})
 
 
@@ -462,7 +462,7 @@ def test_the_reference_lists_every_family_and_unit() -> None:
 
 def test_a_kind_and_a_table_without_a_mapping_are_told(tmp_path: Path) -> None:
     assert "unknown kind 'lathe'; known: egm" in ask(tmp_path, "lathe", GOOD, "")
-    assert "its emulator cannot be played" in ask(tmp_path, "s3", GOOD, "")
+    assert "does not support replaying a recording" in ask(tmp_path, "s3", GOOD, "")
     result = CliRunner().invoke(cli, ["identify", "fidelity", str(tmp_path / "log.csv"), "--as", "rsi"])
     assert "give its column mapping with --columns" in str(result.exception)
 

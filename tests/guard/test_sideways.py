@@ -246,4 +246,4 @@ def test_travel_along_the_tool_is_refused_by_axis(guarded: Run) -> None:
     run = guarded(awake_config(merged(config.model_dump(exclude_unset=True), level)))
     assert run.error is not None
     assert run.error.cause is Cause.UNVERIFIED_AXIS
-    assert "the run continues Fz" in run.cause
+    assert "the run goes on Fz" in run.cause

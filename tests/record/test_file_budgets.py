@@ -159,14 +159,14 @@ ENDLESS = "WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) SELEC
 )
 def test_results_that_compute_by_themselves_are_refused(tmp_path: Path, statement: str) -> None:
     path = results(tmp_path / "r.sqlite", statement)
-    assert "holds no results" in refused(lambda: Store.open(path))
+    assert "is not a results file" in refused(lambda: Store.open(path))
 
 
 def test_a_view_in_place_of_the_facts_is_refused(tmp_path: Path) -> None:
     with sqlite3.connect(tmp_path / "r.sqlite") as connection:
         connection.execute(f"CREATE VIEW facts(name, value) AS SELECT x, x FROM ({ENDLESS})")
     connection.close()
-    assert "holds no results of a campaign" in refused(lambda: Store.open(tmp_path / "r.sqlite"))
+    assert "is not a results file of a campaign" in refused(lambda: Store.open(tmp_path / "r.sqlite"))
 
 
 def test_a_giant_text_in_results_is_refused(tmp_path: Path) -> None:

@@ -78,7 +78,7 @@ def test_a_record_that_is_named_or_not_wanted_makes_no_folder(hil: Command, tmp_
         *("there", "there/r.mcap", "there/report.html"),
     ]
     assert "exclude each other" in refused(hil(*VIRTUAL, "--record", "x.mcap", "--no-record"))
-    assert "name a folder for it" in refused(hil(*VIRTUAL, "--no-record", "--report"))
+    assert "give --report a folder" in refused(hil(*VIRTUAL, "--no-record", "--report"))
 
 
 # --- nothing is overwritten
@@ -119,7 +119,6 @@ def test_other_commands_keep_what_is_there_too(hil: Command, monkeypatch: pytest
         ("identify", "tool", "--virtual", "-o", "kept"),
         ("identify", "tool", "--virtual", "--save", "kept"),
         ("probe", "robot", "s3+tcp://127.0.0.1:1", "-o", "kept"),
-        ("campaign", "experiment", "rules", "--page", "kept"),
     ):
         assert "is there already; name another file, or give --overwrite" in refused(hil(*command)), command
     assert kept.read_text() == "mine"

@@ -237,7 +237,7 @@ SPOILT_SURFACES: dict[str, tuple[Callable[[Any], Any], str]] = {
     ),
     "test_any_numbers_are_answered_with_numbers": (
         with_force(lambda force, positions, *rest: force / np.where(positions == 0.0, np.nan, 1.0)),
-        "no number",
+        "not a number",
     ),
     "test_pieces_of_a_path_are_answered_as_the_whole": (forgetful, "in pieces"),
     "test_questions_aside_change_nothing": (forgetful, "aside"),

@@ -257,7 +257,7 @@ def test_another_host_that_only_asks_is_told_once() -> None:
 @pytest.mark.parametrize(
     ("answer", "words"),
     [
-        (["202#7FC000007FC00000"], "no number"),
+        (["202#7FC000007FC00000"], "not a number"),
         (
             ["202#0000000000000000", "203#0000000000000000", "204#0000000000000000"],
             "row fx of the matrix is 0",

@@ -75,7 +75,7 @@ def test_nothing_is_asked_before_the_page_has_told_the_units() -> None:
     [
         (Page(PAGE.replace(b"<scfgfu>N<", b"<scfgfu>pond<")), "the unit 'pond'"),
         (Page(PAGE.replace(b"</netft>", b"<comrdte>Disabled</comrdte></netft>")), "switched off"),
-        (Page(b"<html></html>"), "none of a Net F/T"),
+        (Page(b"<html></html>"), "not one of a Net F/T"),
         (Page(PAGE.replace(b"<scfgfu>N</scfgfu>", b"<cfgfu>7</cfgfu>")), "the unit 'of code 7'"),
         (Page(PAGE.replace(b"<scfgtu>N-m</scfgtu>", b"")), "does not tell scfgtu"),
         (Page(PAGE.replace(b"</netft>", b"<runrate>7812</runrate></netft>")), "7812 internal samples"),

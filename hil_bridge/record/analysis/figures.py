@@ -144,7 +144,7 @@ _TABLE = (
         "causes",
         "causes",
         "",
-        "how often the run told each row of the table of causes that ended it or followed",
+        "how often the run reported each row of the table of causes that ended it or followed",
         _CAMPAIGN,
         Good.NONE,
         "",
