@@ -69,7 +69,7 @@ class BagChoices:
                 raise ConfigError(f"{name} {value!r} must be a number from 0 to {LARGEST:g}")
         for role in self.topics:
             if role not in ROLES:
-                raise ConfigError(f"topics: unknown role {role!r}; known: {', '.join(ROLES)}")
+                raise ConfigError(f"topics has no role {role!r}; known: {', '.join(ROLES)}")
 
     def named(self, role: str) -> tuple[str, ...]:
         """Return the topics given for a role."""
