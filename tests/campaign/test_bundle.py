@@ -255,9 +255,9 @@ def longer(size: int) -> bytes:
 @pytest.mark.parametrize(
     ("make", "told"),
     [
-        (lambda: b"", "is not a bundle (a .zip file)"),
-        (lambda: b"[campaign]\nname = 'x'\n" * 9, "is not a bundle (a .zip file)"),
-        (lambda: of_entries()[:-1], "is not a bundle (a .zip file)"),
+        (lambda: b"", "is not a bundle"),
+        (lambda: b"[campaign]\nname = 'x'\n" * 9, "is not a bundle"),
+        (lambda: of_entries()[:-1], "is not a bundle"),
         (lambda: of_entries(entry("../results.sqlite")), r"contains '\.\./results\.sqlite'"),
         (lambda: of_entries(entry("/etc/passwd")), "contains '/etc/passwd'"),
         (lambda: of_entries(entry("recordings/../../x.mcap")), "contains 'recordings/"),
@@ -265,7 +265,7 @@ def longer(size: int) -> bytes:
         (lambda: of_entries(entry("recordings/0123456789abcdef.mcap\n")), "contains 'recordings"),
         (lambda: of_entries(entry("other/")), "contains 'other/'"),
         (lambda: of_entries(entry("notes.txt")), "contains 'notes.txt'"),
-        (lambda: of_entries() + b"more", "is not a bundle (a .zip file)"),
+        (lambda: of_entries() + b"more", "is not a bundle"),
         (lambda: of_entries(entry("results.sqlite"), entry("results.sqlite")), "contains a file twice"),
         (encrypted, r"manifest\.json is damaged"),
         (

@@ -125,7 +125,7 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
         (["decode"], "Missing command; see `hil-bridge decode --help`"),
         (["decode", "computer-link", ""], "nothing to decode"),
         (["decode", "computer-link", "10", "0"], "3 digits are not complete bytes"),
-        (["decode", "computer-link", "1g"], "'g' at digit 2 is no hexadecimal digit"),
+        (["decode", "computer-link", "1g"], "'g' at digit 2 is not a hexadecimal digit"),
         (["decode", "jr3-can", "201"], "a # between identifier and data is missing"),
         (["decode", "jr3-can", "xyz#00"], "'x' is no hexadecimal digit"),
         (

@@ -251,7 +251,7 @@ def test_a_wrong_line_of_a_capture_is_named(text: str, words: str) -> None:
 
 
 def test_a_recording_with_foreign_pieces_is_refused() -> None:
-    with pytest.raises(ConfigError, match="is not a piece"):
+    with pytest.raises(ConfigError, match="is no piece"):
         list(link_pieces([LinkRecord(0.0, ("nonsense",))], "r"))
 
 

@@ -273,7 +273,7 @@ def test_a_clock_that_goes_back_ends_the_source() -> None:
 
 
 def test_a_robot_of_another_kind_takes_no_force() -> None:
-    with pytest.raises(ConfigError, match="a s3 takes no external force"):
+    with pytest.raises(ConfigError, match="a s3 accepts no external force"):
         CliRunner().invoke(
             cli, ["emulate", "force-source", "s3+tcp://127.0.0.1:4000"], catch_exceptions=False
         )

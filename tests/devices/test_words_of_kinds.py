@@ -67,7 +67,7 @@ def test_bytes_without_meaning_have_exit_code_2(arguments: tuple[str, ...]) -> N
             ("jr3-board", "00"),
             "jr3-board: 'JR3 sensor at a DSP receiver board, by its register protocol' has no decoder",
         ),
-        (("egm", "0"), "1 digits are no whole bytes"),
+        (("egm", "0"), "1 digits are not complete bytes"),
     ],
 )
 def test_what_cannot_be_decoded_is_one_line(arguments: tuple[str, ...], words: str) -> None:

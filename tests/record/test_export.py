@@ -429,7 +429,7 @@ def test_a_wire_that_makes_no_sense_is_refused_in_one_line(piece: str) -> None:
             "'xls' is not a format; choose from candump,blf,asc,dbc,bytes,csv,parquet,rosbag2,mf4,layouts",
         ),
         (["--channel", "a b"], "is not the name of a CAN interface"),
-        (["--output", "\0"], "a path must not hold a NUL character"),
+        (["--output", "\0"], "a path must not contain a NUL character"),
     ],
 )
 def test_what_the_command_cannot_take(on_can: Path, arguments: list[str], text: str) -> None:

@@ -17,8 +17,8 @@ from hil_bridge.control.course.intent import CONNECT, TARE, Phase
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import EventKind, EventRecord, TruthRecord, read
 from hil_bridge.record.topics import TRUTH
-from hil_bridge.runs.faults.lying import LyingController
 from hil_bridge.runs.faults.schedule import FaultSchedule
+from hil_bridge.runs.faults.wrong_controller import LyingController
 from hil_bridge.runs.session import Outputs, execute
 from hil_bridge.settings.configuration import Config, load_config, read_config
 from hil_bridge.settings.faults import PHASES, FaultConfig
@@ -379,7 +379,7 @@ def test_commands_without_phases_refuse_planned_faults(
     file = tmp_path / "c.toml"
     file.write_text('[[faults]]\non = "signal"\nfault = "dead"\n', encoding="utf-8")
     with pytest.raises(
-        ConfigError, match=r"faults\.0: hil-bridge .* would ignore it; delete \[\[faults\]\]"
+        ConfigError, match=r"faults\.0: hil-bridge .* would ignore the fault; delete \[\[faults\]\]"
     ) as error:
         cli.main([*command, str(file)], standalone_mode=False)
     assert str(error.value).partition("[[faults]]")[2] == instead

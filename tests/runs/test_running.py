@@ -24,8 +24,8 @@ from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import Running, running
 from hil_bridge.runs.session import execute
 from hil_bridge.runs.setup import Setup
-from hil_bridge.runs.shown import health_of
 from hil_bridge.runs.truth import GroundTruth
+from hil_bridge.runs.views import health_of
 from hil_bridge.runs.watchers import Listener, Watcher
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.settings.faults import Condition

@@ -295,8 +295,8 @@ def test_a_link_to_a_port_is_followed(tmp_path: Path) -> None:
         ("serial:///dev/ttyUSB0", "", "robot.url", "did you mean s3+serial:///dev/ttyUSB0?"),
         ("s3+memory:robot", "", "robot.url", "inside one process"),
         ("", "jr3+can+socketcan://can7", "sensor.url", "no such CAN interface"),
-        ("", "jr3-uart+serial:///dev/ttyACM3", "sensor.url", "/dev/ttyACM3: there is no such port"),
-        ("", "jr3+can+slcan:///dev/ttyACM3", "sensor.url", "/dev/ttyACM3: there is no such port"),
+        ("", "jr3-uart+serial:///dev/ttyACM3", "sensor.url", "/dev/ttyACM3: no such port"),
+        ("", "jr3+can+slcan:///dev/ttyACM3", "sensor.url", "/dev/ttyACM3: no such port"),
         ("", "jr3-board+tcp://127.0.0.1:1?filter=2", "sensor.url", "127.0.0.1 port 1: "),
         ("", "jr3+can+slcan+tcp://127.0.0.1:1", "sensor.url", "127.0.0.1 port 1: "),
     ],
@@ -357,4 +357,4 @@ def test_the_command_ends_with_3_only_for_what_a_configuration_names(
     file.write_text('[robot]\nurl = "s3+serial:///dev/ttyUSB99"\n')
     result = CliRunner().invoke(cli, ["doctor", str(file)])
     assert result.exit_code == 3
-    assert "fail  robot.url: serial port /dev/ttyUSB99: there is no such port" in result.output
+    assert "fail  robot.url: serial port /dev/ttyUSB99: no such port" in result.output

@@ -51,7 +51,7 @@ def test_an_address_of_another_computer_cannot_be_listened_at() -> None:
 
 def test_the_way_to_a_host_is_told() -> None:
     fact = reachable(parse_url("udp://127.0.0.1:49152", CONNECT_DATAGRAMS))
-    assert (fact.level, "is reached from 127.0.0.1" in fact.text) == (Level.OK, True)
+    assert (fact.level, "is routed from 127.0.0.1" in fact.text) == (Level.OK, True)
 
 
 @pytest.mark.parametrize(
@@ -109,14 +109,14 @@ def test_rules_that_cannot_be_seen_are_told_as_such(monkeypatch: pytest.MonkeyPa
     fact = firewall("0.0.0.0", 6510, rules)
     assert fact.level is Level.WARN
     assert (
-        "cannot be seen (nft: Operation not permitted (you must be root); iptables-save: No such" in fact.text
+        "cannot be read (nft: Operation not permitted (you must be root); iptables-save: No such" in fact.text
     )
 
 
 def test_what_real_time_asks_for_is_said_of_datagrams() -> None:
     assert "busy polling of 100 ms" in in_real_time(RealTime(busy_poll_ms=100.0)).text
     assert "SCHED_FIFO 50" in in_real_time(RealTime(fifo_priority=50)).text
-    assert "asks for nothing" in in_real_time(RealTime()).text
+    assert "is at its defaults" in in_real_time(RealTime()).text
 
 
 def test_a_configuration_with_datagrams_is_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

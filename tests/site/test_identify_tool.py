@@ -218,7 +218,7 @@ def test_files_that_are_read_are_not_written_over(identify: Command) -> None:
     Path("poses.csv").touch()
     text = refusal(identify("--from", "poses.csv", "--save", "./poses.csv"))
     assert "would overwrite the table" in text
-    assert "there is no such folder" in refusal(identify("--virtual", "-o", "none/tool.toml"))
+    assert "no such folder" in refusal(identify("--virtual", "-o", "none/tool.toml"))
 
 
 def test_with_bias_and_tool_known_a_run_needs_no_zero(bench: Callable[..., Any]) -> None:

@@ -163,19 +163,19 @@ def test_enter_leaves_a_push_out_and_a_knock_is_none() -> None:
 
     said = probed(hand=hand, enter_at=(8.0, 20.0))
     answers = [line for line in said if line.startswith("  +")]
-    assert (answers[0], answers[1][:9], answers[2]) == ("  +X: left out", "  +Y: +Fy", "  +Z: left out")
+    assert (answers[0], answers[1][:9], answers[2]) == ("  +X: skipped", "  +Y: +Fy", "  +Z: skipped")
 
 
 def test_a_push_along_the_wrong_way_asks_for_all_three() -> None:
     said = probed(hand=in_turn((0.0, 0.0, -20.0), Y, Z))
-    assert any(line.startswith("  +X: −Fz answers") and "90° from what" in line for line in said)
+    assert any(line.startswith("  +X: −Fz responds") and "90° off" in line for line in said)
     assert any("a clear push along all three axes" in line for line in said)
 
 
 @pytest.mark.full
 def test_a_push_that_does_not_come_is_given_up() -> None:
     said = probed(hand=lambda at: (0.0, 0.0, 0.0))
-    assert [line for line in said if line.startswith("  +")] == [f"  +{name}: left out" for name in "XYZ"]
+    assert [line for line in said if line.startswith("  +")] == [f"  +{name}: skipped" for name in "XYZ"]
 
 
 def test_nothing_but_the_start_of_a_run_is_sent() -> None:

@@ -364,7 +364,7 @@ def test_a_counter_that_stands_still(pair: Pair) -> None:
     pair.board.still = True
     text = failure(pair.run(5.0))
     assert "has stood at" in text
-    assert "check that its program runs" in text
+    assert "does its program run" in text
     assert pair.client.statistics.repeated > 90
 
 

@@ -270,14 +270,9 @@ class ForceSensor:
     def _take(self, event: SensorEvent) -> None:
         match event:
             case WrenchFrame():
-                if not math.isfinite(
-                    sum(event.values, event.at)
-                ):  # no limit can be checked against such a value
-                    self._fail(
-                        DeviceError(
-                            f"force sensor on {self.name} reported a value that is not a number: {event}"
-                        )
-                    )
+                if not math.isfinite(sum(event.values, event.at)):  # no limit holds against it
+                    text = f"force sensor on {self.name} reported a value that is not a number: {event}"
+                    self._fail(DeviceError(text))
                     return
                 previous = self.newest
                 same = previous is not None and previous.values == event.values
