@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    """A name of `hil_bridge.api`. Raises AttributeError for another."""
+    """Return a name of `hil_bridge.api`. Raises AttributeError for an unknown one."""
     # `from hil_bridge import MODULE` asks here first. To load the interface for that could go round in a circle.
     if not name.startswith("_") and find_spec(f"{__name__}.{name}") is None:
         api = import_module("hil_bridge.api")

@@ -101,7 +101,7 @@ def load(
     controller: GivenController = None,
     seed: int | None = None,
 ) -> Config:
-    """The checked configuration of a run; the other functions here take it, and make it themselves where they are
+    """Load the checked configuration of a run; the other functions here take it, and make it themselves where they are
     given something else.
 
     `faults` come after those of the configuration. `seed` is that of every random draw in the emulated cell. Files

@@ -76,7 +76,7 @@ class GroupedCommand(click.Command):
     """A command whose help shows its options under the titles of their groups."""
 
     def format_options(self, context: click.Context, formatter: click.HelpFormatter) -> None:
-        """The options by group; those without one come last."""
+        """Write the options by group; those without one come last."""
         rows: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(context):
             record = parameter.get_help_record(context)

@@ -451,7 +451,7 @@ def explain(
 
 
 def _with_kinds_of(location: Sequence[str]) -> Config:
-    """The defaults of all kinds of our own, and of those of other packages of which this key speaks."""
+    """Return the defaults of all kinds of our own, and of those plug-ins that this key names."""
     robots, sensors, surfaces = (
         (*registry.own, *(name for name in registry.names if _is_named(registry, name, location)))
         for registry in (ROBOTS, SENSORS, SURFACES)

@@ -87,8 +87,10 @@ def _type(entry: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
 
 
 def commented_defaults() -> str:
-    """A configuration file with every setting at its default and a comment above it. Sections of devices that it does
-    not use are there as comments, a # without a space before what can be taken as it is.
+    """Return a configuration file with every setting at its default and a comment above it.
+
+    Sections of devices that it does not use are there as comments, a # without a space before what can be taken as
+    it is.
     """
     lines = ["# Configuration of hil-bridge. Every setting is at its default; delete what you do not change."]
     config = Config()

@@ -125,7 +125,7 @@ def in_real_time(realtime: RealTime) -> Fact:
 
 
 def firewall_rules() -> Rules:
-    """The rules of nftables, else those of iptables, as this user may see them."""
+    """Read the rules of nftables, else those of iptables, as this user may see them."""
     reasons = []
     for command in LISTERS:
         try:

@@ -126,7 +126,7 @@ def wires(config: Config, root: Path, details: Mapping[str, Mapping[str, Any]] |
 
 
 def differences(config: Config, file: Path) -> list[Fact]:
-    """What a file of the controller says, and where the configuration differs. Raises ConfigError for the file."""
+    """Compare a file of the controller with the configuration. Raises ConfigError for the file."""
     robot = robot_in(config)
     if robot.kind.compare_file is None:
         raise ConfigError(
@@ -242,7 +242,7 @@ def wake_ups(realtime: RealTime) -> Fact:
 
 
 def judge_lateness(late: Sequence[float], realtime: RealTime) -> Fact:
-    """Finding from these latenesses of a thread run so, s, ascending, about the machine, and the remedy."""
+    """Judge the machine by these latenesses of a thread run so, s, ascending, and give the remedy."""
     mean, p99 = sum(late) / len(late), late[int(0.99 * len(late))]
     awake = ", processors kept awake" * realtime.keep_awake + ", busy polling" * bool(realtime.busy_poll_ms)
     text = (

@@ -57,17 +57,17 @@ class Fact:
 
 
 def ok(subject: str, text: str) -> Fact:
-    """A fact that is as it should be."""
+    """Return a fact that is as it should be."""
     return Fact(Level.OK, subject, text)
 
 
 def warn(subject: str, text: str, remedy: str = "") -> Fact:
-    """A fact that may make trouble."""
+    """Return a fact that may cause faults."""
     return Fact(Level.WARN, subject, text, remedy)
 
 
 def fail(subject: str, text: str, remedy: str = "") -> Fact:
-    """A fact with which what was asked for cannot work."""
+    """Return a fact that prevents what was requested."""
     return Fact(Level.FAIL, subject, text, remedy)
 
 
@@ -268,7 +268,7 @@ def link_details(text: str) -> dict[str, dict[str, Any]]:
 
 
 def _table(values: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """A table inside another; an empty one where there is none."""
+    """Return a table inside another; an empty one if there is none."""
     table = values.get(key)
     return table if isinstance(table, dict) else {}
 
@@ -341,7 +341,7 @@ def processors(usable: Sequence[int]) -> Fact:
 
 
 def _read(path: Path) -> str:
-    """The text of a small file; empty when it cannot be read."""
+    """Read a small file; empty if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8", errors="replace").strip()
     except OSError:

@@ -139,7 +139,7 @@ def check_alive(sensor: ForceSensor, config: Config) -> None:
 
 
 def _direction(begin: Vector, end: Vector) -> Vector | None:
-    """Unit vector; None for two places that are the same."""
+    """Return the unit vector; None for two places that are the same."""
     length = math.dist(begin, end)
     if length < _ROUNDING:
         return None

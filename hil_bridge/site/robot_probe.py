@@ -69,7 +69,7 @@ def probe_robot(kind: RobotKind[Any, Any], wire: str, settings: KindSettings[Any
 async def probe(
     kind: RobotKind[Any, Any], wire: str, settings: KindSettings[Any, Any], clock: Clock
 ) -> ProbeResult:
-    """Findings of the robot behind a wire. Errors as of `probe_robot`."""
+    """Probe the robot behind a wire. Errors as of `probe_robot`."""
     if kind.probe is None:
         raise ConfigError(
             f"the kind {kind.name} has no probe; its package provides one as `probe` of its RobotKind"
@@ -79,7 +79,7 @@ async def probe(
 
 
 def probe_values(found: ProbeResult) -> dict[str, object]:
-    """The same as values."""
+    """Return the same as values."""
     return {
         "would_begin": not found.refusals,
         "rows": [{"name": name, "text": text} for name, text in found.rows],
@@ -94,6 +94,6 @@ def probe_rows(found: ProbeResult) -> list[tuple[str, str]]:
 
 
 def site_toml(url: str, found: ProbeResult) -> str:
-    """A configuration file with the robot's URL; what the probe found, and what an operator must know, are comments."""
+    """Return a configuration file with the robot's URL; findings, and what an operator must know, are comments."""
     rows = [f"# {name}: {harmless(' '.join(text.split()))}" for name, text in found.rows]
     return "\n".join([*FOUND, *rows, toml_pair("url", url)]) + "\n" + TO_FILL_IN

@@ -206,7 +206,7 @@ async def probe(url: str, config: Config, clock: Clock, session: Session) -> Non
 async def _opened(
     url: str, config: Config, clock: Clock, note: Callable[[str, str], object]
 ) -> AsyncIterator[tuple[ForceSensor, "_Look"]]:
-    """A sensor that streams, and the look at its last moments. `note` hears what the device tells."""
+    """Open a sensor that streams, and a view of its last moments. `note` receives the device's notices."""
     frames: deque[WrenchFrame] = deque()
 
     def take(frame: WrenchFrame) -> None:

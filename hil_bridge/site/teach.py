@@ -22,7 +22,7 @@ STEEPEST_DEG = 45.0
 
 
 def touches(places_mm: Sequence[tuple[float, float]], force_n: float) -> list[dict[str, Any]]:
-    """Steps of a program that touches these places, mm in the work frame, each with a force.
+    """Return steps of a program that touches these places, mm in the work frame, each with a force.
 
     Raises ConfigError for places that make no plane, before anything moves.
     """
@@ -46,7 +46,9 @@ def name_of(number: int) -> str:
 
 
 def frame_of(found: Mapping[str, Sequence[float]], approach: Vector) -> dict[str, list[float]]:
-    """Settings of `[frame]` for a plane through three places, base frame, m: x leads from the first to the second.
+    """Return settings of `[frame]` for a plane through three places, base frame, m.
+
+    X leads from the first to the second.
 
     `approach` is the direction in which they were touched. Raises ConfigError for places on one line, and for a plane
     that stands too steep to have been touched this way.

@@ -96,7 +96,7 @@ def monitor_traffic(path: Path, side: Side, raw: bool) -> int:
 
 
 def _kinds(config: str | None) -> tuple[RobotKind[Any, Any] | None, SensorKind[Any, Any] | None]:
-    """The kinds of a recorded configuration; None for one that is not known here."""
+    """Return the kinds of a recorded configuration; None for an unknown one."""
     told = json_or_none(config)
     told = told if isinstance(told, dict) else {}
     robot, sensor = told.get("robot"), told.get("sensor")
@@ -117,7 +117,7 @@ def _kind_in(told: object, by_url: Callable[[str], tuple[Any, str]], registry: R
 
 
 def pieces(records: Iterable[LinkRecord | WireRecord], name: str) -> Iterator[Piece]:
-    """The pieces of recorded traffic, datagrams and frames one by one. Raises ConfigError for what is no piece."""
+    """Return the pieces of recorded traffic, datagrams and frames one by one. Raises ConfigError for invalid ones."""
     for piece in recorded_pieces(records, name):
         at, direction = piece.at, piece.direction
         if piece.is_event:
@@ -216,7 +216,7 @@ def in_words(traffic: Iterable[Piece], kind: DeviceKind | None, device: str) -> 
 
 
 def _alone(piece: Piece, words: Describe | None, arrows: Mapping[str, str]) -> Row:
-    """The line of an event, of a frame, of an empty datagram, or of bytes without words."""
+    """Return the line of an event, of a frame, of an empty datagram, or of bytes without words."""
     if piece.event:
         return Row(piece.at, LINK_EVENT, piece.event, b"", False)
     arrow = arrows.get(piece.direction, piece.direction)
@@ -279,7 +279,7 @@ def has_trouble(item: Item) -> bool:
 
 
 def item_text(item: Item) -> str:
-    """An item of a kind's words in one line: of which sort it is, its fields, and its problems."""
+    """Describe an item in one line: its sort, its fields, and its problems."""
     head = str(next((item[key] for key in _HEADS if item.get(key)), "item"))
     said = [str(item[key]).strip() for key in ("meaning", "text", "bytes") if item.get(key)]
     fields, problems = item.get("fields"), item.get("problems")

@@ -166,7 +166,7 @@ def test_parameters_can_be_read_from_a_configuration(controller: Controller[Any]
 
 
 def _grid(reference: float) -> list[Measurement]:
-    """Samples in the order of time, forces and depths in every combination, contact lost now and then."""
+    """Return samples in the order of time, forces and depths in every combination, contact lost now and then."""
     combinations = itertools.product(_DEPTHS, _FACTORS)
     return [
         Measurement(k * CYCLE, factor * reference, depth, depth + 0.25e-3, k % 7 != 6)

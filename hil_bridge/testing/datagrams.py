@@ -80,7 +80,7 @@ async def check_loss_is_counted(case: DatagramCase, left: DatagramWire, right: D
 
 
 async def check_sending_never_blocks(case: DatagramCase, left: DatagramWire, right: DatagramWire) -> None:
-    """The other end does not read and has lost the datagrams for which its queue had no room."""
+    """Check that sending never blocks: the other end does not read, and datagrams beyond its queue are lost."""
     clock, flood = asyncio.get_running_loop(), [bytes(1000)] * 100
     began = clock.time()
     for _ in range(50):

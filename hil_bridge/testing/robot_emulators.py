@@ -44,7 +44,7 @@ _FASTEST_M_S = 3.0
 
 
 async def _moved(rig: RobotRig) -> None:
-    """A short movement, there and back."""
+    """Make a short movement, there and back."""
     async with rig.started() as link, link.motion(LIMITS) as motion:
         await rig.within(motion.to(rig.place(6.0, 3.0, 0.0)), "to")
         await rig.within(motion.settled(), "settled")

@@ -221,7 +221,7 @@ def test_it_describes_itself(step: Step) -> None:
 
 
 def inspect_doc(kind: type) -> str:
-    """The first line of a class's own docstring; empty for what dataclasses write."""
+    """Return the first line of a class's own docstring; empty for what dataclasses write."""
     text = " ".join((vars(kind).get("__doc__") or "").split("\n\n")[0].split())
     return "" if text.startswith(f"{kind.__name__}(") else text
 
@@ -230,7 +230,7 @@ def inspect_doc(kind: type) -> str:
 
 
 def _drawn(seed: int) -> Feel:
-    """Forces, places and moments by chance, the same for the same seed.
+    """Draw forces, places and moments by chance, the same for the same seed.
 
     An even seed has the moments of the odd one before it with the other sign: a step begins with either.
     """
@@ -281,7 +281,7 @@ def _stroke() -> Stroke:
 
 
 def _row(step: Step) -> Row:
-    """A short program with the step in a place where it can stand. Fails with its last refusal where there is none."""
+    """Make a short program with the step in an allowed place. Fails with its last refusal if there is none."""
     refused = ""
     for steps in _programs(step):
         try:
@@ -301,7 +301,7 @@ def _programs(step: Step) -> Iterator[tuple[Step, ...]]:
 
 
 def _walk(step: Step, feel: Feel, most: int = SAMPLES) -> tuple[Program, list[Walked]]:
-    """The step from its first sample on, felt so. Before that the tool presses on a spring, with the same moments."""
+    """Run the step from its first sample on. Before that the tool presses on a spring, with the same moments."""
     row, stroke = _row(step), _stroke()
     program = Program(row, stroke, _FRAME)
     own = next(number for number, leg in enumerate(row.legs) if leg.step is step)
@@ -334,7 +334,7 @@ def _is_left(state: ProgramState, own: int) -> bool:
 
 
 def _sample(now: float, depth: float, place: tuple[float, float], felt: Felt3) -> Sample:
-    """The sample of a tool that stands where it was ordered to, nearly."""
+    """Return the sample of a tool that is nearly where it was ordered to."""
     force, x, y = felt.force
     wrench = () if felt.moment is None else (-x, y, -force, *felt.moment)
     at = place[0] + felt.aside[0], place[1] + felt.aside[1]

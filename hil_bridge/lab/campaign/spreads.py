@@ -67,7 +67,7 @@ class _Histogram:
     """SVG of bars and bounds. Colours come from CSS classes, since a live page forbids inline styles."""
 
     def __init__(self, key: str, values: Sequence[float], bounds: Mapping[str, float]) -> None:
-        """A bound close to the range of the values extends the axis."""
+        """Extend the axis to a bound close to the range of the values."""
         low, high = values[0], values[-1]
         span = high - low or abs(high) or 1.0
         self._near = {word: b for word, b in bounds.items() if low - span < b < high + span}

@@ -64,7 +64,7 @@ def blocks_of(weights: Floats, count: int = BLOCKS) -> Ints:
 
 
 def jackknife(blocks: Ints, statistic: Callable[[Mask], float]) -> Estimate:
-    """A figure over all samples, with the interval that follows when each block is left out once.
+    """Estimate a figure over all samples, with the interval that follows when each block is left out once.
 
     `statistic` gets which samples count. NaN for the interval of fewer than `LEAST_BLOCKS` blocks.
     """

@@ -37,7 +37,7 @@ class Identified(NamedTuple):
 
 
 def identify_run(run: Recording) -> Identified:
-    """The values of a recorded run. Raises ConfigError for one that cannot be used."""
+    """Identify the values of a recorded run. Raises ConfigError for an unusable one."""
     config = client_config(run)
     robot = config.robot
     pace = robot.velocity_mm_s * 1e-3, robot.acceleration_mm_s2 * 1e-3
@@ -47,8 +47,9 @@ def identify_run(run: Recording) -> Identified:
 def identify_table(
     recording: Path, mapping: Path, config_file: Path | None, between: tuple[float, float] | None
 ) -> tuple[Identified, tuple[str, ...]]:
-    """The values of a table with a mapping, and the notes on its file; the configuration has the settings of the cell.
-    Raises ConfigError.
+    """Identify the values of a table with a mapping, and the notes on its file.
+
+    The configuration has the settings of the cell. Raises ConfigError.
     """
     table = read_table(recording, mapping)
     if between is not None:
@@ -58,7 +59,7 @@ def identify_table(
 
 
 def client_config(run: Recording) -> Config:
-    """The configuration that the client of a recorded run had, without the emulated cell and its faults. The devices
+    """Return the configuration of the client of a recorded run, without the emulated cell and its faults. The devices
     are the emulated ones of the same kinds. Raises ConfigError for one that this version cannot read.
     """
     recorded: dict[str, Any] = copy.deepcopy(dict(recorded_configuration(run)))

@@ -204,7 +204,7 @@ def _lag_parts(table: Table, given: str) -> _Lags:
 
 
 def _mean_lag(lags: _Lags) -> Estimate:
-    """The mean by weight, each part of the time a block."""
+    """Return the mean by weight, each part of the time a block."""
     values = np.array([lag.seconds for lag in lags.values()])
     weights = np.array([lag.weight for lag in lags.values()])
     parts: Ints = np.array([part for part, _ in lags], np.int64)
@@ -251,7 +251,7 @@ def _noise_ratio(noises: Sequence[Value], emulated: Table | None, motion: Table)
 
 
 def _step_of(places: Floats) -> float:
-    """The smallest step of the axes, else the last decimal of all; NaN where none is seen."""
+    """Return the smallest step of the axes, else the last decimal of all; NaN if none is observed."""
     steps = [size for axis in places.T if math.isfinite(size := grid_of(axis)) and _lie_on(axis, size)]
     if steps:
         return min(steps)

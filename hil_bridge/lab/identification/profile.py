@@ -33,7 +33,7 @@ _MM = 1e3
 
 
 def profile_text(identified: Identified, source: str) -> str:
-    """The configuration as TOML, with the values as comments. `source` names the recording."""
+    """Format the configuration as TOML, with the values as comments. `source` names the recording."""
     config = identified.config
     values: dict[str, Any] = config.model_dump(mode="json", exclude_defaults=True, exclude_none=True)
     for section in ("cell", "faults"):
@@ -148,7 +148,10 @@ def _cell(identified: Identified) -> Sections:
 
 
 def _full_friction(identified: Identified) -> float:
-    """The emulated surface's coefficient over its friction at the speed of a run; a robot that steps is quick."""
+    """Return the emulated surface's coefficient over its friction at the speed of a run.
+
+    A robot that steps is quick.
+    """
     config = identified.config
     if identified.seen.robot.pacing is Pacing.ASKED or not config.task.speed_mm_s:
         return 1.0

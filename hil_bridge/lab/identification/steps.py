@@ -104,7 +104,7 @@ class _Steps(NamedTuple):
     force: Floats
 
     def fit(self, shift: float) -> _Fit:
-        """The regression with this delay, s."""
+        """Fit the regression with this delay, s."""
         columns = [np.interp(self.times - shift, self.grid, values) for values in self.inputs]
         table = np.column_stack([*columns, self.force])
         windows = np.floor((self.times - self.times[0]) / _WINDOW_S)

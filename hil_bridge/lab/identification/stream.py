@@ -116,7 +116,7 @@ class _Spectra(NamedTuple):
         return float((np.log(model) + power / model).sum())
 
     def memory(self, segments: Mask, lines: Mask) -> float:
-        """The likeliest correlation from frame to frame."""
+        """Return the likeliest correlation from frame to frame."""
         best = minimize_scalar(
             lambda memory: self.unlikelihood(float(memory), segments, lines),
             bounds=(-0.5, 0.995),
@@ -272,7 +272,7 @@ def _drift(stream: Stream, seen: Observations) -> Iterator[Value]:
 
 
 def _means(stream: Stream, span: tuple[float, float]) -> tuple[Floats, Floats]:
-    """Times and forces (n, 3) of means over `_MEAN_S`."""
+    """Return times and forces (n, 3) of means over `_MEAN_S`."""
     begin, end = span
     count = int((end - begin) / _MEAN_S)
     edges = np.searchsorted(stream.times, begin + _MEAN_S * np.arange(count + 1))

@@ -73,7 +73,7 @@ def surface_values(seen: Observations) -> Iterator[Value]:
 
 
 def _aligned(contact: Contact, robot: RobotFacts) -> "Sequence[_Slopes]":
-    """The regression for each delay of the force behind the place that is tried. A robot that is asked stands when it
+    """Return the regression for each tried delay of the force behind the place. A robot that is asked stands when it
     tells its place: there is no delay to look for.
     """
     if robot.pacing is Pacing.ASKED and robot.kind:
@@ -85,8 +85,9 @@ def _aligned(contact: Contact, robot: RobotFacts) -> "Sequence[_Slopes]":
 
 
 def _best(slopes: "Sequence[_Slopes]", mask: Mask) -> "_Slopes":
-    """The regression of the delay with the least rest of the samples that count. No surface has a damping below 0: a
-    delay that needs one is none.
+    """Return the regression of the delay with the least rest of the samples that count.
+
+    No surface has a damping below 0: a delay that needs one is none.
     """
     possible = [one for one in slopes if one.damping(mask) >= 0.0] or slopes
     return min(possible, key=lambda one: one.rest(mask))
@@ -131,8 +132,9 @@ class _Slopes(NamedTuple):
 
 
 def _slopes(contact: Contact, press: Floats, delay: float, noise: float, moves: bool = True) -> _Slopes:
-    """The regression with forces that come later than the place by a delay, s. A robot `moves`, or stands when it tells
-    its place.
+    """Fit the regression with forces that come later than the place by a delay, s.
+
+    A robot `moves`, or stands when it tells its place.
     """
     way = _way_of(contact)
     windows = contact.stretch * 1e4 + np.floor(way / _WINDOW_M)
@@ -260,7 +262,7 @@ def _averaged(rows: Floats, count: int) -> Floats:
 
 
 def _directions(contact: Contact, stiffness: float) -> tuple[Floats, Floats]:
-    """Unit vectors along the surface below the way, (n, 3), and the speed of the tool across it, m/s."""
+    """Return unit vectors along the surface below the path, (n, 3), and the speed of the tool across it, m/s."""
     times, approach = contact.times, contact.approach
     place = contact.place
     if stiffness > 0.0:  # the surface is where the tool would be if it did not press it in

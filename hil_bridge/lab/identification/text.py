@@ -43,7 +43,7 @@ def _together(words: Sequence[str]) -> str:
 
 
 def format_value(value: Value) -> tuple[str, str, str]:
-    """The value and both ends of its interval, in one unit, with the digits that the interval leaves."""
+    """Format the value and both ends of its interval, in one unit, with the digits that the interval leaves."""
     largest = max(abs(value.value), 0.5 * abs(value.high - value.low))
     size, unit = prefixed_unit(largest, value.unit)
     numbers = [number / size for number in (value.value, value.low, value.high)]

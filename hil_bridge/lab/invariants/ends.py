@@ -37,7 +37,7 @@ def untold_ends(evidence: Evidence) -> Iterator[Violation]:
 
 
 def untrue_lines(evidence: Evidence) -> Iterator[Violation]:
-    """A force or a depth of the last line that is not the true one. What is told as unknown is no lie.
+    """Find a force or a depth of the last line that is not the true one. A value reported as unknown is not false.
 
     No fault excuses a force that is told too low. One that makes the sensor or the robot lie excuses a force that is
     told too high, and a depth as far as the robot itself tells a false one.
@@ -89,7 +89,10 @@ def _verified_n(evidence: Evidence, trace: Trace, rest: Mapping[str, object]) ->
 
 
 def _depth(evidence: Evidence, trace: Trace) -> float:
-    """True depth of the tool at the end along the approach from the start point, m; NaN where it is not known."""
+    """Return the true depth of the tool at the end along the approach from the start point, m.
+
+    NaN if it is not known.
+    """
     cycles = evidence.recording.cycles
     if trace.positions is None or not cycles:
         return math.nan

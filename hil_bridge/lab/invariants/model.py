@@ -178,7 +178,7 @@ class GuardModel:
     def _lift(
         self, here: GuardState, conditions: tuple[Cause, ...], reaction: Reaction | None
     ) -> Iterator[GuardStep]:
-        """The way to the zero. Every trouble leaves the tool where it has come to, and the robot may also refuse to end
+        """Model the motion to the zero. Every fault leaves the tool where it is, and the robot may also refuse to end
         its movement.
         """
         if reaction is None and here.code is None:

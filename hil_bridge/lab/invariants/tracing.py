@@ -64,7 +64,7 @@ class Unaccepted(NamedTuple):
 
 
 def first_unaccepted(recording: Recording, model: GuardModel) -> Unaccepted | None:
-    """The first cycle, or the end, that the model does not accept; None for a recording that it accepts.
+    """Find the first cycle, or the end, that the model does not accept; None for a recording that it accepts.
 
     What came in the moment in which the last cycle ended may belong to that cycle, or come behind it: both are tried.
     """
@@ -167,14 +167,14 @@ def _conditions(model: GuardModel, state: GuardState, shown: Shown) -> Iterator[
 def _steps(
     model: GuardModel, state: GuardState, conditions: tuple[Cause, ...], phases: Iterable[str]
 ) -> Iterator[GuardStep]:
-    """Steps in those phases in which all of these conditions are looked at."""
+    """Return steps in those phases in which all of these conditions are checked."""
     for phase in model.next_phases(state) & frozenset(phases):
         if set(conditions) <= set(model.conditions(phase)):
             yield from model.judge(state, phase, conditions)
 
 
 def _silent(model: GuardModel, states: States, conditions: tuple[Cause, ...]) -> States:
-    """These states and all that follow without a cycle; the conditions hold in the first step."""
+    """Return these states and all that follow without a cycle; the conditions hold in the first step."""
     found, waiting = set(states), [(state, conditions) for state in states]
     reached = set() if conditions else set(states)
     while waiting:

@@ -46,7 +46,7 @@ class World(NamedTuple):
         return float(along @ changed(along))
 
     def hidden_n(self, share: float) -> float:
-        """True force beyond the limit while the sensor tells this share of it, N."""
+        """Return the true force beyond the limit while the sensor reports this share of it, N."""
         limit_n = max(self.config.limits.force_limit_n, self.config.limits.resultant_limit_n)
         return self.blind_m * self.stiffness_n_m if share <= 0.0 else limit_n * max(1.0 / share - 1.0, 0.0)
 
@@ -88,7 +88,7 @@ class Void(NamedTuple):
         return fault.on == self.on and (not self.faults or fault.fault in self.faults)
 
     def added_n(self, fault: FaultConfig, world: World) -> float:
-        """What a fault adds to the bound, N."""
+        """Return what a fault adds to the bound, N."""
         checked = fault.phase in BEFORE and not fault.after_s and not fault.when and fault.for_s is None
         if checked and self.missed is not None:
             return self.missed(fault, world)
@@ -106,7 +106,7 @@ def _length(fault: FaultConfig, *names: str) -> float:
 
 
 def _axis(fault: FaultConfig, factor: float) -> Callable[[Floats], Floats]:
-    """A sensor that tells one axis of the force by this factor."""
+    """Return the error of a sensor that reports one axis of the force by this factor."""
     axis = str(fault.parameters.get("axis", "fz"))
     factors = [factor if axis in (name, "all") else 1.0 for name in FORCE_AXES]
     return lambda force: force * factors
@@ -130,13 +130,13 @@ def _turned(fault: FaultConfig) -> Callable[[Floats], Floats]:
 
 
 def _of_force(fault: FaultConfig, amount: float) -> float:
-    """An amount on the axis of a fault, N; none where it is an axis of the moment."""
+    """Return an amount on the axis of a fault, N; 0 for an axis of the moment."""
     axis = fault.parameters.get("axis", "fz")
     return abs(amount) * (math.sqrt(3.0) if axis == "all" else 1.0) if axis in (*FORCE_AXES, "all") else 0.0
 
 
 def _hides(changed: Callable[[FaultConfig], Callable[[Floats], Floats]]) -> Adds:
-    """A sensor that changes the force so hides a part of it."""
+    """Return the force that a sensor hides by changing it in this way."""
     return lambda fault, world: world.hidden_n(world.told_share(changed(fault)))
 
 
@@ -149,7 +149,7 @@ def _wrong_scales(fault: FaultConfig, world: World) -> float:
 
 
 def _missed_scale(adds: Adds) -> Adds:
-    """The same for a scale that moves the tool's weight on its axes by less than the tolerance."""
+    """Return the same for a scale that moves the tool's weight on its axes by less than the tolerance."""
 
     def added(fault: FaultConfig, world: World) -> float:
         axis = fault.parameters.get("axis", "fz" if fault.on == "signal" else "all")
@@ -227,7 +227,7 @@ def _whole_way(fault: FaultConfig, world: World) -> float:
 
 
 def _believed(way: Adds) -> Adds:
-    """A false place, m, as far as the guard believes it."""
+    """Return a false place, m, as far as the guard believes it."""
     return lambda fault, world: min(way(fault, world), _followed(fault, world))
 
 
@@ -388,7 +388,7 @@ VOIDS: tuple[Void, ...] = (
 
 
 def rows_of(fault: FaultConfig) -> tuple[Void, ...]:
-    """The row of a fault; none where it adds nothing."""
+    """Return the rows of a fault; none if it adds nothing."""
     return tuple(row for row in VOIDS if row.covers(fault))[:1]
 
 
@@ -398,7 +398,7 @@ def moves_surface(fault: FaultConfig) -> bool:
 
 
 def added_n(faults: Iterable[FaultConfig], world: World) -> float:
-    """What these faults add to the bound together, N."""
+    """Return what these faults add to the bound together, N."""
     return sum(row.added_n(fault, world) for fault in faults for row in rows_of(fault))
 
 

@@ -242,8 +242,10 @@ class Feed:
 def _start(
     sockets: Sequence[int], token: str, words: Sequence[str], log: IO[bytes]
 ) -> "subprocess.Popen[bytes]":
-    """The serving process. It has a session of its own, so that Ctrl-C reaches the run alone. `words` are its page, and
-    origins that may read.
+    """Start the serving process.
+
+    It has a session of its own, so that Ctrl-C reaches the run alone. `words` are its page, and origins that may
+    read.
 
     The token goes through the environment, which other users cannot read, unlike the arguments.
     """

@@ -99,7 +99,7 @@ def now_values(snapshot: Snapshot) -> dict[str, Any]:
 
 
 def event_values(event: EventRecord, began: float) -> dict[str, Any]:
-    """An event as a row of the page."""
+    """Return an event as a row of the page."""
     return {
         "at": tidy(event.at - began),
         "kind": event.kind,
@@ -119,7 +119,7 @@ def is_zero(event: EventRecord) -> bool:
 
 
 def truth_values(truth: TruthRecord) -> dict[str, Any]:
-    """The truth of an emulated cell."""
+    """Return the truth of an emulated cell."""
     return {
         "quaternion": [tidy(value) for value in truth.quaternion],
         "normal": [tidy(value) for value in truth.normal],

@@ -11,7 +11,7 @@ HEAD = ("name", "condition", "settings", "looked at", "reaction", "exit code", "
 
 
 def cells(row: CauseRow) -> tuple[str, str, Sequence[str], str, str, str, str]:
-    """A row of the table in words; the settings one by one."""
+    """Return a row of the table as text; the settings one by one."""
     code = "" if row.exit_code is None else str(row.exit_code)
     part = str(row.part).replace("-", " ")
     return row.cause.value, row.condition, row.settings, row.when.value, row.reaction.value, code, part

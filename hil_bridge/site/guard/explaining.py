@@ -209,7 +209,7 @@ def _then(decision: Decision, situation: Situation, commanded_mm: float) -> str:
 
 
 def _deepest(ask: Asked, situation: Situation, decision: Decision) -> tuple[float | None, str]:
-    """The deepest order that would be sent, and why none deeper."""
+    """Return the deepest order that would be sent, and why none is deeper."""
     if isinstance(decision.verdict, Stop) or situation.phase is Phase.RETRACT:
         return None, ""
     answer = ask(

@@ -83,7 +83,7 @@ def _apart(ask: Asked, seen: Situation) -> float:
 
 
 def _disagreeing(calm: Situation, value: float) -> Situation:
-    """The sensor measures nothing, the robot this force."""
+    """Return a situation in which the sensor measures nothing and the robot this force."""
     return dataclasses.replace(calm, force_n=0.0, witness_n=value)
 
 

@@ -22,7 +22,7 @@ SCATTER_COLUMNS = tuple(f"sd_{axis}" for axis in _AXES)
 
 
 def read_poses(path: Path) -> list[ToolPose]:
-    """The poses of a CSV file with a line of column names; other columns are passed over.
+    """Read the poses of a CSV file with a line of column names; other columns are ignored.
 
     Raises ConfigError with file, line and column.
     """
@@ -62,7 +62,7 @@ def read_poses(path: Path) -> list[ToolPose]:
 
 
 def poses_as_csv(poses: Sequence[ToolPose]) -> str:
-    """The table that `read_poses` reads back, bit for bit."""
+    """Return the table that `read_poses` reads back, bit for bit."""
     lines = [",".join((*ORIENTATION_COLUMNS, *WRENCH_COLUMNS, *SCATTER_COLUMNS))]
     lines += [",".join(map(repr, (*pose.quaternion, *pose.wrench, *pose.scatter))) for pose in poses]
     return "\n".join(lines) + "\n"

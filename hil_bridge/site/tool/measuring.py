@@ -74,7 +74,7 @@ class Sweep:
     """Largest turn between two: about 10° a second over a slow link."""
 
     def orientations(self, start: Quaternion) -> tuple[Quaternion, ...]:
-        """The start orientation, to either side about two level axes, and the start again, which shows drift."""
+        """Return the start orientation, to either side about two level axes, and the start again, which shows drift."""
         tilts = [
             product(turn_about(axis, math.radians(angle)), start)
             for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
@@ -243,7 +243,7 @@ class _Measuring:
         return report
 
     def _supervised(self, report: RobotReport, target: Vector, judged_from: float) -> Vector:
-        """The target after the supervisor's clamps, m. Raises SafetyStop for its stop.
+        """Return the target after the supervisor's clamps, m. Raises SafetyStop for its stop.
 
         Counts that repeat are judged from that moment on, s. Forces are those that came since the start; what the
         weight adds by turning is not known yet and part of them.
@@ -310,7 +310,7 @@ def _is_there(pose: Pose, position: Vector, orientation: Quaternion) -> bool:
 
 
 def _step_to(at: Vector, position: Vector) -> Vector:
-    """The next point on the straight way to `position`, m."""
+    """Return the next point on the straight path to `position`, m."""
     distance, step = math.dist(at, position), Sweep.lift_step_mm * 1e-3
     if distance <= step:
         return position
@@ -319,6 +319,6 @@ def _step_to(at: Vector, position: Vector) -> Vector:
 
 
 def _turn_to(at: Quaternion, orientation: Quaternion) -> Quaternion:
-    """The next orientation on the shortest way to `orientation`."""
+    """Return the next orientation on the shortest turn to `orientation`."""
     here, there = Pose((0.0, 0.0, 0.0), at), Pose((0.0, 0.0, 0.0), orientation)
     return towards(here, there, 0.0, math.radians(Sweep.turn_step_deg)).quaternion

@@ -66,7 +66,7 @@ class SendQueue:
         return len(self.frames)
 
     def statistics(self, arrived: "Arrived", overruns: int, malformed: int = 0) -> CanStatistics:
-        """Counts of the sending node."""
+        """Return the counts of the sending node."""
         return CanStatistics(
             self.sent, arrived.frames, self.dropped, arrived.reports, arrived.bus_off, malformed, overruns
         )

@@ -32,7 +32,7 @@ class PseudoTerminal:
     """
 
     def __init__(self, clock: Clock, link: Path | None = None, line: LineSettings | None = None) -> None:
-        """A client that sets nothing gets the settings of `line`. Raises TransportUnavailable if there is no
+        """Set the device to `line` for a client that sets nothing. Raises TransportUnavailable if there is no
         pseudo-terminal left or the link cannot be created.
         """
         name = f"pty:{link or ''}"

@@ -49,7 +49,7 @@ def port_settings(line: LineSettings) -> PortSettings:
 
 
 def line_settings(port: PortSettings) -> LineSettings:
-    """Settings of a port that our server serves."""
+    """Return the settings of a port that our server serves."""
     return LineSettings(port.baudrate, _PARITY_OF[port.parity], int(port.stop_size))
 
 

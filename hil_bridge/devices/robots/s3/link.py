@@ -103,7 +103,7 @@ class S3Link:
         log: DeviceLog,
         orders: OrderBook = KNOWN,
     ) -> None:
-        """A log that is `verbose` receives each bid and ACK too, which costs time in every cycle."""
+        """Connect the link. A `verbose` log receives each bid and ACK too, which costs time in every cycle."""
         self.name = transport.name
         self.profile = profile
         self.facts = robot_facts(profile)

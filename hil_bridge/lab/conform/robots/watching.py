@@ -110,7 +110,7 @@ class Watch:
     """Collector of evidence from a robot's orders and the motion of its tool."""
 
     def __init__(self, begun_at: float, rules: Rules, *, stops: bool, from_start: bool) -> None:
-        """`stops`: the fault stops the robot. `from_start`: it may not move from the start."""
+        """Watch a trial. `stops`: the fault stops the robot. `from_start`: it may not move from the start."""
         self.seen = RobotEvidence()
         self._begun_at, self._react, self._speed_up = begun_at, rules.react_s, rules.speed_up_s
         self._stops, self._from_start = stops, from_start
