@@ -33,7 +33,7 @@ class UPlot(BuildHookInterface):  # type: ignore[type-arg]
     PLUGIN_NAME = "custom"
 
     def dependencies(self) -> list[str]:
-        """The packages that the build needs: none where the files are there already, as in a source distribution."""
+        """Return the packages that the build needs: none if the files exist already, as in a source distribution."""
         return [] if all(self._there(name) for name in FILES) else [SOURCE]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
@@ -75,7 +75,7 @@ class UPlot(BuildHookInterface):  # type: ignore[type-arg]
 
 
 def parts_list(name: str, version: str) -> str:
-    """The parts of a wheel as CycloneDX 1.6: our own, and uPlot with the hash of each of its files."""
+    """Return the parts of a wheel as CycloneDX 1.6: our own, and uPlot with the hash of each of its files."""
     own, uplot = f"pkg:pypi/{name}@{version}", f"pkg:npm/uplot@{UPLOT}"
     files = [
         {"type": "file", "name": file, "hashes": [{"alg": "SHA-256", "content": digest}]}
