@@ -17,6 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = sorted(path.parent for path in (ROOT / "examples").glob("*/pyproject.toml"))
 """Packages that another author could have written."""
 OFFERS = {
+    "experiment",
     "height-map",
     "insert",
     "mujoco",

@@ -167,7 +167,7 @@ def test_worker_with_other_code_is_refused_in_one_line(dask: Dask, tmp_path: Pat
     assert process.returncode == 3, output
     told = [line for line in output.splitlines() if line.startswith("hil-bridge: ")]
     assert len(told) == 1, output
-    assert "a worker has version" in told[0]
+    assert "a worker has hil-bridge" in told[0]
     assert "Traceback" not in output
     assert rows(tmp_path / "study.sqlite") == {}
 

@@ -196,7 +196,7 @@ def test_urls_name_the_kind_and_settings_stand_in_its_sections(tmp_path: Path) -
         ("wire", "late", "answers in a row"),
         ("wire", "mute", "sent nothing for 0.5 s"),
         ("wire", "malformed", "sent nothing for 0.5 s"),
-        ("pose", "nan", "no number"),
+        ("pose", "nan", "not a number"),
         ("pose", "missing", "sent nothing for 0.5 s"),
         ("robot", "clock-jump", "its clock jumped"),
         ("wire", "deaf", "answers in a row"),
