@@ -142,8 +142,8 @@ def test_a_client_that_keeps_sending_after_a_protective_stop_is_found(tmp_path: 
     ("mistake", "words"),
     [
         ("crash", "failed by itself: ended by itself after 0."),
-        ("garbage", "what the robot cannot read"),
-        ("deaf", "did not end within 0.5 s of the request, and was killed"),
+        ("garbage", "sent unreadable data"),
+        ("deaf", "did not terminate within 0.5 s of the request, and was killed"),
         ("leap", "of its orders leap, by up to 20"),
     ],
 )
@@ -169,7 +169,7 @@ def test_a_client_that_declares_to_come_back_and_does_not_is_found() -> None:
     """Ours has no mind for it: the watchdog has stopped its program, and it does not bring it again."""
     found = played(mistaken("none"), ["cut"], comes_back=True, cut_s=0.3, back_s=0.5)
     assert found["cut"].verdict.outcome == "failed"
-    assert found["cut"].verdict.reason.startswith("did not reconnect within 0.5 s, as it declares")
+    assert found["cut"].verdict.reason.startswith("did not reconnect within 0.5 s, as declared")
 
 
 def test_a_command_that_is_not_there_is_wrong_input() -> None:
