@@ -5,6 +5,7 @@ runs, so that help appears at once.
 """
 
 import io
+import signal
 import sys
 from collections.abc import Mapping
 from typing import Any
@@ -140,8 +141,8 @@ class _Commands(EntryPointGroup):
             from hil_bridge.errors.cancelling import is_interrupt
             from hil_bridge.errors.failures import failure, of_others, traceback_of
 
-            if is_interrupt(error):
-                raise
+            if is_interrupt(error) or getattr(error, "code", None) == 128 + signal.SIGTERM:
+                raise  # an operator ended it, also within a plug-in's command
             if of_others(error):
                 if debug_wanted(context):
                     click.echo(traceback_of(error), err=True)
