@@ -74,6 +74,69 @@ def deeper(phase: Phase, rate: float) -> Answer:
     return lambda state, felt: StepResult(state, Order(phase, felt.measurement.commanded + rate * DT))
 
 
+@dataclass(frozen=True, slots=True)
+class Zeroes(Takes):
+    """Answers with this in the phase zero."""
+
+    @property
+    def phase(self) -> Phase:
+        return Phase.ZERO
+
+    @property
+    def presses(self) -> bool:
+        return False
+
+
+def run_zero(answer: Answer) -> tuple[list[Decision], list[float]]:
+    """Decisions of an approach to a surface of 50 kN/m, a step with the phase zero and a retraction, and the forces."""
+    stroke = Stroke(TaskParameters(retract_mm=4.0, expected_stiffness_n_m=50e3), Presses(), 50.0)
+    forces: list[float] = []
+
+    def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
+        forces.append(50e3 * max(way[0] - 2e-3, 0.0))
+        return {"force": forces[-1]}
+
+    return walk(guarded((Approach(), Zeroes(answer), Retract()), stroke, LIMITS), tell), forces
+
+
+# --- a zero that hides a contact
+
+
+@pytest.mark.parametrize(
+    ("force", "done", "says"),
+    [
+        (-2.1, True, "its zero takes 2.1 N off; allowed are 2 N"),
+        (1e6, True, "its zero takes 1000000.0 N off; allowed are 2 N"),
+        (math.nan, True, "its zero takes nan N off; allowed are 2 N"),
+        (0.0, False, "it sets a zero, which only a step with the phase zero may do, when it is done"),
+    ],
+)
+def test_zero_of_plugin_that_hides_contact_retracts_tool(force: float, done: bool, says: str) -> None:
+    decisions, forces = run_zero(
+        lambda state, contact: StepResult(
+            state,
+            Order(Phase.TRACK, contact.measurement.commanded + 5e-3 * DT),
+            done=done,
+            zero=(0.0, 0.0, force, 0.0, 0.0, 0.0),
+        )
+    )
+    stop = next(each.verdict for each in decisions if isinstance(each.verdict, Stop))
+    assert stop.reason.cause is Cause.STEP_CODE
+    assert says in stop.reason.text
+    assert forces[-1] == 0.0
+
+
+def test_zero_of_plugin_within_limit_is_used() -> None:
+    zero = (0.0, 0.0, -1.9, 0.0, 0.0, 0.0)
+    decisions, forces = run_zero(
+        lambda state, contact: StepResult(
+            state, Order(Phase.ZERO, contact.measurement.commanded), done=True, zero=zero
+        )
+    )
+    assert decisions[-1].intent.reason is None
+    assert forces[-1] == 0.0
+
+
 # --- a retraction that is none
 
 
@@ -162,7 +225,7 @@ def at(state: StepState, felt: ContactSample, **changes: Any) -> StepResult:
 
 
 def zero(state: StepState, felt: ContactSample, value: Any) -> StepResult:
-    return StepResult(state, Order(Phase.TRACK, felt.measurement.commanded), zero=value)
+    return StepResult(state, Order(Phase.TRACK, felt.measurement.commanded), done=True, zero=value)
 
 
 def order(state: StepState, felt: ContactSample, *parts: Any) -> StepResult:
@@ -208,7 +271,7 @@ FAR = 10.0
         (lambda s, f: at(s, f, at=None), "TypeError: "),
         (lambda s, f: at(s, f, heading=(1.0, math.inf)), "it leads to 0 m, 0 m at a depth of 0.00"),
         (lambda s, f: zero(s, f, (1.0,)), "its zero has 1 numbers, not the 6 of a wrench"),
-        (lambda s, f: zero(s, f, (0.0,) * 5 + (math.nan,)), "it leads to 0 m, 0 m at a depth of 0.00"),
+        (lambda s, f: zero(s, f, (0.0,) * 6), "it sets a zero, which only a step with the phase zero may do"),
         (lambda s, f: at(s, f, stroke=None), "take answers NoneType, not a StrokeState"),
         (
             lambda s, f: at(s, f, stroke=StrokeState(Phase.RETRACT, turn=math.nan)),

@@ -8,18 +8,17 @@ from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.state import StepState, Tally
 from hil_bridge.control.course.stroke import Order, StrokeState
 from hil_bridge.control.program.leg import Leg
-from hil_bridge.control.steps.seam import StepResult
+from hil_bridge.control.steps.seam import LARGEST_ZERO_N, StepContext, StepResult
 from hil_bridge.control.types import Command, as_command
 from hil_bridge.errors.causes import Reason
 from hil_bridge.errors.failures import WrongAnswer
 
 
-def check_result(leg: Leg, before: StepState, result: Any, commanded: float) -> None:
-    """Check the answer of a step to one sample. `before` is the state that it was given, `commanded` the depth that
-    was ordered before, m.
+def check_result(context: StepContext, leg: Leg, before: StepState, result: Any) -> None:
+    """Check the answer of a step to one sample. `before` is the state that it was given.
 
     Raises WrongAnswer where a part has another type. Raises ValueError for an order that is not finite or out of
-    reach, and for an end of the run.
+    reach, for a zero that could hide a contact, and for an end of the run.
     """
     _require(leg, result, StepResult, "a StepResult")
     state, order = result.state, result.order
@@ -36,17 +35,29 @@ def check_result(leg: Leg, before: StepState, result: Any, commanded: float) -> 
         as_command(order.command)
     if Phase.END in (order.phase, state.stroke.phase):
         raise ValueError("it ends the run by the phase end: a step that is over answers done = True")
-    if len(result.zero) not in (0, 6):
-        raise ValueError(f"its zero has {len(result.zero)} numbers, not the 6 of a wrench")
+    if result.zero:
+        _check_zero(context, leg, result)
     (h, k), ((a, b, c), _) = state.heading, state.found
     numbers = (
         *(*state.at, h, k, a, b, c, *result.zero, state.local, state.aside, state.lean, state.ground),
         *(state.stroke.travel, state.stroke.turn or 0.0, order.reference or 0.0),
     )
     (x, y), farthest = state.at, farthest_answer(leg.limits)
-    near = abs(order.depth - commanded) <= farthest and math.dist(state.at, before.at) <= farthest
+    sideways, deeper = math.dist(state.at, before.at), order.depth - context.contact.measurement.commanded
+    near = abs(deeper) <= farthest and sideways <= farthest
     if not (near and math.isfinite(sum(numbers))):
         raise ValueError(f"it leads to {x:g} m, {y:g} m at a depth of {order.depth:g} m")
+
+
+def _check_zero(context: StepContext, leg: Leg, result: StepResult) -> None:
+    """Check a zero by the rules of the step `zero`: a retraction reads the force taken off as one from behind."""
+    if len(result.zero) != 6:
+        raise ValueError(f"its zero has {len(result.zero)} numbers, not the 6 of a wrench")
+    if not (leg.phase is Phase.ZERO and result.done):
+        raise ValueError("it sets a zero, which only a step with the phase zero may do, when it is done")
+    force = math.dist(result.zero[:3], context.course.zero[:3] or (0.0, 0.0, 0.0))
+    if not force <= LARGEST_ZERO_N:
+        raise ValueError(f"its zero takes {force:.1f} N off; allowed are {LARGEST_ZERO_N:g} N")
 
 
 def farthest_answer(limits: Limits) -> float:

@@ -370,7 +370,7 @@ def _ask(leg: Leg, context: StepContext, state: StepState) -> StepResult | None:
             return None
         result = leg.step.take(context, state)
         if leg.foreign:
-            check_result(leg, state, result, context.contact.measurement.commanded)
+            check_result(context, leg, state, result)
         return result
     except ControllerFailed:
         raise

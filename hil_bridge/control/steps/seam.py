@@ -79,6 +79,10 @@ class Criterion:
             raise SettingError("for_percent", f"must be at most 100, got {self.for_percent:g}")
 
 
+LARGEST_ZERO_N = 2.0
+"""Largest force that a zero between strokes may take off, N. Chosen; more looks like a contact."""
+
+
 class StepContext(Struct, frozen=True, gc=False):
     """What a step is given for one sample beside its own state. All of it belongs to the program."""
 
@@ -97,7 +101,10 @@ class StepResult(Struct, Generic[M], frozen=True, gc=False):
     trouble: Reason | None = None
     """Why the run must end; None while it need not."""
     zero: tuple[float, ...] = ()
-    """New zero of the program: contact wrench in the tool frame, N and N·m, (6,); empty for none."""
+    """New zero of the program: contact wrench in the tool frame, N and N·m, (6,); empty for none. Only a step whose
+    phase is zero may set one, with its last sample. That of a plug-in may differ from the zero before by
+    `LARGEST_ZERO_N`.
+    """
 
 
 class Drawing(NamedTuple):

@@ -14,6 +14,7 @@ from hil_bridge.control.course.state import StepState
 from hil_bridge.control.course.stroke import Order
 from hil_bridge.control.steps.plan import StepPlan
 from hil_bridge.control.steps.seam import (
+    LARGEST_ZERO_N,
     NO_LIMITS,
     Step,
     StepContext,
@@ -48,8 +49,8 @@ class Zero(Step[Readings]):
     """Time to stand still before: for the servo and the sensor's filter. Chosen."""
     for_ms: float = 500.0
     """Time over which the reading is averaged. Chosen."""
-    at_most_n: float = 2.0
-    """Largest force that may be taken for zero; more looks like a touch. Chosen."""
+    at_most_n: float = LARGEST_ZERO_N
+    """Largest force that may be taken for zero; more looks like a contact. Chosen."""
     limits: StepLimits = NO_LIMITS
 
     def __post_init__(self) -> None:
