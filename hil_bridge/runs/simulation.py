@@ -48,6 +48,7 @@ Observe = Callable[[CycleRecord], object]
 _BETWEEN = frozenset({"hil_bridge", "asyncio", "contextlib", "concurrent", "threading"})
 """Packages whose frames may stand between a user's program and a run."""
 _NEVER_MOVED = RunResult(Outcome.INTERRUPTED, Reason(Cause.INTERRUPTED, "before the movement began"))
+_CANCELLED = RunResult(Outcome.STOPPED, Reason(Cause.CANCELLED, "before the movement began"))
 
 
 class Result:
@@ -341,7 +342,7 @@ def _how_ended(simulation: Simulation | None) -> RunResult:
     if simulation is None or (task := simulation._task) is None:
         return _NEVER_MOVED
     if task.cancelled():
-        return simulation._run.ending.result or _NEVER_MOVED
+        return simulation._run.ending.result or (_NEVER_MOVED if simulation._ended_early else _CANCELLED)
     failure = task.exception()
     if failure is None:
         return task.result()

@@ -11,6 +11,7 @@ import pytest
 import hil_bridge
 from hil_bridge import api
 from hil_bridge.clock import run_real_on, run_virtual, run_virtual_on
+from hil_bridge.errors import Cause
 from hil_bridge.record import CycleRecord, EventKind, Outcome, read
 from hil_bridge.runs import stopping
 from hil_bridge.runs.notes import Notes
@@ -189,6 +190,22 @@ def test_an_early_interrupt_is_a_result(turns: int, reaches: bool) -> None:
     result, kept = run_virtual(interrupted_at_once(turns, reaches))
     assert (result.outcome, result.text) == (Outcome.INTERRUPTED, "before the movement began")
     assert (kept.outcome, kept.left) == (Outcome.INTERRUPTED, "")
+
+
+@pytest.mark.parametrize("turns", [0, 2, 50])
+def test_run_cancelled_before_movement_is_stopped(turns: int) -> None:
+    async def main() -> Any:
+        async with api.simulation() as simulation:
+            task = simulation.start()
+            for _ in range(turns):
+                await asyncio.sleep(0)
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await simulation.finished()
+        return simulation.result
+
+    result = run_virtual(main())
+    assert (result.outcome, result.cause) == (Outcome.STOPPED, Cause.CANCELLED)
 
 
 def test_a_cancelled_wait_for_the_end_stays_cancelled() -> None:
