@@ -117,6 +117,7 @@ def test_import_of_the_package_alone_is_light() -> None:
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.full
 def test_recording_is_that_of_the_command(result: api.Result, tmp_path: Any) -> None:
     config = tmp_path / "short.toml"
     config.write_text(f"{AWAKE_TOML}{CLOSE_TOML}run.duration_s = 0.5\n", encoding="utf-8")

@@ -79,6 +79,7 @@ def test_a_sound_bundle_is_verified(bundle: Path) -> None:
     assert told["sha256"] == hashlib.sha256(bundle.read_bytes()).hexdigest()
 
 
+@pytest.mark.full
 def test_one_altered_byte_names_its_file(bundle: Path, tmp_path: Path) -> None:
     """Inside the packed data: a byte of the zip's own heads changes no file."""
     place, data = tmp_path / "altered.zip", bundle.read_bytes()

@@ -51,6 +51,7 @@ def test_compare_names_the_run_that_differs(short_results: Path, slower: tuple[P
     assert difference["after"] == pytest.approx(difference["before"] + 2.0)
 
 
+@pytest.mark.full
 def test_rerun_has_the_difference_and_the_recording(slower: tuple[Path, str], tmp_path: Path) -> None:
     results, key = slower
     found = told("rerun", results, key, "-o", tmp_path, code=1)

@@ -24,6 +24,7 @@ from hil_bridge.lab.commands.campaign import campaign
 from tests.campaign.study import STUDY, changed, study
 
 
+@pytest.mark.full
 def test_page_in_the_browser_is_the_saved_one(
     results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -28,6 +28,7 @@ def slow_square(number: int) -> int:
     return number * number
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("workers", [1, 3])
 @pytest.mark.parametrize("chunk", [1, 4])
 def test_results_come_in_the_order_of_the_jobs(workers: int, chunk: int) -> None:

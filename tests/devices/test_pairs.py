@@ -24,6 +24,7 @@ CONTOUR = {
 STREAMED = [name for name in ROBOTS.own if name != "s3"]
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("sensor", SENSORS.own)
 @pytest.mark.parametrize("robot", STREAMED)
 def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) -> None:
@@ -51,6 +52,7 @@ def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) ->
     assert run.left.startswith("retracted")
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("robot", STREAMED)
 def test_the_record_tells_how_soon_a_robot_was_answered(robot: str, tmp_path: Path) -> None:
     """A replay decides as another controller would, and `latency` knows the answers.

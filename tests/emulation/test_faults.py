@@ -77,6 +77,7 @@ def test_a_signal_fault_holds_from_its_sample_to_its_last_exactly(surface: Surfa
     assert (np.abs(broken[begin:end, 2] - clean[begin:end, 2]) > 100).all()
 
 
+@pytest.mark.sweep
 @SURFACES
 @pytest.mark.parametrize(
     ("target", "fault", "parameters"),

@@ -79,6 +79,7 @@ def sines(frequencies_hz: Floats) -> Wrench:
     return wrench_at
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("n", range(1, 7))
 def test_filters_swept_through_the_registers(n: int) -> None:
     """Pass band within 0.02 dB of the reference design; cut-off and phase delays within 1 % of the manual's."""

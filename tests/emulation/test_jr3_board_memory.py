@@ -184,6 +184,7 @@ def test_counters_tick_at_the_filters_rates_and_wrap() -> None:
     assert ticks == [131072 % 65536, 32768, 8192, 2048, 512, 128]
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("n", range(7))
 def test_the_truth_is_when_a_hosts_count_was_new(n: int) -> None:
     board, number = board_of(filter_number=n), max(n, 1)

@@ -35,6 +35,7 @@ def duration(move: str, slider: float) -> float:
     return bench.now - begin
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("move", MOVES.values(), ids=MOVES)
 def test_slider_stretches_every_planned_move(move: str) -> None:
     begun = 0.05

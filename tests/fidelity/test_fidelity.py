@@ -95,6 +95,7 @@ def test_coarser_numbers_of_a_robot_are_its_grid(tmp_path: Path) -> None:
     assert result.emulated.grid == pytest.approx(1e-4, rel=1e-3)
 
 
+@pytest.mark.full
 def test_joints_of_an_abb_are_played_as_joints(tmp_path: Path) -> None:
     times = np.arange(0.0, 4.0, 0.004)
     moved = {f"order_{name}": np.full(len(times), 0.1) for name in FAMILIES["q"]}
@@ -136,6 +137,7 @@ def test_another_lookahead_of_servoj_is_its_distance(tmp_path: Path) -> None:
     assert other.emulated.lag_s - other.measured.lag_s == pytest.approx(0.05, abs=2e-3)
 
 
+@pytest.mark.full
 def test_speeds_of_joints_are_played_as_speeds(tmp_path: Path) -> None:
     measured = robot_table("rtde", joints("target_qd"), EXACT)
     columns = {name: measured.columns[name] for name in (*FAMILIES["q"], *FAMILIES["target_qd"])}

@@ -72,6 +72,7 @@ def _as_of_a_real_cell(recording: Recording) -> Recording:
     )
 
 
+@pytest.mark.full
 def test_the_truth_of_an_emulated_cell_changes_nothing(recording: Recording, identified: Identified) -> None:
     assert recording.truths
     blind = identify_run(_as_of_a_real_cell(recording))

@@ -33,6 +33,7 @@ def identify(*arguments: object) -> Result:
     return CliRunner().invoke(cli, ["identify", "cell", *map(str, arguments)])
 
 
+@pytest.mark.full
 def test_text_tells_each_value_with_its_interval_or_why_it_is_not_seen(site: Path) -> None:
     result = identify(site)
     assert result.exit_code == 0
@@ -43,6 +44,7 @@ def test_text_tells_each_value_with_its_interval_or_why_it_is_not_seen(site: Pat
     assert Why.BEHIND_DELAY in result.output
 
 
+@pytest.mark.full
 def test_json_has_every_value_and_null_for_what_is_not_seen(site: Path) -> None:
     values = {value["key"]: value for value in json.loads(identify(site, "--json").stdout)["values"]}
     assert values["surface.damping"]["value"] is None

@@ -77,6 +77,7 @@ def test_the_force_is_held_as_well_as_on_a_straight_contour(runs: tuple[Played, 
     assert raster.rms(2) <= reference
 
 
+@pytest.mark.full
 def test_contact_is_kept_and_the_limits_hold(runs: tuple[Played, Played, float]) -> None:
     raster, _, band = runs
     assert raster.result.outcome == "completed"

@@ -307,6 +307,7 @@ def test_damaged_bags_and_what_is_none_are_told_in_one_line(tmp_path: Path) -> N
     assert "cannot read the recording" in refused(tmp_path / "gone")
 
 
+@pytest.mark.full
 def test_a_bag_that_was_cut_off_is_read_to_its_end(tmp_path: Path) -> None:
     many = [wrench(0.001 * k, (0.0, 0.0, -5.0, 0.0, 0.0, 0.0)) for k in range(20_000)]
     places = [pose(0.001 * k, (0.0, 0.0, 0.1, *DOWN)) for k in range(20_000)]

@@ -109,6 +109,7 @@ def recorded(request: pytest.FixtureRequest, recordings: Recordings) -> Path:
     return recordings.path(merged(CLOSE, {"task": {"step": steps}, "sensor": {"emulated": request.param}}))
 
 
+@pytest.mark.sweep
 def test_every_message_of_a_run_is_valid_by_its_own_schema(recorded: Path) -> None:
     valid, wrong = checked_messages(recorded)
     assert wrong == []

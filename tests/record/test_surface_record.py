@@ -112,6 +112,7 @@ def test_a_face_on_a_surface_with_memory_is_refused_in_one_line(tmp_path: Path) 
 WEARS = {"kind": "sphere", "height_mm": 590.0, "origin_y_mm": -80.0, "removal": {"um_per_n_cm2_m": 50.0}}
 
 
+@pytest.mark.full
 def test_the_map_of_what_was_removed_stands_in_the_record(recordings: Recordings) -> None:
     recording = recordings(settings(cell={"surface": WEARS, "tool": {"face_radius_mm": 8.0}}))
     found = recording.removed
