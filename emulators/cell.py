@@ -5,6 +5,7 @@ quaternion (0, 1, 0, 0). The sensor frame has the tool frame's orientation and l
 wrench that surface and gravity exert on the tool: pressing down on the surface gives a negative Fz.
 """
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,10 +13,14 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
+from emulators.arm.compliance import ArmProfile, joint_compliance, symmetric
+from emulators.arm.compliant_path import STEP_S, Bearing, CompliantPath, Mode
 from emulators.faults import Fault, Injection, Ledger
 from emulators.faults.bus import BUS_FAULTS
 from emulators.faults.computer import COMPUTER_FAULTS
 from emulators.seams import (
+    ArmPath,
+    ArticulatedRobot,
     EmulatedRobot,
     EmulatedSensor,
     FeelingRobot,
@@ -32,7 +37,7 @@ from emulators.surface.contact import Contact, SurfaceProfile
 from emulators.surface.face import ONE_POINT_REMEMBERED, Face, Pushed, joined, turning_of
 from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS, ObstacleProfile, Obstacles
 from emulators.surface.removal import Removed
-from protocol.geometry import Pose, Quaternion, Vector, rotation_rows
+from protocol.geometry import Pose, Quaternion, Vector, normalise, product, rotation_rows
 from protocol.marks import Mark, SettingError, between, check_settings, setting
 
 _GRAVITY = np.array([0.0, 0.0, -9.80665])
@@ -127,6 +132,7 @@ class CellProfile:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
+    arm: ArmProfile = field(default_factory=ArmProfile)
     tool: ToolProfile = field(default_factory=ToolProfile)
     surface: SurfaceProfile = field(default_factory=SurfaceProfile)
     obstacle: ObstacleProfile = field(default_factory=ObstacleProfile)
@@ -188,7 +194,7 @@ class Cell(Generic[Robot, Sensor]):
         length = profile.tool.length_mm / 1000.0
         self.robot = parts.robot(StartPose((x, y, z), profile.start_quaternion, length), now, seed)
         """Powered up with the cell."""
-        self._path = path = self.robot.path
+        self._profile = profile
         self._powered_at = now
         radius = profile.tool.face_radius_mm / 1000.0
         self._face = Face(radius, profile.tool.face_rings) if radius > 0.0 else None
@@ -207,6 +213,9 @@ class Cell(Generic[Robot, Sensor]):
         u, v, w = profile.tool.centre_of_gravity_mm
         self._moment_of_weight = moment_matrix((u / 1000.0, v / 1000.0, w / 1000.0))
         self._weight = profile.tool.mass_kg * _GRAVITY
+        self.path: ArmPath = self._compliant_path() or self.robot.path
+        """True path of the tool centre point."""
+        path = self.path
         ((_, quaternion),) = path.orientations(np.array([now]))
         self._turn(quaternion)
         self.on_change: Callable[[float], object] = _unread
@@ -231,6 +240,57 @@ class Cell(Generic[Robot, Sensor]):
                 self.ledger.attach(target, handlers)
         self.ledger.attach("surface", self._surface.handlers)
         self.ledger.attach("obstacle", self._obstacles.handlers)
+
+    def _compliant_path(self) -> CompliantPath | None:
+        """Return the path of the tool on a compliant arm; None for a rigid one.
+
+        Raises ValueError for an arm without the joints that its compliance is to be that of.
+        """
+        arm, robot = self._profile.arm, self.robot
+        bearing: Callable[[float], Bearing]
+        if arm.compliance == "rigid":
+            return None
+        if arm.compliance == "cartesian":
+            compliance = np.zeros((6, 6))
+            compliance[:3, :3] = np.linalg.inv(symmetric(arm.stiffness_n_m))
+            bearing = functools.partial(self._carried, compliance)
+        else:
+            articulated: object = robot
+            if not isinstance(articulated, ArticulatedRobot):
+                raise ValueError(
+                    'cell.arm.compliance is "joints", but this robot has no model of its joints; set it to "cartesian"'
+                )
+            bearing = functools.partial(self._carried_by_joints, articulated)
+        step = 1.0 / _MEMORY_RATE_HZ if self.has_memory else STEP_S
+        return CompliantPath(
+            robot.path, Mode(arm.frequency_hz, arm.damping_ratio), bearing, self._force_on_moving_tool, step
+        )
+
+    def _carried_by_joints(self, robot: ArticulatedRobot, time: float) -> Bearing:
+        """Compliance and sag of the tool where the arm's joints are at a time, s."""
+        at = np.array([time])
+        position, quaternion = (
+            _vector(self.robot.path.trajectory(at)[0][0]),
+            self.robot.path.orientations(at)[0][1],
+        )
+        joints = self.robot.joints_holding(Pose(position, quaternion), time)
+        if joints is None:
+            raise ValueError("no joints hold the tool where the arm is")
+        stiffness = self._profile.arm.joint_stiffness_nm_rad or robot.joint_stiffness
+        return self._carried(joint_compliance(robot, joints, stiffness), time)
+
+    def _carried(self, compliance: Floats, time: float) -> Bearing:
+        """Return this compliance with the deflection by the tool's weight at a time, s."""
+        tool = self._profile.tool
+        quaternion = self.robot.path.orientations(np.array([time]))[0][1]
+        centre = np.array(tool.centre_of_gravity_mm) * 1e-3 - np.array([0.0, 0.0, tool.length_mm * 1e-3])
+        weight = tool.mass_kg * _GRAVITY
+        arm = rotation_matrix(quaternion) @ centre
+        return Bearing(compliance, compliance @ np.concatenate((weight, np.cross(arm, weight))))
+
+    def _force_on_moving_tool(self, times: Floats, positions: Floats, velocities: Floats) -> Floats:
+        """Force (n, 3), N, of surface and obstacles on a tool with this motion; a question that changes nothing."""
+        return self._pushed_back(self._surface.aside(), times, (positions, velocities), count=False).force
 
     def _refuse_buried(self, start: Vector) -> None:
         """Raise ValueError for a tool that starts deep inside our surface."""
@@ -262,10 +322,12 @@ class Cell(Generic[Robot, Sensor]):
     def _changed(self, time: float) -> None:
         """Surface or obstacle are others from this time on, s."""
         self._surface.rewind(time)
+        if isinstance(self.path, CompliantPath):
+            self.path.rewind(time)
         self.on_change(time)
 
     def _tip_height(self, time: float) -> float:
-        return float(self._path.trajectory(np.array([time]))[0][0, 2])
+        return float(self.path.trajectory(np.array([time]))[0][0, 2])
 
     def wrench(self, times: Floats) -> Floats:
         """Wrench (n, 6) on the tool about the sensor's origin in the sensor frame, N and N·m.
@@ -280,7 +342,7 @@ class Cell(Generic[Robot, Sensor]):
             self._surface.rewind(float(times[0]))
         pushed = self._pushed(self._surface, times)
         forces, moments = pushed.force.T, None if pushed.moment is None else pushed.moment.T
-        for part, quaternion in self._path.orientations(times):
+        for part, quaternion in self.path.orientations(times):
             if quaternion != self._turned:
                 self._turn(quaternion)
             np.matmul(self._force_to_wrench, forces[:, part], out=wrenches[:, part])
@@ -291,7 +353,7 @@ class Cell(Generic[Robot, Sensor]):
 
     def speeds(self, times: Floats) -> Floats:
         """Speed (n,) of the tool centre point, m/s, at ascending `times` (n,), s."""
-        _, velocities = self._path.trajectory(times)
+        _, velocities = self.path.trajectory(times)
         speeds: Floats = np.sqrt(np.einsum("ij,ij->i", velocities, velocities))
         return speeds
 
@@ -309,16 +371,22 @@ class Cell(Generic[Robot, Sensor]):
     def true_states(self, times: Sequence[float]) -> list[TrueState]:
         """Return the truth at each of these ascending times, s; many at once cost little more than one."""
         at = np.array(times)
-        positions, velocities = self._path.trajectory(at)
+        positions, velocities = self.path.trajectory(at)
         # A copy, because a question for the truth must not change the sensor's samples.
         surface = self._surface.aside()
         forces = self._pushed(surface, at, count=False).force
         normals = surface.normals(positions, at) if isinstance(surface, ShapedSurface) else None
-        quaternions = [q for part, q in self._path.orientations(at) for _ in range(part.start, part.stop)]
+        quaternions = [q for part, q in self.path.orientations(at) for _ in range(part.start, part.stop)]
+        seen = positions
+        turns = None
+        if isinstance(self.path, CompliantPath):
+            seen, turns = self.robot.path.trajectory(at)[0], self.path.rotations(at)
         states = []
         for k, time in enumerate(times):
             position, quaternion = _vector(positions[k]), quaternions[k]
-            joints = self.robot.joints_holding(Pose(position, quaternion), time)
+            joints = self.robot.joints_holding(Pose(_vector(seen[k]), quaternion), time)
+            if turns is not None:
+                quaternion = normalise(product((1.0, *(0.5 * turns[k]).tolist()), quaternion))
             normal = None if normals is None or np.isnan(normals[k]).any() else _vector(normals[k])
             states.append(
                 TrueState(position, _vector(velocities[k]), quaternion, _vector(forces[k]), joints, normal)
@@ -352,7 +420,13 @@ class Cell(Generic[Robot, Sensor]):
         return self._surface.remembered_until is not None
 
     def _pushed(self, surface: Surface, times: Floats, count: bool = True) -> Pushed:
-        """Force and moment of surface and obstacles on the tool at ascending `times` (n,), s.
+        """Force and moment of surface and obstacles on the tool at ascending `times` (n,), s."""
+        return self._pushed_back(surface, times, self.path.trajectory(times), count)
+
+    def _pushed_back(
+        self, surface: Surface, times: Floats, motion: tuple[Floats, Floats], count: bool = True
+    ) -> Pushed:
+        """Return the same for positions and velocities (n, 3) of the tool.
 
         A surface with memory is first shown the samples since power-up that were never read. So its force depends on
         the motion and not on the reads. Where it cannot go back far enough, it answers as if the tip jumped there.
@@ -363,8 +437,8 @@ class Cell(Generic[Robot, Sensor]):
             missed = np.arange(math.floor(begin + 1e-6) + 1, math.ceil(times[0] * _MEMORY_RATE_HZ - 1e-6))
             if len(missed):
                 past = missed / _MEMORY_RATE_HZ
-                self._touched(surface, past, *self._path.trajectory(past))
-        positions, velocities = self._path.trajectory(times)
+                self._touched(surface, past, *self.path.trajectory(past))
+        positions, velocities = motion
         force, moment = self._touched(surface, times, positions, velocities)
         if self._obstacles.any:
             force = force + np.outer(self._obstacles.force(positions[:, 2], times, count), _UP)
@@ -377,8 +451,8 @@ class Cell(Generic[Robot, Sensor]):
         parts = []
         for begin in range(0, len(times), _SPREAD_AT_ONCE):
             part = slice(begin, begin + _SPREAD_AT_ONCE)
-            orientations = self._path.orientations(times[part])
-            before = self._path.orientations(times[part] - _TURN_S)
+            orientations = self.path.orientations(times[part])
+            before = self.path.orientations(times[part] - _TURN_S)
             turning = turning_of(orientations, before, _TURN_S)
             points = self._face.spread(
                 positions[part], velocities[part], orientations, rotation_matrix, turning

@@ -123,6 +123,18 @@ class LoadedRobot(Protocol):
         """Set the mass at the flange, kg, and its centre in the flange, m."""
 
 
+@runtime_checkable
+class ArticulatedRobot(Protocol):
+    """A robot whose arm is compliant in its joints."""
+
+    @property
+    def joint_stiffness(self) -> Joints:
+        """Torsional stiffness of its joints, N·m/rad, axis 1 first."""
+
+    def tool_pose_at(self, joints: Joints) -> Pose:
+        """Return the true pose of the tool centre point at these joint angles, rad: forward kinematics."""
+
+
 class WrenchSource(Protocol):
     """The true wrench that a sensor feels. The cell implements it.
 

@@ -28,6 +28,8 @@ class WorkArea:
 
     def __init__(self, profile: ArmSize, tool_length: float) -> None:
         self._arm = Arm(profile, tool_length)
+        self.pose = self._arm.pose
+        """Pose of the tool at joint angles, rad."""
 
     def joints(self, position: Vector, quaternion: Quaternion, near: Joints | None = None) -> Joints:
         """Return the posture nearest to `near`, by default to the middle of the ranges. Raises OutsideWorkArea."""

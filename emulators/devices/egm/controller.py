@@ -60,6 +60,7 @@ class EgmController:
         self.desk, self.stops = Desk(), Stops()
         self.session = Session(profile, self.counters, now)
         kinematics = ArmJoints(profile, start.tool_length)
+        self.tool_pose_at = kinematics.pose
         self.motion = GuidedMotion(profile, pose, kinematics)
         """Set point and law."""
         self.motion.begin(now)
@@ -97,6 +98,9 @@ class EgmController:
     @property
     def accepted(self) -> int:
         return self.queue.accepted
+
+    joint_stiffness: Joints = (2.0e5, 2.0e5, 1.5e5, 3.0e4, 3.0e4, 2.0e4)
+    """Assumed, N·m/rad: of an arm for 20 kg with cycloidal gears; its encoders are on the motors."""
 
     def joints_holding(self, pose: Pose, at: float) -> Joints | None:
         return self.motion.holding(pose)

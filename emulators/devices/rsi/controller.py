@@ -72,6 +72,13 @@ class RsiController:
     def begun_at(self, target: int) -> float | None:
         return self._arm.path.begun_at(target)
 
+    joint_stiffness: Joints = (2.0e5, 2.0e5, 1.5e5, 2.5e4, 2.5e4, 1.5e4)
+    """Assumed, N·m/rad: of an arm for 16 kg with cycloidal gears; its encoders are on the motors."""
+
+    def tool_pose_at(self, joints: Joints) -> Pose:
+        a, b, c, d, e, f = map(math.degrees, joints)
+        return self._arm.kinematics.pose((a, b, c, d, e, f))
+
     def joints_holding(self, pose: Pose, at: float) -> Joints | None:
         return self._arm.joints_holding(pose)
 

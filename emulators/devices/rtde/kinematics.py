@@ -44,6 +44,11 @@ ARMS: Mapping[str, Arm] = {
     "ur10": Arm(0.1273, -0.612, -0.5723, 0.163941, 0.1157, 0.0922),
 }
 """Arms by name; those with an e are e-Series, the others CB3."""
+_SMALL, _LARGE = (3.1e4, 3.1e4, 3.1e4, 4.7e3, 4.7e3, 4.7e3), (6.7e4, 6.7e4, 3.1e4, 1.0e4, 1.0e4, 1.0e4)
+JOINT_STIFFNESS: Mapping[str, Joints] = {"ur5e": _SMALL, "ur5": _SMALL, "ur10e": _LARGE, "ur10": _LARGE}
+"""Assumed, N·m/rad: of strain-wave gears of sizes 32 and 25 in the main axes and 17 and 14 in the wrist, at low torque.
+Universal Robots publishes none. An arm has a second encoder behind each gear, but reports the motor's angle.
+"""
 USUAL: Joints = (0.0, -math.pi / 2, -math.pi / 2, -math.pi / 2, math.pi / 2, 0.0)
 """Chosen: the posture next to which one is looked for at the start, elbow up and the tool down."""
 

@@ -7,7 +7,7 @@ from emulators.devices.rtde.connection import Connection
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.dashboard import Dashboard, Settings
 from emulators.devices.rtde.disturbance import Disturbance
-from emulators.devices.rtde.kinematics import Joints
+from emulators.devices.rtde.kinematics import JOINT_STIFFNESS, Joints
 from emulators.devices.rtde.primary import PrimaryPort
 from emulators.devices.rtde.profile import RtdeProfile
 from emulators.devices.rtde.program_socket import ProgramSocket
@@ -47,6 +47,14 @@ class RtdeRobot:
     @property
     def accepted(self) -> int:
         return self.controller.path.accepted
+
+    @property
+    def joint_stiffness(self) -> Joints:
+        return JOINT_STIFFNESS[self.controller.profile.model]
+
+    def tool_pose_at(self, joints: Joints) -> Pose:
+        manipulator = self.controller.manipulator
+        return manipulator.forward(joints, manipulator.tool)
 
     def joints_holding(self, pose: Pose, at: float) -> Joints | None:
         return self.controller.manipulator.joints_holding(pose)

@@ -42,6 +42,10 @@ from protocol.kinematics import Joints
 
 _OFFSET_LIMIT = 0.1
 """Chosen: encoders are off by this at most, m, so that a measured position always fits the status."""
+_JOINT_STIFFNESS: Joints = (1.0e5, 1.0e5, 8.0e4, 1.5e4, 1.5e4, 1.0e4)
+"""Assumed, N·m/rad: of an arm for 10 kg with cycloidal gears; no measurement of an IRB 2000 is public. Its encoders
+are on the motors, so that it does not report the deflection.
+"""
 
 
 @dataclass(slots=True)
@@ -154,6 +158,13 @@ class S3Controller:
     def joints_holding(self, pose: Pose, at: float) -> Joints:
         """Axes 1 to 6 for a true tool pose of the time `at`, s, that is known already, rad."""
         return self._executive.joints_holding(pose, at)
+
+    def tool_pose_at(self, joints: Joints) -> Pose:
+        """As `emulators.seams.ArticulatedRobot`."""
+        return self._executive.tool_pose_at(joints)
+
+    joint_stiffness = _JOINT_STIFFNESS
+    """As `emulators.seams.ArticulatedRobot`."""
 
     def hindrance(self, now: float) -> Hindrance | None:
         """Why it takes no points now."""

@@ -101,6 +101,8 @@ class Executive:
         self._programs = _read_programs(profile, site)
         self._move_lengths = frozenset((*MOVE_LENGTHS, profiles.link.move_length))
         self._work_area = WorkArea(profile, start.tool_length)
+        self.tool_pose_at = self._work_area.pose
+        """Pose of the tool at joint angles, rad."""
         try:
             joints = self._work_area.joints(start.position, normalise(start.quaternion))
         except OutsideWorkArea as error:

@@ -1,0 +1,94 @@
+"""Compliance of an arm: how far its tool gives way to a force, from the stiffness of its joints.
+
+The links are rigid, and each joint is a torsional spring. With the Jacobian J of the tool and the joint stiffness K,
+the tool yields by J K⁻¹ Jᵀ times the wrench on it (Dumas et al., Robotics and Computer-Integrated Manufacturing 27,
+2011). The Jacobian is a difference quotient of the robot's own forward kinematics.
+"""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from emulators.seams import ArticulatedRobot, Floats, Joints
+from protocol.arm_size import PerAxis
+from protocol.geometry import Pose, inverse, product
+from protocol.marks import Mark, SettingError, above, between, check_settings, setting
+
+_STEP_RAD = 1e-5
+"""Chosen: step of the difference quotients. Their error is below a millionth of the arm's length."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArmProfile:
+    """Compliance of the arm, and the mode in which its tool oscillates."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    compliance: Literal["rigid", "joints", "cartesian"] = setting(
+        "rigid",
+        Mark.CHOSEN,
+        "rigid, or compliant by its joints' stiffness, or by a measured Cartesian stiffness",
+    )
+    joint_stiffness_nm_rad: PerAxis | None = setting(
+        None,
+        Mark.ASSUMED,
+        "stiffness of the joints, axis 1 first; by default that of the robot's model",
+        unit="N·m/rad",
+    )
+    stiffness_n_m: tuple[float, float, float, float, float, float] = setting(
+        (30e3, 30e3, 30e3, 0.0, 0.0, 0.0),
+        Mark.ASSUMED,
+        "measured Cartesian stiffness at the tool in the base frame: xx, yy, zz, xy, xz, yz",
+        unit="N/m",
+    )
+    frequency_hz: float = setting(
+        15.0,
+        Mark.ASSUMED,
+        "natural frequency of the tool on the arm, without contact",
+        between(1.0, 200.0),
+        unit="Hz",
+    )
+    damping_ratio: float = setting(0.03, Mark.ASSUMED, "damping of that mode", above(0.0, 0.9))
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        if not all(value > 0.0 for value in self.joint_stiffness_nm_rad or ()):
+            raise SettingError("joint_stiffness_nm_rad", "must be more than 0 for each joint")
+        if np.linalg.eigvalsh(symmetric(self.stiffness_n_m))[0] <= 0.0:
+            raise SettingError("stiffness_n_m", "must be a positive definite matrix")
+
+
+def symmetric(parts: tuple[float, ...]) -> Floats:
+    """Return the matrix (3, 3) with the parts xx, yy, zz, xy, xz, yz."""
+    a, b, c, d, e, f = parts
+    return np.array([[a, d, e], [d, b, f], [e, f, c]])
+
+
+def jacobian(robot: ArticulatedRobot, joints: Joints) -> Floats:
+    """Return the Jacobian (6, n) of the tool in the base frame, m/rad and rad/rad, at joint angles (n,), rad."""
+    columns = []
+    for axis in range(len(joints)):
+        before, after = (
+            robot.tool_pose_at((*joints[:axis], joints[axis] + step, *joints[axis + 1 :]))
+            for step in (-_STEP_RAD, _STEP_RAD)
+        )
+        columns.append(_difference(before, after) / (2.0 * _STEP_RAD))
+    return np.array(columns).T
+
+
+def _difference(before: Pose, after: Pose) -> Floats:
+    """Return the small translation, m, and rotation vector, rad, (6,) from one pose to another, base frame."""
+    w, x, y, z = product(after.quaternion, inverse(before.quaternion))
+    sign = 2.0 if w >= 0.0 else -2.0
+    moved = np.subtract(after.position, before.position)
+    return np.array([*moved, sign * x, sign * y, sign * z])
+
+
+def joint_compliance(robot: ArticulatedRobot, joints: Joints, stiffness: Joints) -> Floats:
+    """Return the compliance (6, 6) of the tool in the base frame: translation, m, and rotation, rad, by the wrench on
+    it about its tip, N and N·m. `stiffness` is that of the joints, N·m/rad.
+    """
+    columns = jacobian(robot, joints)
+    compliance: Floats = (columns / np.array(stiffness)) @ columns.T
+    return compliance
