@@ -5,7 +5,6 @@ quaternion (0, 1, 0, 0). The sensor frame has the tool frame's orientation and l
 wrench that surface and gravity exert on the tool: pressing down on the surface gives a negative Fz.
 """
 
-import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,14 +12,14 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from emulators.arm.compliance import ArmProfile, joint_compliance, symmetric
-from emulators.arm.compliant_path import STEP_S, Bearing, CompliantPath, Mode
+from emulators.arm.compliance import ArmProfile, Load, bearing_of
+from emulators.arm.compliant_path import STEP_S, CompliantPath, Grid, Mode
+from emulators.arm.compliant_path import Contact as ToolContact
 from emulators.faults import Fault, Injection, Ledger
 from emulators.faults.bus import BUS_FAULTS
 from emulators.faults.computer import COMPUTER_FAULTS
 from emulators.seams import (
     ArmPath,
-    ArticulatedRobot,
     EmulatedRobot,
     EmulatedSensor,
     FeelingRobot,
@@ -208,6 +207,9 @@ class Cell(Generic[Robot, Sensor]):
             if self._face is not None and self.has_memory:
                 raise ValueError(ONE_POINT_REMEMBERED)
         self._refuse_buried((x, y, z))
+        self._asked_surface: Surface | None = None
+        self._kept_surface: Surface | None = None
+        """A surface with memory that has seen the motion of a compliant arm's tool further than the sensor has."""
         self._obstacles = Obstacles(profile.obstacle, z, self._tip_height, self._changed)
         self._moment_of_tip = moment_matrix((0.0, 0.0, length))
         u, v, w = profile.tool.centre_of_gravity_mm
@@ -242,55 +244,28 @@ class Cell(Generic[Robot, Sensor]):
         self.ledger.attach("obstacle", self._obstacles.handlers)
 
     def _compliant_path(self) -> CompliantPath | None:
-        """Return the path of the tool on a compliant arm; None for a rigid one.
-
-        Raises ValueError for an arm without the joints that its compliance is to be that of.
+        """Return the path of the tool on a compliant arm; None for a rigid one. Raises ValueError for a robot that
+        cannot have the compliance.
         """
-        arm, robot = self._profile.arm, self.robot
-        bearing: Callable[[float], Bearing]
+        tool, arm = self._profile.tool, self._profile.arm
         if arm.compliance == "rigid":
             return None
-        if arm.compliance == "cartesian":
-            compliance = np.zeros((6, 6))
-            compliance[:3, :3] = np.linalg.inv(symmetric(arm.stiffness_n_m))
-            bearing = functools.partial(self._carried, compliance)
-        else:
-            articulated: object = robot
-            if not isinstance(articulated, ArticulatedRobot):
-                raise ValueError(
-                    'cell.arm.compliance is "joints", but this robot has no model of its joints; set it to "cartesian"'
-                )
-            bearing = functools.partial(self._carried_by_joints, articulated)
-        step = 1.0 / _MEMORY_RATE_HZ if self.has_memory else STEP_S
-        return CompliantPath(
-            robot.path, Mode(arm.frequency_hz, arm.damping_ratio), bearing, self._force_on_moving_tool, step
-        )
-
-    def _carried_by_joints(self, robot: ArticulatedRobot, time: float) -> Bearing:
-        """Compliance and sag of the tool where the arm's joints are at a time, s."""
-        at = np.array([time])
-        position, quaternion = (
-            _vector(self.robot.path.trajectory(at)[0][0]),
-            self.robot.path.orientations(at)[0][1],
-        )
-        joints = self.robot.joints_holding(Pose(position, quaternion), time)
-        if joints is None:
-            raise ValueError("no joints hold the tool where the arm is")
-        stiffness = self._profile.arm.joint_stiffness_nm_rad or robot.joint_stiffness
-        return self._carried(joint_compliance(robot, joints, stiffness), time)
-
-    def _carried(self, compliance: Floats, time: float) -> Bearing:
-        """Return this compliance with the deflection by the tool's weight at a time, s."""
-        tool = self._profile.tool
-        quaternion = self.robot.path.orientations(np.array([time]))[0][1]
-        centre = np.array(tool.centre_of_gravity_mm) * 1e-3 - np.array([0.0, 0.0, tool.length_mm * 1e-3])
-        weight = tool.mass_kg * _GRAVITY
-        arm = rotation_matrix(quaternion) @ centre
-        return Bearing(compliance, compliance @ np.concatenate((weight, np.cross(arm, weight))))
+        u, v, w = tool.centre_of_gravity_mm
+        load = Load(tool.mass_kg, (u * 1e-3, v * 1e-3, (w - tool.length_mm) * 1e-3))
+        grid = Grid(self._powered_at, 1.0 / _MEMORY_RATE_HZ if self.has_memory else STEP_S)
+        contact = ToolContact(self._force_on_moving_tool, self._keep_surface)
+        mode = Mode(arm.frequency_hz, arm.damping_ratio)
+        return CompliantPath(self.robot.path, mode, bearing_of(arm, self.robot, load), contact, grid)
 
     def _force_on_moving_tool(self, times: Floats, positions: Floats, velocities: Floats) -> Floats:
         """Force (n, 3), N, of surface and obstacles on a tool with this motion; a question that changes nothing."""
-        return self._pushed_back(self._surface.aside(), times, (positions, velocities), count=False).force
+        self._asked_surface = (self._kept_surface or self._surface).aside()
+        return self._pushed_back(self._asked_surface, times, (positions, velocities), count=False).force
+
+    def _keep_surface(self) -> None:
+        """Continue from the surface that was asked last: it has seen the motion up to the newest one."""
+        if self.has_memory:
+            self._kept_surface = self._asked_surface
 
     def _refuse_buried(self, start: Vector) -> None:
         """Raise ValueError for a tool that starts deep inside our surface."""
@@ -317,6 +292,7 @@ class Cell(Generic[Robot, Sensor]):
 
     def _moved_otherwise(self, time: float) -> None:
         """Note that an order has changed the path from this time on, s."""
+        self._kept_surface = None
         self.on_change(time)
 
     def _changed(self, time: float) -> None:
@@ -324,6 +300,7 @@ class Cell(Generic[Robot, Sensor]):
         self._surface.rewind(time)
         if isinstance(self.path, CompliantPath):
             self.path.rewind(time)
+            self._kept_surface = None
         self.on_change(time)
 
     def _tip_height(self, time: float) -> float:

@@ -5,14 +5,16 @@ the tool yields by J K⁻¹ Jᵀ times the wrench on it (Dumas et al., Robotics 
 2011). The Jacobian is a difference quotient of the robot's own forward kinematics.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from emulators.seams import ArticulatedRobot, Floats, Joints
+from emulators.arm.compliant_path import Bearing
+from emulators.seams import ArticulatedRobot, EmulatedRobot, Floats, Joints
 from protocol.arm_size import PerAxis
-from protocol.geometry import Pose, inverse, product
+from protocol.geometry import Pose, Vector, inverse, product, rotate
 from protocol.marks import Mark, SettingError, above, between, check_settings, setting
 
 _STEP_RAD = 1e-5
@@ -92,3 +94,53 @@ def joint_compliance(robot: ArticulatedRobot, joints: Joints, stiffness: Joints)
     columns = jacobian(robot, joints)
     compliance: Floats = (columns / np.array(stiffness)) @ columns.T
     return compliance
+
+
+class Load(NamedTuple):
+    """What the arm carries."""
+
+    mass: float
+    """kg"""
+    centre: Vector
+    """Centre of gravity from the tool centre point, tool frame, m."""
+
+
+def bearing_of(arm: ArmProfile, robot: EmulatedRobot, load: Load) -> Callable[[float], Bearing]:
+    """Return the bearing of a robot's tool as a function of the time, s.
+
+    Raises ValueError for a robot without a model of its joints whose compliance is to be that of the joints.
+    """
+    articulated: object = robot
+    if arm.compliance == "cartesian":
+        cartesian = np.zeros((6, 6))
+        cartesian[:3, :3] = np.linalg.inv(symmetric(arm.stiffness_n_m))
+        return lambda time: _carried(cartesian, _rigid_pose(robot, time), load)
+    if not isinstance(articulated, ArticulatedRobot):
+        raise ValueError(
+            'cell.arm.compliance is "joints", but this robot has no model of its joints; set it to "cartesian"'
+        )
+    joined = articulated
+    stiffness = arm.joint_stiffness_nm_rad or joined.joint_stiffness
+
+    def bearing(time: float) -> Bearing:
+        pose = _rigid_pose(robot, time)
+        joints = robot.joints_holding(pose, time)
+        if joints is None:
+            raise ValueError("no joints hold the tool where the arm is")
+        return _carried(joint_compliance(joined, joints, stiffness), pose, load)
+
+    return bearing
+
+
+def _rigid_pose(robot: EmulatedRobot, time: float) -> Pose:
+    """Pose that the tool of a rigid arm would have."""
+    at = np.array([time])
+    x, y, z = robot.path.trajectory(at)[0][0].tolist()
+    return Pose((x, y, z), robot.path.orientations(at)[0][1])
+
+
+def _carried(compliance: Floats, pose: Pose, load: Load) -> Bearing:
+    """Return a compliance with the deflection by the weight."""
+    weight = np.array([0.0, 0.0, -9.80665 * load.mass])
+    arm = rotate(pose.quaternion, load.centre)
+    return Bearing(compliance, compliance @ np.concatenate((weight, np.cross(arm, weight))))

@@ -15,7 +15,7 @@ on when it is read, to within the tolerance of that method; behind the newest po
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,11 +45,19 @@ _GAP_S = 5.0
 """Chosen: after a longer time without a reader the tool starts again from its equilibrium."""
 
 
-class Contact(Protocol):
-    """The force on a tool that moves."""
+def _forget() -> None:
+    """Nothing is remembered."""
 
-    def __call__(self, times: Floats, positions: Floats, velocities: Floats) -> Floats:
-        """Return the force (n, 3), N, base frame, at ascending times (n,), s, for positions and velocities (n, 3)."""
+
+class Contact(NamedTuple):
+    """What touches the tool."""
+
+    force: Callable[[Floats, Floats, Floats], Floats]
+    """Force (n, 3), N, base frame, at ascending times (n,), s, for positions and velocities (n, 3) of the tool. They
+    follow those that were kept last; asked again, it answers the same.
+    """
+    keep: Callable[[], object] = _forget
+    """Called when the motion that was asked about last has been accepted."""
 
 
 class Bearing(NamedTuple):
@@ -86,7 +94,16 @@ class Mode(NamedTuple):
         return (2.0 * math.pi * self.frequency_hz) ** 2
 
 
-class _Grid(NamedTuple):
+class Grid(NamedTuple):
+    """The grid of time on which the motion is integrated."""
+
+    powered_at: float
+    """Its begin, s, with the tool in equilibrium."""
+    step: float = STEP_S
+    """s; shorter for a surface with memory, which has to see as many samples as the sensor."""
+
+
+class _Responses(NamedTuple):
     """Responses of deflection and velocity at n points of the grid behind the present one."""
 
     free: Floats
@@ -107,7 +124,7 @@ class _Grid(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def _grid(mode: Mode, step: float) -> _Grid:
+def _responses(mode: Mode, step: float) -> _Responses:
     """Return the responses at the most points that are solved at once."""
     points = _POINTS
     matrices, held_1 = mode.transition(np.array([step]))
@@ -131,7 +148,7 @@ def _grid(mode: Mode, step: float) -> _Grid:
         constant[:, rows, rows - gap] = (power @ held)[:, None]
         power = matrix @ power
         free[gap] = power
-    return _Grid(free.transpose(1, 0, 2), forced, constant, constant.sum(axis=2))
+    return _Responses(free.transpose(1, 0, 2), forced, constant, constant.sum(axis=2))
 
 
 def _unread(time: float) -> None:
@@ -142,12 +159,13 @@ class CompliantPath:
     """The true path of the tool of a compliant arm: an `ArmPath` around that of the arm."""
 
     def __init__(
-        self, path: ArmPath, mode: Mode, bearing: Callable[[float], Bearing], contact: Contact, step: float
+        self, path: ArmPath, mode: Mode, bearing: Callable[[float], Bearing], contact: Contact, grid: Grid
     ) -> None:
         """`bearing` is asked for a time, s, and answers for the rigid arm's pose of that time."""
+        step = grid.step
         self._path, self._mode, self._bearing_at, self._contact = path, mode, bearing, contact
         self._step, self._remembers = step, step < STEP_S
-        self._responses = _grid(mode, step)
+        self._responses = _responses(mode, step)
         self.on_change: Callable[[float], object] = _unread
         """Called with the time, s, from which on the path is another than it could be read."""
         path.on_change = self._moved_otherwise
@@ -159,7 +177,7 @@ class CompliantPath:
         """The contact that was last linearised."""
         self._oldest = self._newest = 0
         """Points of the grid that are known; none before the first reader."""
-        self._begun = False
+        self._begun, self._powered_at = False, grid.powered_at
 
     # --- as a path
 
@@ -237,7 +255,8 @@ class CompliantPath:
         """Compute every point of the grid up to `end`, s."""
         last = math.floor(end / self._step)
         if not self._begun or last - self._newest > _GAP_S / self._step:
-            self._start(math.floor(begin / self._step))
+            last_gap = last - _GAP_S / self._step
+            self._start(math.floor(max(self._powered_at / self._step, min(begin / self._step, last_gap))))
         while self._newest < last:
             point, points = self._newest, min(_POINTS, last - self._newest)
             times = np.arange(point, point + points + 1, dtype=np.float64) * self._step
@@ -256,7 +275,7 @@ class CompliantPath:
             force, (by_position, _) = self._linearised(time, positions + offset, still)
             error = compliance @ force[0] + bearing.sag[:3] - offset
             offset += np.linalg.solve(np.eye(3) - compliance @ by_position[0], error)
-        force = self._contact(time, positions + offset, still)
+        force = self._contact.force(time, positions + offset, still)
         self._oldest = self._newest = point
         self._rows[point % _KEPT] = [*offset, 0.0, 0.0, 0.0, *force[0], *velocities[0]]
         self._begun = True
@@ -288,7 +307,7 @@ class CompliantPath:
             velocities[1:],
         )
         if not start[6:9].any():
-            force = self._contact(block.times, block.positions + base[0], block.velocities + base[1])
+            force = self._contact.force(block.times, block.positions + base[0], block.velocities + base[1])
             if not force.any():
                 self._note(block, base, force)
                 return
@@ -316,7 +335,9 @@ class CompliantPath:
             before = math.inf
             for _ in range(_ITERATIONS):
                 moved = block.response(forces)
-                answer = self._contact(block.times, block.positions + moved[0], block.velocities + moved[1])
+                answer = self._contact.force(
+                    block.times, block.positions + moved[0], block.velocities + moved[1]
+                )
                 error = answer - forces
                 size = float(np.abs(error).max())
                 if size <= _TOLERANCE_N:
@@ -352,7 +373,7 @@ class CompliantPath:
             self._note(
                 block,
                 moved,
-                self._contact(block.times, block.positions + moved[0], block.velocities + moved[1]),
+                self._contact.force(block.times, block.positions + moved[0], block.velocities + moved[1]),
             )
         return last
 
@@ -362,14 +383,17 @@ class CompliantPath:
         """Return the force of the contact (n, 3) and its slopes by position and by velocity (n, 3, 3)."""
         if self._remembers:
             forces = np.array(
-                [self._contact(times, positions + near, velocities + faster) for near, faster in _SHIFTS]
+                [
+                    self._contact.force(times, positions + near, velocities + faster)
+                    for near, faster in _SHIFTS
+                ]
             )
         else:  # a sample and its six neighbours at once
             shifted = (
                 (positions[:, None] + _SHIFTS[:, 0]).reshape(-1, 3),
                 (velocities[:, None] + _SHIFTS[:, 1]).reshape(-1, 3),
             )
-            forces = self._contact(np.repeat(times, 7), *shifted).reshape(-1, 7, 3).transpose(1, 0, 2)
+            forces = self._contact.force(np.repeat(times, 7), *shifted).reshape(-1, 7, 3).transpose(1, 0, 2)
         by_position = (forces[1:4] - forces[0]) / _POSITION_STEP_M
         by_velocity = (forces[4:7] - forces[0]) / _VELOCITY_STEP_M_S
         return forces[0], (by_position.transpose(1, 2, 0), by_velocity.transpose(1, 2, 0))
@@ -381,6 +405,7 @@ class CompliantPath:
         self._rows[rows] = np.concatenate((moved[0], moved[1], force, block.velocities), axis=1)
         self._newest += count
         self._oldest = max(self._oldest, self._newest - _KEPT + 1)
+        self._contact.keep()
 
 
 class _Block(NamedTuple):
