@@ -1,4 +1,4 @@
-"""Wire formats: bytes and CAN frames ↔ meaning, as state machines without I/O.
+"""Wire protocols: conversion between bytes or CAN frames and their meaning, as state machines without I/O.
 
-Standard library only; nothing here asks for the time, it is told.
+The package uses only the standard library. No module reads a clock; the caller passes the time.
 """

@@ -1,31 +1,34 @@
-"""When a device sent a message, by its own clock and by the messages that came quickest. Pure.
+"""Estimate of the time at which a device sent a message, from the device's clock and the fastest messages.
 
-The device's clock runs at another rate than the receiver's and from another zero. The quickest messages give the
-difference. A message that is later by this difference was held up, and its contents are as much older.
+The device's clock has a different rate and a different zero than the receiver's clock. The fastest messages give
+the offset between the clocks. A message that arrives later than this offset predicts was delayed, and its contents
+are older by the same amount.
 """
 
 import math
 
 CLOCKS_APART = 0.02
-"""Chosen: part by which the clocks of device and receiver may differ. What a message is later than that was held up. So
-a delay that grows in small steps does not pass for fresh contents."""
+"""Largest relative difference between the rates of the device's and the receiver's clock. Chosen: any larger delay
+counts as a delayed message, so that a slowly growing delay does not pass for fresh contents.
+"""
 
 
 class ArrivalClock:
-    """Maps a device's time to the receiver's."""
+    """Converter of times on a device's clock to times on the receiver's clock."""
 
     __slots__ = ("_difference", "arrived_at")
 
     def __init__(self) -> None:
         self._difference = math.inf
-        """The receiver's time at the device's time 0, by the quickest messages, s."""
+        """Time on the receiver's clock at time 0 of the device's clock, from the fastest messages, s."""
         self.arrived_at = math.inf
-        """Arrival of the newest message, s."""
+        """Arrival time of the newest message, s."""
 
     def sent_at(self, stamp: float, arrived: float) -> float:
-        """Return when a message would have come without a delay on its path, s on the receiver's clock.
+        """Return the time at which a message would have arrived without a delay, s on the receiver's clock.
 
-        `stamp` is its time by the device's clock, s, and `arrived` when it came.
+        `stamp` is the message's time stamp on the device's clock, s. `arrived` is its arrival time on the
+        receiver's clock, s.
         """
         latest = self._difference + CLOCKS_APART * max(arrived - self.arrived_at, 0.0)
         self._difference, self.arrived_at = min(arrived - stamp, latest), arrived

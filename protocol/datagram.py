@@ -1,5 +1,5 @@
-"""One datagram, when it came and from which side. On a datagram wire an endpoint is given a sequence of `bytes`, each
-one whole.
+"""A datagram with its arrival time and its peer. An endpoint on a datagram wire receives a sequence of `bytes`, one
+for each datagram.
 """
 
 import math
@@ -7,13 +7,13 @@ from collections.abc import Hashable
 
 
 class Datagram(bytes):
-    """The payload of a datagram; equal to the same bytes, whenever they came."""
+    """Payload of a datagram. It compares equal to `bytes` with the same contents, regardless of its arrival time."""
 
     received_at: float
-    """When it came, s on the receiver's clock: by the kernel's stamp where there is one. NaN: not known."""
+    """Arrival time on the receiver's clock, s: the kernel's time stamp if available. NaN if unknown."""
     side: Hashable
-    """The address that it came from, as its wire knows it; None: not known. A wire that listens sends a datagram to the
-    side that it names, if that one has spoken to it, and every other one to the side that spoke last.
+    """Address of the peer, in the form that the transport uses; None if unknown. A listening wire sends a datagram
+    to this peer if the peer has sent to it before, and otherwise to the peer that sent most recently.
     """
 
     def __new__(
@@ -22,7 +22,7 @@ class Datagram(bytes):
         received_at: float = math.nan,
         side: Hashable = None,
     ) -> "Datagram":
-        """As `bytes`, with the time and the side."""
+        """Create a datagram from `bytes`, an arrival time and a peer."""
         datagram = super().__new__(cls, data)
         datagram.received_at = received_at
         datagram.side = side
@@ -30,12 +30,12 @@ class Datagram(bytes):
 
 
 def arrived_at(datagram: bytes, now: float) -> float:
-    """When a datagram came, s: as its wire has stamped it, else `now`."""
+    """Return the arrival time of a datagram, s: its time stamp, or `now` if it has none."""
     at = getattr(datagram, "received_at", math.nan)
     return now if math.isnan(at) else at
 
 
 def side_of(datagram: bytes) -> Hashable:
-    """Return the peer that a datagram came from, or is for; None if it names none."""
+    """Return the peer that sent a datagram or that it is addressed to; None if the datagram names no peer."""
     side: Hashable = getattr(datagram, "side", None)
     return side

@@ -1,7 +1,7 @@
-"""The one shape of every state machine that speaks on a wire, and the errors it raises.
+"""Common interface of all wire state machines, and the exceptions that they raise.
 
-A client and a device emulator have the same five calls. So one pump drives either over any transport, and a test can
-wire a client to an emulator without any transport at all.
+A client and a device emulator have the same five methods. One pump can therefore drive either of them over any
+transport, and a test can connect a client to an emulator without a transport.
 """
 
 from typing import NamedTuple, Protocol, TypeVar
@@ -12,17 +12,17 @@ Event = TypeVar("Event", covariant=True)
 
 
 class Trouble(NamedTuple):
-    """A reason for which a device cannot do its work; false for none."""
+    """Reason why a device cannot operate. It is falsy if there is none."""
 
     fact: str = ""
     remedy: str = ""
-    """Advice for an operator; empty where none is known."""
+    """Advice for an operator; empty if none is known."""
 
     def __bool__(self) -> bool:
         return bool(self.fact)
 
     def __str__(self) -> str:
-        """Both in one line, for people."""
+        """Return the reason and the remedy in one line."""
         return f"{self.fact}; {self.remedy}" if self.remedy else self.fact
 
 
@@ -30,40 +30,40 @@ NO_TROUBLE = Trouble()
 
 
 class ProtocolError(Exception):
-    """Something is wrong with what was said on the wire; the subclass says whose fault it is."""
+    """Error in the communication on a wire. The subclass says which side caused it."""
 
     def __init__(self, fact: str = "", remedy: str = "") -> None:
-        """`remedy` is advice for an operator; empty where none is known."""
+        """Create an error. `remedy` is advice for an operator; empty if none is known."""
         super().__init__(fact)
         self.remedy = remedy
 
 
 class LocalProtocolError(ProtocolError):
-    """We were asked to say something that the protocol does not allow at this moment."""
+    """This side was asked to send something that the protocol does not allow in the current state."""
 
 
 class RemoteProtocolError(ProtocolError):
-    """The other side said something that the protocol does not allow."""
+    """The other side sent something that the protocol does not allow."""
 
 
 class Endpoint(Protocol[DataIn, DataOut, Event]):
-    """One end of a link. `now` is in seconds on the caller's clock and never runs backwards.
+    """One end of a link. `now` is the time on the caller's clock, s; it never decreases.
 
-    Data is `bytes` on a byte wire, a sequence of `CanFrame` on a CAN bus, and a sequence of `bytes` on a wire of
-    datagrams. Empty data mean nothing to send.
+    Data is `bytes` on a byte wire, a sequence of `CanFrame` on a CAN bus, and a sequence of `bytes` on a datagram
+    wire. Empty data means that there is nothing to send.
     """
 
     def receive(self, data: DataIn, now: float) -> None:
-        """Take what arrived. Never raises for what the other side said: that becomes an event."""
+        """Process received data. Never raises, regardless of what the other side sent: errors become events."""
 
     def next_event(self) -> Event | None:
         """Return the oldest event not yet taken, or None."""
 
     def data_to_send(self, now: float) -> DataOut:
-        """Everything to be put on the wire now; empty when there is nothing. It is handed out once."""
+        """Return all data to send now; empty if there is none. Each piece of data is returned only once."""
 
     def next_deadline(self) -> float | None:
-        """When `handle_deadline` wants to be called, or None while only data can change anything."""
+        """Return the time at which to call `handle_deadline`, s, or None if only received data can change the state."""
 
     def handle_deadline(self, now: float) -> None:
-        """Act on every deadline up to and including `now`; harmless when none has come."""
+        """Handle every deadline up to and including `now`. Does nothing if no deadline has passed."""

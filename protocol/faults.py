@@ -1,4 +1,6 @@
-"""Words for an injected fault that the emulators, which have it, and the record, which tells of it, share."""
+"""Stages of an injected fault, used by the emulators, which implement the fault, and by the recording, which
+reports it.
+"""
 
 from enum import StrEnum
 
@@ -8,13 +10,13 @@ class FaultStage(StrEnum):
 
     BEGINS = "begins"
     HAPPENS = "happens"
-    """It is over in the moment in which it begins."""
+    """The fault is instantaneous: it ends as soon as it begins."""
     ENDS = "ends"
     STRUCK = "struck"
-    """The run is over; the fault had this many effects."""
+    """The run has ended; the report gives the number of effects of the fault."""
     NEVER = "never"
-    """The run is over, and its phase or condition never came."""
+    """The run has ended, and the phase or condition of the fault never occurred."""
     REFUSED = "refused"
-    """The cell could not have it when its moment came."""
+    """The cell could not apply the fault when it was due."""
     BY_HAND = "by hand"
     """An operator changed the device at its panel."""

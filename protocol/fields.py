@@ -1,7 +1,7 @@
-"""Field tables: one table gives the encoder, the decoder, the monitor's text and the property test.
+"""Field tables, each of which defines an encoder, a decoder, the monitor's text and a property test.
 
-A table holds raw integers (or floats) as they lie on the wire; `scale` and `unit` say what a raw value means
-and are applied only where an operator or the control side reads it.
+A table uses raw integers (or floats) as encoded on the wire. `scale` and `unit` give the meaning of a raw value.
+They are applied only where an operator or the control side reads the value.
 """
 
 import dataclasses
@@ -15,7 +15,7 @@ from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.marks import Mark
 
 _WHOLE = 2.0**53
-"""Beyond it a float tells no whole number from the next."""
+"""Limit above which a float cannot represent every integer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,21 +24,21 @@ class Field:
 
     name: str
     offset: int
-    """Bytes from the start of the payload."""
+    """Offset from the start of the payload, in bytes."""
     format: str
-    """One `struct` character: B H h I i f."""
+    """`struct` character of the value, one of B H h I i f."""
     mark: Mark
     meaning: str = ""
     scale: float = 1.0
-    """SI or display value of one raw unit."""
+    """Size of one raw unit, in SI or display units."""
     unit: str = ""
     bits: Mapping[int, str] = dataclasses.field(default_factory=dict, hash=False)
-    """Words for each bit that may be set, of a status."""
+    """Meaning of each status bit by its number."""
 
     def value(self, raw: float) -> float:
-        """Convert a raw value to the field's unit; it stays an integer where one raw unit is 1.
+        """Convert a raw value to the field's unit. The value remains an integer if one raw unit is 1.
 
-        A scale of one nth divides by n, so that twelve tenths are 1.2 to the last bit.
+        For a scale of 1/n, the value is divided by n, so that twelve tenths are exactly 1.2.
         """
         if self.scale == 1.0:
             return raw
@@ -49,17 +49,19 @@ class Field:
 
 @dataclass(frozen=True)
 class Layout:
-    """A payload of fixed size. Bytes that no field covers are sent as 0 and ignored when received."""
+    """Payload of fixed size. Bytes that no field covers are sent as 0 and ignored on reception."""
 
     name: str
     size: int
     byte_order: str
-    """`>` big-endian or `<` little-endian."""
+    """Byte order, `>` for big-endian or `<` for little-endian."""
     fields: tuple[Field, ...]
 
     @cached_property
     def _packed(self) -> tuple[struct.Struct, tuple[str, ...]]:
-        """All fields as one struct with pad bytes between, so that a payload costs one call."""
+        """All fields as one struct with pad bytes between them, so that one call encodes or decodes a payload, and
+        their names.
+        """
         text, at, names = self.byte_order, 0, []
         for field in sorted(self.fields, key=lambda f: f.offset):
             if field.offset < at:
@@ -68,13 +70,13 @@ class Layout:
             at = field.offset + struct.calcsize(self.byte_order + field.format)
             names.append(field.name)
         if at > self.size:
-            raise ValueError(f"{self.name}: fields end at {at}, past the size {self.size}")
+            raise ValueError(f"{self.name}: fields end at {at}, beyond the size {self.size}")
         return struct.Struct(text + f"{self.size - at}x"), tuple(names)
 
     def pack(self, values: Mapping[str, float]) -> bytes:
-        """Bytes of the payload; fields not named are 0.
+        """Encode the payload from raw values by name. Fields that are not named are 0.
 
-        Raises LocalProtocolError for a value that its field cannot hold or a name that is no field.
+        Raises LocalProtocolError if a value does not fit into its field, or if no field has a given name.
         """
         _, names = self._packed
         if unknown := values.keys() - set(names):
@@ -82,9 +84,10 @@ class Layout:
         return self.pack_row(*(values.get(name, 0) for name in names))
 
     def pack_row(self, *values: float) -> bytes:
-        """Bytes of the payload from a value for every field, by offset: for what is sent a thousand times a second.
+        """Encode the payload from the raw values of all fields, ordered by offset. It is fast enough for payloads
+        sent at 1 kHz.
 
-        Raises LocalProtocolError for a value that its field cannot hold, and for another number of them.
+        Raises LocalProtocolError if a value does not fit into its field, or if the number of values is wrong.
         """
         try:
             return self._packed[0].pack(*values)
@@ -92,48 +95,52 @@ class Layout:
             raise LocalProtocolError(f"{self.name}: {error}") from error
 
     def unpack(self, data: bytes) -> dict[str, float]:
-        """Raw values by name. Bytes past the size are ignored.
+        """Decode the payload to raw values by name. Bytes beyond the size are ignored.
 
-        Raises RemoteProtocolError when the payload is too short.
+        Raises RemoteProtocolError if the payload is too short.
         """
         return dict(zip(self._packed[1], self.unpack_row(data), strict=True))
 
     def unpack_row(self, data: bytes) -> tuple[Any, ...]:
-        """Raw values by offset; as `unpack`."""
+        """Decode the payload like `unpack`, but to a tuple ordered by offset."""
         if len(data) < self.size:
             raise RemoteProtocolError(f"{self.name} needs {self.size} bytes of data, got {len(data)}")
         return self._packed[0].unpack_from(data)
 
     @property
     def struct(self) -> struct.Struct:
-        """The whole payload as one struct, values by offset: for what is read or written every millisecond."""
+        """The entire payload as one struct, with values ordered by offset. It is fast enough for payloads sent at 1
+        kHz.
+        """
         return self._packed[0]
 
     def unpack_exact(self, data: bytes) -> tuple[Any, ...]:
-        """As `unpack_row`, where the length tells what a payload is. Raises RemoteProtocolError for another length."""
+        """Decode a payload of exactly this size to a tuple ordered by offset. Raises RemoteProtocolError if the
+        length is wrong.
+        """
         if len(data) != self.size:
             raise RemoteProtocolError(f"{self.name} has {self.size} bytes, got {len(data)}")
         return self._packed[0].unpack(data)
 
     def describe(self, data: bytes) -> list[dict[str, object]]:
-        """Every field as name, raw value, value in its unit, mark and meaning: for people to read."""
+        """Describe every field for display: name, raw value, value in its unit, mark and meaning."""
         raw = self.unpack(data)
         return [describe_field(field, raw[field.name]) for field in self.fields]
 
 
 def describe_field(field: Field, raw: float) -> dict[str, object]:
-    """Describe a raw value of a field for people to read."""
+    """Describe the raw value of one field for display."""
     return {
         "name": field.name,
         "raw": raw,
         "value": field.value(raw),
         "unit": field.unit,
         "mark": field.mark.value,
-        "meaning": (bit_words(int(raw), field.bits) or "no error") if field.bits else field.meaning,
+        "meaning": (describe_bits(int(raw), field.bits) or "no error") if field.bits else field.meaning,
     }
 
 
-def bit_words(status: int, bits: Mapping[int, str]) -> str:
-    """Describe the bits of a status; empty for none of them."""
-    words = ", ".join(text for bit, text in bits.items() if status >> bit & 1)
-    return words or ("an error without a name" if status else "")
+def describe_bits(status: int, bits: Mapping[int, str]) -> str:
+    """Describe the bits that are set in a status; empty if no bit is set."""
+    texts = ", ".join(text for bit, text in bits.items() if status >> bit & 1)
+    return texts or ("unnamed error" if status else "")

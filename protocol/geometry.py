@@ -1,9 +1,10 @@
-"""Positions, orientations and wrenches as plain values, and how orientations turn: the one place for all devices,
-emulators and the bridge.
+"""Positions, orientations and wrenches as plain values, and rotation arithmetic, for all devices, emulators and the
+bridge.
 
-SI units inside: m, N, N·m, rad. The base frame is the robot's own. The tool frame lies in the tool centre point.
-Quaternions have unit length unless a function says otherwise. Rotation vectors turn by their length about their
-direction; r and r·(1 − 2π/|r|) are the same orientation, so that they are never compared, filtered or mixed.
+All units are SI: m, N, N·m, rad. The base frame is the robot's own. The origin of the tool frame is the tool centre
+point. Quaternions have unit length unless a function says otherwise. A rotation vector rotates by its length about
+its direction. Because r and r·(1 − 2π/|r|) are the same orientation, rotation vectors are never compared, filtered
+or averaged.
 """
 
 import math
@@ -11,33 +12,37 @@ from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
 Vector: TypeAlias = tuple[float, float, float]
-"""x y z. Field and argument say the frame and the unit; a position without a word is the tool in the base frame, m."""
+"""Vector x y z. The name of the field or argument gives its frame and unit. By default, a position is the position
+of the tool in the base frame, m.
+"""
 Quaternion: TypeAlias = tuple[float, float, float, float]
-"""w x y z. It turns vectors of the tool frame into vectors of the base frame unless its field says otherwise."""
+"""Quaternion w x y z. It rotates vectors of the tool frame into the base frame unless its field says otherwise."""
 Wrench: TypeAlias = tuple[float, float, float, float, float, float]
-"""fx fy fz mx my mz, N and N·m, about the origin of the frame that its field names."""
+"""Wrench fx fy fz mx my mz, N and N·m, about the origin of the frame that the name of the field gives."""
 
 
 class Pose(NamedTuple):
-    """Where the tool is and how it stands."""
+    """Position and orientation of the tool."""
 
     position: Vector
-    """Tool centre point in the base frame, m."""
+    """Position of the tool centre point in the base frame, m."""
     quaternion: Quaternion
-    """Tool frame in the base frame, w x y z."""
+    """Orientation of the tool frame in the base frame, w x y z."""
 
 
 _SMALL = 1e-9
-"""Half an angle, rad, below which its sine is the angle."""
+"""Half angle below which its sine equals the angle, rad."""
 _NO_COSINE = 1e-9
-"""Derived: below it the second of three angles is ±90°, and the first would be read from rounding."""
+"""Limit of the cosine of the second of three angles, below which this angle is ±90° and rounding alone would
+determine the first angle. Derived.
+"""
 
 
-# --- turns
+# --- rotations
 
 
 def product(p: Sequence[float], q: Sequence[float]) -> Quaternion:
-    """First the turn `q`, then the turn `p`."""
+    """Return the rotation that applies first `q`, then `p`."""
     a, b, c, d = p
     w, x, y, z = q
     return (
@@ -55,19 +60,21 @@ def inverse(quaternion: Sequence[float]) -> Quaternion:
 
 
 def normalise(quaternion: Sequence[float]) -> Quaternion:
-    """Return the orientation with unit length: devices round what they send.
+    """Return the quaternion scaled to unit length, because devices round the values that they send.
 
     Raises ValueError for a zero quaternion.
     """
     w, x, y, z = quaternion
     norm = math.hypot(w, x, y, z)
     if norm == 0.0:
-        raise ValueError("a zero quaternion is no orientation")
+        raise ValueError("a zero quaternion is not an orientation")
     return w / norm, x / norm, y / norm, z / norm
 
 
 def rotate(quaternion: Sequence[float], vector: Sequence[float]) -> Vector:
-    """Rotate a vector of the turned frame into the frame it was turned from: of the tool frame into the base frame."""
+    """Rotate a vector from the rotated frame into the reference frame, for example from the tool frame into the
+    base frame.
+    """
     w, x, y, z = quaternion
     a, b, c = vector
     u, v, t = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
@@ -77,7 +84,7 @@ def rotate(quaternion: Sequence[float], vector: Sequence[float]) -> Vector:
 def turn_between(start: Sequence[float], goal: Sequence[float]) -> Quaternion:
     """Return the rotation from one orientation to another, about axes of the base frame.
 
-    It is exact for equal ones, and as long as the product of both lengths.
+    It is exact for equal orientations. Its norm is the product of both norms.
     """
     w, x, y, z = start
     a, b, c, d = goal
@@ -90,8 +97,8 @@ def turn_between(start: Sequence[float], goal: Sequence[float]) -> Quaternion:
 
 
 def angle_between(a: Sequence[float], b: Sequence[float]) -> float:
-    """Angle of the shorter turn from one orientation to another, rad, 0 … π; of quaternions of any length. NaN where
-    one of them is zero.
+    """Return the angle of the shorter rotation between two orientations, rad, 0 … π. The quaternions may have any
+    length; the result is NaN if one of them is zero.
     """
     w, x, y, z = turn_between(a, b)
     sine = math.hypot(x, y, z)
@@ -99,7 +106,7 @@ def angle_between(a: Sequence[float], b: Sequence[float]) -> float:
 
 
 def rotation_vector(quaternion: Sequence[float]) -> Vector:
-    """Return the rotation as a rotation vector, rad, no longer than π."""
+    """Convert a rotation to a rotation vector, rad, no longer than π."""
     w, x, y, z = quaternion
     sine = math.hypot(x, y, z)
     part = math.copysign(2.0, w) if sine < _SMALL else math.copysign(2.0 * math.atan2(sine, abs(w)), w) / sine
@@ -107,10 +114,10 @@ def rotation_vector(quaternion: Sequence[float]) -> Vector:
 
 
 def turn_by(vector: Sequence[float]) -> Quaternion:
-    """Return the rotation of a rotation vector, rad; NaN for one that is too long."""
+    """Convert a rotation vector, rad, to a rotation; NaN if the vector is too long."""
     x, y, z = vector
     angle = math.hypot(x, y, z)
-    if not math.isfinite(angle):  # a device may tell any number
+    if not math.isfinite(angle):  # a device may report any number
         return math.nan, math.nan, math.nan, math.nan
     if angle < _SMALL:
         return 1.0, x / 2.0, y / 2.0, z / 2.0
@@ -118,7 +125,7 @@ def turn_by(vector: Sequence[float]) -> Quaternion:
     return math.cos(angle / 2.0), x * part, y * part, z * part
 
 
-# --- what follows from them
+# --- derived functions
 
 
 def turn_about(axis: Sequence[float], angle: float) -> Quaternion:
@@ -129,13 +136,13 @@ def turn_about(axis: Sequence[float], angle: float) -> Quaternion:
 
 
 def tool_axis(quaternion: Sequence[float]) -> Vector:
-    """Return the tool's z axis, out of the tool, in the base frame."""
+    """Return the direction of the tool's z axis, which points out of the tool, in the base frame."""
     w, x, y, z = quaternion
     return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
 
 
 def rotation_rows(quaternion: Sequence[float]) -> tuple[Vector, Vector, Vector]:
-    """Rows of the matrix whose columns are the axes of the turned frame."""
+    """Return the rows of the matrix whose columns are the axes of the rotated frame."""
     w, x, y, z = quaternion
     return (
         (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
@@ -145,15 +152,15 @@ def rotation_rows(quaternion: Sequence[float]) -> tuple[Vector, Vector, Vector]:
 
 
 def angle_of_vectors(a: Vector, b: Vector) -> float:
-    """Angle between two vectors of any length, rad, 0 … π. The cosine alone says little of a small one."""
+    """Return the angle between two vectors of any length, rad, 0 … π. The result is accurate for small angles too."""
     (x, y, z), (u, v, w) = a, b
     return math.atan2(math.hypot(y * w - z * v, z * u - x * w, x * v - y * u), x * u + y * v + z * w)
 
 
 def from_angles(a_deg: float, b_deg: float, c_deg: float) -> Quaternion:
-    """Return the orientation Rz(a)·Ry(b)·Rx(c), degrees.
+    """Return the orientation Rz(a)·Ry(b)·Rx(c), with angles in degrees.
 
-    It turns about z, the new y and the newest x, or about x, y and z of the fixed frame.
+    It rotates about z, the new y and the newest x, which is the same as about x, y and z of the fixed frame.
     """
     a, b, c = math.radians(a_deg) / 2.0, math.radians(b_deg) / 2.0, math.radians(c_deg) / 2.0
     ca, cb, cc = math.cos(a), math.cos(b), math.cos(c)
@@ -167,11 +174,12 @@ def from_angles(a_deg: float, b_deg: float, c_deg: float) -> Quaternion:
 
 
 def angles_of(quaternion: Sequence[float]) -> Vector:
-    """Return the angles of `from_angles`, degrees: the first and the last in ±180, the second in ±90.
+    """Return the angles from which `from_angles` computes an orientation, degrees: the first and the last within
+    ±180, the second within ±90.
 
-    Where that is ±90, the first is 0 and the last has the whole turn.
+    If the second angle is ±90, the first is 0 and the last contains the entire rotation.
     """
-    w, x, y, z = quaternion  # seven of nine elements of the matrix, for it is asked for with every packet
+    w, x, y, z = quaternion  # only seven of the nine matrix elements, because this runs for every packet
     r11, r21, r31 = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
     r12, r22 = 2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z)
     r13, r23 = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x)
@@ -183,7 +191,7 @@ def angles_of(quaternion: Sequence[float]) -> Vector:
 
 
 def slerp(a: Quaternion, b: Quaternion, part: float) -> Quaternion:
-    """Interpolate the orientation at `part` (0 … 1) from `a` to `b` along the shorter turn."""
+    """Interpolate between the orientations `a` and `b` along the shorter rotation, at the fraction `part` (0 … 1)."""
     cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     half = angle_between(a, b) / 2.0
     if half < _SMALL:
@@ -195,19 +203,19 @@ def slerp(a: Quaternion, b: Quaternion, part: float) -> Quaternion:
 
 
 def towards(start: Pose, goal: Pose, distance: float, angle: float) -> Pose:
-    """Return the next pose on the straight path from `start` to `goal`; the goal itself when it is near enough.
+    """Return the next pose on the straight path from `start` to `goal`; the goal itself if it is near enough.
 
-    It is at most `distance`, m, and `angle`, rad, away from the start. Way and turn end together; the turn is the
-    shorter one. Both orientations have unit length within rounding.
+    The pose is at most `distance`, m, and `angle`, rad, away from the start. Translation and rotation end together,
+    and the rotation is the shorter one. Both orientations have unit length within rounding.
     """
     apart = math.dist(start.position, goal.position)
     cosine, x, y, z = turn_between(start.quaternion, goal.quaternion)
-    half = math.atan2(math.hypot(x, y, z), abs(cosine))  # exact for the smallest turn too
+    half = math.atan2(math.hypot(x, y, z), abs(cosine))  # exact even for the smallest rotation
     share = min(distance / apart if apart else 1.0, angle / (2.0 * half) if half else 1.0)
-    if share >= 1.0 - 1e-9:  # what rounding leaves of a way
+    if share >= 1.0 - 1e-9:  # only a rounding error remains
         return goal
     here, there = 1.0 - share, math.copysign(share, cosine)
-    if half > 1e-6:  # below, the chord is the arc
+    if half > 1e-6:  # for smaller angles, the chord equals the arc
         here, there = (math.copysign(math.sin(abs(part) * half), part) for part in (here, there))
     (a, b, c, d), (e, f, g, h) = start.quaternion, goal.quaternion
     w, i, j, k = here * a + there * e, here * b + there * f, here * c + there * g, here * d + there * h

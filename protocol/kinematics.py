@@ -1,14 +1,15 @@
-"""Joints and poses of arms with a spherical wrist: forward kinematics, every inverse solution, and routes along a line.
+"""Kinematics of arms with a spherical wrist: forward kinematics, all inverse solutions, and straight-line routes.
 
-Lengths, ranges and speeds: project specification of the computer link, section 6. Angles in rad, lengths in m.
+Lengths, ranges and speeds: project specification of the computer link, section 6. Angles are in rad, lengths in m.
 
-Assumed, because zero positions and signs are not public. With all axes at zero the arm points along base x and the
-upper arm stands upright. The forearm lies level with its own axis above axis 3, the wrist is straight, and the tool's x
-axis points up. So a tool pointing down in front of the base has axes 4 and 6 near zero. Axis 1 turns about base z,
-which axis 2 crosses. Axes 2, 3 and 5 turn about y at zero (positive: down and forward). Axes 4 and 6 turn about the
-forearm's axis. All turn by the right hand.
+Assumed, because zero positions and signs are not public: with all axes at zero, the arm points along base x and the
+upper arm is upright. The forearm is level, with its own axis above axis 3, the wrist is straight, and the tool's x
+axis points up. A tool that points down in front of the base therefore has axes 4 and 6 near zero. Axis 1 turns
+about base z, which axis 2 crosses. Axes 2, 3 and 5 turn about y at zero (positive: down and forward). Axes 4 and 6
+turn about the forearm's axis. All axes follow the right-hand rule.
 
-Axis 3 is read against the horizon or against the upper arm, see `ArmSize.axis_3_against`. The wrist is spherical.
+Axis 3 is measured against the horizontal or against the upper arm; see `ArmSize.axis_3_against`. The wrist is
+spherical.
 """
 
 import math
@@ -29,28 +30,28 @@ _TOOL_AT_ZERO: Quaternion = (0.0, _HALF, 0.0, _HALF)
 """Tool frame in the base frame with all joints at zero: z forward, x up."""
 _TURN = 2.0 * math.pi
 _ROUNDING = 1e-9
-"""Angle by which a posture may lie beyond the end of a range, rad, and still count as inside."""
+"""Angle by which a posture may exceed the end of a range and still count as inside, rad."""
 _ON_AXIS_1_M = 1e-6
-"""A wrist nearer than this to axis 1 leaves its angle open."""
+"""Distance of the wrist from axis 1 below which the angle of axis 1 is undetermined, m."""
 _STRAIGHT = 1e-4
-"""Derived: half of the angle of axis 5, rad, below which the words of a quaternion, 1/16384, do not tell where
-axis 4 stands.
-"""
+"""Half the angle of axis 5 below which quaternion words of 1/16384 do not determine axis 4, rad. Derived."""
 
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """The joints along a straight line, at places close enough together to go straight between them."""
+    """Joint angles along a straight line, sampled densely enough for linear interpolation between the samples."""
 
     parts: tuple[float, ...]
-    """Share of the line behind each place, ascending from 0 to 1."""
+    """Position of each sample as a fraction of the line, ascending from 0 to 1."""
     joints: tuple[Joints, ...]
-    """The joints at each place."""
+    """Joint angles at each sample."""
     least_times: tuple[float, ...]
-    """The least time from each place to the next that the joints' speeds allow, s; one fewer than places."""
+    """Shortest time from each sample to the next that the joint speeds allow, s. There is one time fewer than there
+    are samples.
+    """
 
     def at(self, part: float) -> Joints:
-        """Return the joints after this part (0 … 1) of the line."""
+        """Return the joint angles at a fraction (0 … 1) of the line."""
         last = len(self.parts) - 1
         if part >= 1.0 or last == 0:
             return self.joints[last]
@@ -62,9 +63,11 @@ class Route:
         return a, b, c, d, e, f
 
     def slowed(self, duration: float) -> tuple[float, ...]:
-        """Return the times at which each place is passed, s after the first, in a motion of `duration`.
+        """Return the time of each sample, s after the first, in a motion with a duration of `duration`, s, or
+        longer.
 
-        The motion has constant speed, but slows down wherever a joint cannot follow; empty where all can.
+        The motion has constant speed, but slows down where a joint cannot follow. The result is empty if every
+        joint can follow throughout.
         """
         stretches = [(b - a) * duration for a, b in zip(self.parts, self.parts[1:], strict=False)]
         if all(least <= even for least, even in zip(self.least_times, stretches, strict=True)):
@@ -73,10 +76,12 @@ class Route:
 
 
 class Arm:
-    """The arm with a tool of some length, m, from the flange along the flange's axis to the tool centre point."""
+    """An arm with a tool that extends `tool_length`, m, from the flange to the tool centre point along the flange's
+    axis.
+    """
 
     def __init__(self, profile: ArmSize, tool_length: float, axis_2_ahead: float = 0.0) -> None:
-        """`axis_2_ahead` is the distance of axis 2 from axis 1, m: ahead of it with all axes at zero."""
+        """Create an arm. `axis_2_ahead` is the distance of axis 2 in front of axis 1 with all axes at zero, m."""
         self._axis_2_height = profile.axis_2_height_mm / 1000.0
         self._axis_2_ahead = axis_2_ahead
         self._upper_arm = profile.upper_arm_mm / 1000.0
@@ -87,7 +92,7 @@ class Arm:
         self._rides = profile.axis_3_against == "upper_arm"
         a, b, c, d, e, f = map(math.radians, profile.axis_middles_deg)
         self.middles: Joints = a, b, c, d, e, f
-        """The middle of each range."""
+        """Middle of the range of each axis, rad."""
         self._speeds = [math.radians(speed) for speed in profile.axis_speeds_deg_s]
         self._fastest = max(self._speeds)
         self._ranges = [
@@ -96,7 +101,7 @@ class Arm:
         ]
 
     def pose(self, joints: Joints) -> Pose:
-        """Return the pose of the tool at these joints."""
+        """Return the pose of the tool at these joint angles."""
         turn, lean, _, *wrist_angles = joints
         pitch = self._pitch(joints)
         radius = self._upper_arm * math.sin(lean) + self._forearm * math.cos(self._offset - pitch)
@@ -116,11 +121,11 @@ class Arm:
         return Pose((x + reach * along[0], y + reach * along[1], z + reach * along[2]), quaternion)
 
     def postures(self, position: Vector, quaternion: Quaternion, near: Joints) -> Iterator[Joints]:
-        """Every way inside the ranges to hold the tool in a pose (m, unit quaternion). There are up to eight: arm
-        turned to the front or to the back, elbow up or down, wrist flipped or not. The ways of `near` come first.
+        """Return every posture within the ranges that holds the tool in a pose (m, unit quaternion).
 
-        Of angles a whole turn apart, the one next to `near` is taken. An angle that a singularity leaves open, axis 1
-        or axis 4, stays as in `near`.
+        There are up to eight postures: arm turned to the front or to the back, elbow up or down, wrist flipped or
+        not. The configuration of `near` comes first. Of angles that differ by full turns, the one closest to `near`
+        is used. An angle that a singularity leaves undetermined, axis 1 or axis 4, remains as in `near`.
         """
         along = tool_axis(quaternion)
         (x, y, z), (u, v, w), reach = position, along, self._wrist_to_tip
@@ -129,9 +134,9 @@ class Arm:
         upper, fore = self._upper_arm, self._forearm
         front = near[0] if radius < _ON_AXIS_1_M else math.atan2(y, x)
         tool = product(quaternion, _TO_ZERO)
-        ways = (front, radius - self._axis_2_ahead), (front + math.pi, -radius - self._axis_2_ahead)
-        for turned, forward in ways if math.cos(near[0] - front) >= 0.0 else ways[::-1]:
-            turn = self._wound(0, turned, near)
+        solutions = (front, radius - self._axis_2_ahead), (front + math.pi, -radius - self._axis_2_ahead)
+        for turned, forward in solutions if math.cos(near[0] - front) >= 0.0 else solutions[::-1]:
+            turn = self._unwrap(0, turned, near)
             if turn is None:
                 continue
             square = forward * forward + height * height
@@ -143,54 +148,60 @@ class Arm:
             elevation = math.atan2(height, forward)
             for elbow in (opening, -opening) if self.bend(near) >= 0.0 else (-opening, opening):
                 leaning = math.pi / 2.0 - elevation - elbow
-                lean = self._wound(1, leaning, near)
+                lean = self._unwrap(1, leaning, near)
                 if lean is None:
                     continue
                 rise = math.atan2(height - upper * math.cos(lean), forward - upper * math.sin(lean))
                 pitch = self._offset - rise
-                third = self._wound(2, pitch - lean if self._rides else pitch, near)
+                third = self._unwrap(2, pitch - lean if self._rides else pitch, near)
                 if third is None:
                     continue
                 wrist = product(inverse(_forearm_frame(turn, pitch)), tool)
                 for a4, a5, a6 in _wrist_angles(wrist, near[3]):
-                    a, b, c = self._wound(3, a4, near), self._wound(4, a5, near), self._wound(5, a6, near)
+                    a, b, c = self._unwrap(3, a4, near), self._unwrap(4, a5, near), self._unwrap(5, a6, near)
                     if a is not None and b is not None and c is not None:
                         yield turn, lean, third, a, b, c
 
     def nearest(self, position: Vector, quaternion: Quaternion, near: Joints) -> Joints | None:
-        """Return the posture that holds the pose with the least motion from `near`, or None if none does."""
+        """Return the posture that holds the tool in the pose with the least motion from `near`; None if no posture
+        does.
+        """
         nearest, least = None, math.inf
         for joints in self.postures(position, quaternion, near):
             effort = self._effort(near, joints)
             if effort < least:
                 nearest, least = joints, effort
-            if effort < self._surely_nearest(joints):
+            if effort < self._nearest_effort(joints):
                 break
         return nearest
 
-    def _surely_nearest(self, joints: Joints) -> float:
-        """Effort of a motion to these joints for which no other posture of the same pose takes less.
+    def _nearest_effort(self, joints: Joints) -> float:
+        """Return a bound for the effort of a motion to these joint angles. Below it, no other posture of the same
+        pose is nearer.
 
-        Derived: another way turns axis 1 or 4 by half a turn, or mirrors the bend by axes 2 and 3. So it lies farther
-        than the bend and its rest to half a turn, at the fastest axis's speed. Within half of that nothing is nearer.
+        Derived: any other configuration turns axis 1 or 4 by half a turn, or mirrors the bend by axes 2 and 3. The
+        other posture is therefore at least as far from this one as the bend, or the difference between the bend and
+        half a turn, at the speed of the fastest axis. Within half of that distance, no other posture is nearer.
         """
         bend = abs(self.bend(joints))
         return (min(bend, math.pi - bend) / 2.0 / self._fastest) ** 2
 
     def least_time(self, before: Joints, after: Joints) -> float:
-        """Time of the slowest joint from one posture to another, s."""
+        """Return the time that the slowest joint needs from one posture to another, s."""
         return max(abs(q - p) / speed for p, q, speed in zip(before, after, self._speeds, strict=True))
 
     def bend(self, joints: Joints) -> float:
-        """Angle of the forearm from the straight arm, rad, -π … π: positive with the elbow up."""
+        """Return the angle between the forearm and the straight arm, rad, -π … π. It is positive with the elbow up."""
         return math.remainder(math.pi / 2.0 - joints[1] - self._offset + self._pitch(joints), _TURN)
 
     def _pitch(self, joints: Joints) -> float:
-        """Return the forearm's angle below the horizon."""
+        """Return the angle of the forearm below the horizontal, rad."""
         return joints[2] + joints[1] if self._rides else joints[2]
 
-    def _wound(self, axis: int, angle: float, near: Joints) -> float | None:
-        """Return the angle, up to whole turns, inside the range and next to `near`; None if there is none."""
+    def _unwrap(self, axis: int, angle: float, near: Joints) -> float | None:
+        """Return the equivalent of `angle` that is inside the range and closest to `near`, rad; None if there is
+        none.
+        """
         low, high = self._ranges[axis]
         angle += _TURN * round((near[axis] - angle) / _TURN)
         if angle > high:
@@ -200,7 +211,9 @@ class Arm:
         return angle if low <= angle <= high else None
 
     def _effort(self, before: Joints, after: Joints) -> float:
-        """Squares, because the slowest joint alone would leave the other ones free to go the long way round."""
+        """Return the effort of a motion: the sum of the squared times of all joints, s². The time of the slowest
+        joint alone would allow the other joints unnecessarily long motions.
+        """
         effort = 0.0
         for p, q, speed in zip(before, after, self._speeds, strict=True):
             effort += ((q - p) / speed) ** 2
@@ -208,8 +221,10 @@ class Arm:
 
 
 def _wrist_angles(wrist: Quaternion, axis_4: float) -> tuple[tuple[float, float, float], ...]:
-    """Axes 4, 5 and 6, not wound, for the flange's turn against the forearm; the way next to `axis_4` comes first, and
-    stands where the turn leaves it open.
+    """Return axes 4, 5 and 6 for the rotation of the flange relative to the forearm, rad, without full turns.
+
+    The solution nearest to `axis_4` comes first. If the rotation leaves axis 4 undetermined, axis 4 remains at
+    `axis_4`.
     """
     # With half angles a, b, c: w = cos b cos(a + c), x = cos b sin(a + c), y = sin b cos(a - c), z = sin b sin(a - c).
     w, x, y, z = wrist
@@ -220,8 +235,8 @@ def _wrist_angles(wrist: Quaternion, axis_4: float) -> tuple[tuple[float, float,
     half_difference = math.atan2(z, y)
     a, c = total / 2.0 + half_difference, total / 2.0 - half_difference
     b = 2.0 * math.atan2(aside, math.hypot(w, x))
-    ways = (a, b, c), (a + math.pi, -b, c - math.pi)
-    return ways if math.cos(axis_4 - a) >= 0.0 else ways[::-1]
+    solutions = (a, b, c), (a + math.pi, -b, c - math.pi)
+    return solutions if math.cos(axis_4 - a) >= 0.0 else solutions[::-1]
 
 
 def _forearm_frame(turn: float, pitch: float) -> Quaternion:

@@ -1,7 +1,7 @@
-"""Origin of a fact, kept next to the fact.
+"""Marks that state how well each fact is known, stored together with the fact.
 
-A *profile* is a frozen dataclass whose fields are made by `setting`. Each has a default, a mark that says how well the
-default is known, and a sentence of meaning. `settings` lists them for people to read.
+A *profile* is a frozen dataclass whose fields are created by `setting`. Each field has a default, a mark that says
+how well the default is known, and a description. `settings` lists them for display.
 """
 
 import dataclasses
@@ -11,53 +11,53 @@ from typing import Any, NamedTuple
 
 
 class Mark(StrEnum):
-    """How well a value is known."""
+    """Statement of how well a value is known."""
 
     OBSERVED = "observed"
-    """Read from a real device or from the only client known to have driven one."""
+    """Observed on a real device, or in the only client known to have controlled one."""
     DERIVED = "derived"
-    """Follows from observed values by arithmetic or measurement."""
+    """Derived from observed values by arithmetic or measurement."""
     STANDARD = "standard"
-    """Links and devices of this kind do so."""
+    """Common practice for links and devices of this kind."""
     ASSUMED = "assumed"
-    """Unknown; correct it on site."""
+    """Unknown. The value must be corrected on site."""
     CHOSEN = "chosen"
-    """A choice of this project or its user, not a fact about a device."""
+    """Choice of this project or its user, not a property of a device."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Bounds:
-    """The numbers that a setting may have; None for no bound."""
+    """Allowed values of a numeric setting. None means no limit."""
 
     minimum: float | None = None
-    """Inclusive, as `maximum`."""
+    """Smallest allowed value. Like `maximum`, it is itself allowed."""
     maximum: float | None = None
     above: float | None = None
-    """Exclusive."""
+    """Lower limit that is not itself allowed."""
 
 
 ANY = Bounds()
-"""Every number, and what is none."""
+"""Bounds without limits. They also allow non-numeric values."""
 
 
 def at_least(minimum: float) -> Bounds:
-    """Return bounds for this number or more."""
+    """Return bounds that allow this number and any larger one."""
     return Bounds(minimum)
 
 
 def between(minimum: float, maximum: float) -> Bounds:
-    """From one number to the other, both included."""
+    """Return bounds that allow the numbers between these two, including both."""
     return Bounds(minimum, maximum)
 
 
 def above(limit: float, maximum: float | None = None) -> Bounds:
-    """More than this number, and no more than the other."""
+    """Return bounds that allow numbers greater than `limit` and, if `maximum` is given, at most `maximum`."""
     return Bounds(maximum=maximum, above=limit)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class SettingInfo:
-    """Notes about a setting beside its default."""
+    """Properties of a setting in addition to its default."""
 
     mark: Mark
     meaning: str
@@ -67,7 +67,7 @@ class SettingInfo:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Setting:
-    """One setting of a profile with its present value."""
+    """One setting of a profile with its current value."""
 
     name: str
     value: object
@@ -83,16 +83,18 @@ class Preset(NamedTuple):
 
 
 def setting(default: Any, mark: Mark, meaning: str, within: Bounds = ANY, unit: str = "") -> Any:
-    """Return a dataclass field with its mark."""
+    """Create a dataclass field for a setting with its mark."""
     info = SettingInfo(mark, meaning, unit, within)
     return dataclasses.field(default=default, metadata={"setting": info})
 
 
 class SettingError(ValueError):
-    """The value of one setting cannot be. Where the settings were read from a file, the file's key is named."""
+    """Invalid value of a setting. For a setting read from a file, the message names the key in the file."""
 
     def __init__(self, setting: str, problem: str) -> None:
-        """Report a `setting` by its name in the profile; `problem` is the rest of the sentence that begins with it."""
+        """Create an error. `setting` is the name in the profile; `problem` completes the sentence that starts with
+        this name.
+        """
         super().__init__(setting, problem)
         self.setting, self.problem = setting, problem
 
@@ -101,7 +103,7 @@ class SettingError(ValueError):
 
 
 def check_settings(profile: Any) -> None:
-    """Raise SettingError for the first setting that is out of its bounds; for `__post_init__`."""
+    """Raise SettingError for the first setting that is outside its bounds. Call it in `__post_init__`."""
     for item in settings(profile):
         value, bounds = item.value, item.info.within
         for number in value if isinstance(value, tuple) else (value,):
@@ -118,14 +120,18 @@ def check_settings(profile: Any) -> None:
 
 
 def fill_presets(profile: Any) -> None:
-    """Give each setting that is None its preset; for `__post_init__` of a profile whose `presets` tell them by name."""
+    """Replace each setting that is None by its preset. Call it in `__post_init__` of a profile whose `presets` maps
+    names to presets.
+    """
     for name, preset in profile.presets.items():
         if getattr(profile, name) is None:
             object.__setattr__(profile, name, preset.value)
 
 
 def settings(profile: Any) -> tuple[Setting, ...]:
-    """Return the settings of a profile in order, with their values and marks; the `presets` of a profile come first."""
+    """Return the settings of a profile in order, with their values, defaults and marks. Defaults and marks in
+    `presets` take precedence.
+    """
     presets: Mapping[str, Preset] = getattr(profile, "presets", {})
     rows = []
     for field in dataclasses.fields(profile):

@@ -1,4 +1,4 @@
-"""The parts of an endpoint that most of them share: data and events that wait to be fetched, and the next deadline."""
+"""Base classes of most endpoints: queues of outgoing data and events, and the next deadline."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -9,29 +9,29 @@ Event = TypeVar("Event")
 
 
 class Due:
-    """An endpoint with one deadline."""
+    """Endpoint with one deadline."""
 
     _due: float | None = None
 
     def next_deadline(self) -> float | None:
-        """When the next thing is due, s; None while it waits for nothing."""
+        """Return the next deadline, s; None if there is none."""
         return self._due
 
 
 class Outbox(Due, Generic[Piece]):
-    """An endpoint of datagrams, frames or other pieces."""
+    """Endpoint that sends datagrams, frames or other pieces."""
 
     def __init__(self) -> None:
         self._out: list[Piece] = []
 
     def data_to_send(self, now: float) -> Sequence[Piece]:
-        """Pieces that are due, each once."""
+        """Return the pieces to send, each only once."""
         out, self._out = self._out, []
         return out
 
 
 class Mailbox(Outbox[Piece], Generic[Piece, Event]):
-    """The same, which tells events."""
+    """An `Outbox` that also reports events."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Report of a robot about itself, whatever its wire, and the shape of a client whose robot drives the cycle."""
+"""Status report of a robot, independent of its wire, and the interface of a client whose robot drives the cycle."""
 
 import math
 from typing import NamedTuple, Protocol, TypeAlias, TypeVar
@@ -7,34 +7,36 @@ from protocol.endpoint import Endpoint
 from protocol.geometry import Pose, Quaternion, Vector
 
 UNIT_TOLERANCE = 0.01
-"""Chosen: how far a quaternion's norm may be from 1. Robots round what they send: words of 1/16384 make up 0.0001."""
+"""Allowed deviation of a quaternion's norm from 1. Chosen: robots round the values that they send; words of 1/16384
+cause a deviation of up to 0.0001.
+"""
 
 
 class RobotReport(NamedTuple):
-    """Where the robot is, and whether it can move. Times are s on the receiver's clock."""
+    """Reported pose of a robot, and whether the robot can move. Times are in s on the receiver's clock."""
 
     sequence: int
-    """Number of the report; it rises by one with each, and by more where some were lost."""
+    """Number of the report. It increases by one with each report, and by more if reports were lost."""
     pose: Pose
-    """Pose of the tool in the robot's base frame, as reported."""
+    """Reported pose of the tool in the robot's base frame."""
     pose_at: float
-    """When the pose was true."""
+    """Time at which the robot had this pose."""
     received_at: float
-    """When the report was complete."""
+    """Time at which the report was completely received."""
     fault: str = ""
-    """Reasons that forbid to move, in words: emergency stop, program stopped; empty without any."""
+    """Reason why the robot cannot move, such as an emergency stop or a stopped program; empty if there is none."""
     stamps: tuple[tuple[str, float], ...] = ()
-    """More times of the way to this report, by name."""
+    """Further time stamps of this report on its path, by name."""
     force: Vector | None = None
-    """Force of the surroundings on the tool as the robot itself feels it, base frame, N; None where it tells none. It
-    is coarse, and may have an offset: its user counts from a zero of its own.
+    """Contact force on the tool as estimated by the robot itself, in the base frame, N; None if the robot reports
+    none. The force is coarse and may have an offset, so the user measures it relative to its own zero.
     """
     remedy: str = ""
-    """Advice against the fault, for an operator; empty where none is known."""
+    """Remedy for the fault, for an operator; empty if none is known."""
 
 
 def orientation_fault(quaternion: Quaternion) -> str:
-    """Fault of an orientation, in words; empty without any."""
+    """Return the text of the fault of an orientation; empty if the orientation is valid."""
     return (
         ""
         if abs(math.hypot(*quaternion) - 1.0) <= UNIT_TOLERANCE
@@ -43,29 +45,29 @@ def orientation_fault(quaternion: Quaternion) -> str:
 
 
 def pose_fault(pose: Pose) -> str:
-    """Fault of a pose that another side has given, in words; empty without any."""
+    """Return the text of the fault of a pose from an external source; empty if the pose is valid."""
     if not all(map(math.isfinite, pose.position)):
         return f"the position {pose.position}, which is invalid"
     return orientation_fault(pose.quaternion)
 
 
 class ReportReceived(NamedTuple):
-    """A packet of the robot came."""
+    """A packet of the robot was received."""
 
     report: RobotReport
 
 
 class StreamLost(NamedTuple):
-    """The robot, or this side, has ended the movement."""
+    """The robot or this side has ended the movement."""
 
     text: str
-    """The reason."""
+    """Reason for the end of the movement."""
     remedy: str = ""
-    """Advice for an operator; empty where none is known."""
+    """Advice for an operator; empty if none is known."""
 
 
 class StreamNotice(NamedTuple):
-    """Something worth a line in the record."""
+    """Event that should appear in the recording."""
 
     kind: str
     text: str
@@ -77,24 +79,26 @@ Data = TypeVar("Data")
 
 
 class StreamClient(Endpoint[Data, Data, StreamEvent], Protocol[Data]):
-    """The codec of a robot that sends a packet by its own clock and is answered each time.
+    """Interface of the client of a robot that sends packets on its own clock and expects an answer to each.
 
-    Its user takes the events at once. For each `ReportReceived`, in order, it calls `target` or `hold` exactly once,
-    before it asks for the data to send. These are the answers, one for each packet. The client needs no limits, no
-    ramps and no watchdog: its user has them.
+    The user takes the events at once. For each `ReportReceived`, in order, it calls either `target` or `hold` once,
+    before it asks for the data to send. The data contains the answers, one for each packet. The client needs no
+    limits, ramps or watchdog, because its user has them.
 
-    Sequence numbers count packets. A client unwraps the robot's own number, and counts on where that begins again. A
-    packet that came late keeps its own, smaller number.
+    Sequence numbers count packets. A client unwraps the robot's own number, and continues the count when that
+    number restarts. A packet that arrived late keeps its own, smaller number.
     """
 
     def begin(self, pose: Pose) -> None:
-        """Begin a movement at this pose, the one that the robot reported."""
+        """Begin a movement at this pose, which is the pose that the robot reported."""
 
     def target(self, pose: Pose, now: float) -> None:
-        """Answer the packet that was told last with this pose; only within a movement."""
+        """Answer the most recently reported packet with this pose. Only allowed during a movement."""
 
     def hold(self, now: float) -> None:
-        """Answer the packet that was told last so that the robot does not move, or not at all; only outside of one."""
+        """Answer the most recently reported packet so that the robot does not move, or do not answer it. Only
+        allowed outside a movement.
+        """
 
     def end(self) -> None:
-        """End the movement. Reports should continue where the robot can: a run needs the tool's final position."""
+        """End the movement. Reports should continue if possible, because a run needs the final position of the tool."""

@@ -1,7 +1,9 @@
-"""The messages of a sensor's client to its owner, once for all of them: events in order, statuses, samples, the end.
+"""Events from a sensor's client to its owner, for all clients: ordering, statuses, samples, and the end of the
+session.
 
-A client composes one `SensorEventQueue`. Of a device that has a zero and numbers its samples, the client tells frames
-itself; of another one it gives raw samples to `sample` or `numbered_sample`, which take the host's zero off.
+A client contains one `SensorEventQueue`. If the device has a zero and numbers its samples, the client reports the
+frames itself. For any other device, it passes raw samples to `sample` or `numbered_sample`, which subtract the
+host's zero.
 """
 
 from collections import deque
@@ -21,85 +23,93 @@ from protocol.wrench import (
 )
 
 _STATUSES_MAX = 16
-"""Chosen: most statuses that are told, so that a status which changes with every sample fills no recording."""
+"""Maximum number of different statuses that are reported. Chosen, so that a status that changes with every sample
+does not fill a recording.
+"""
 
 
 class SensorEventQueue:
-    """The events of a session, oldest first, its samples, and its end."""
+    """Queue of a session's events, oldest first. It also counts the samples and records the end of the session."""
 
     __slots__ = ("_events", "_prefix", "_statuses", "_tare", "count", "ended", "ready", "tell")
 
     def __init__(self, prefix: str = "", zero_samples: int = 1) -> None:
-        """`prefix` begins the text of a failure, blank included. So many samples make a zero of the host."""
+        """Create a queue. `prefix` precedes the text of a failure, including a trailing space. `zero_samples` is
+        the number of samples in a zero of the host.
+        """
         self._prefix = prefix
         self._tare = HostTare(zero_samples)
         self._events: deque[SensorEvent] = deque()
         self._statuses: set[int] = set()
         self.tell = self._events.append
-        """Tell an event, after all that wait. It is the queue's own method: it is called with every sample."""
+        """Method that adds an event to the end of the queue. It is the deque's own method, for speed, because it is
+        called for every sample.
+        """
         self.ready = False
-        """The device streams."""
+        """Whether the device has started to stream."""
         self.ended = False
-        """The session is stopped or has failed."""
+        """Whether the session was stopped or has failed."""
         self.count = 0
-        """Samples of a device that numbers none, told so far."""
+        """Number of samples reported so far, for a device that does not number them."""
 
     def next_event(self) -> SensorEvent | None:
         """Return the oldest event not yet taken, or None."""
         return self._events.popleft() if self._events else None
 
     def notice(self, text: str) -> None:
-        """Tell something worth a line in the record."""
+        """Report a text that should appear in the recording."""
         self._events.append(SensorNotice(text))
 
     def knows_status(self, status: int) -> bool:
-        """Whether this status was told already."""
+        """Return whether this status was reported before."""
         return status in self._statuses
 
     def notice_status(self, status: int, text: str) -> None:
-        """Tell a status of the device the first time that it has it; at most sixteen of them."""
+        """Report a status of the device when it first occurs, up to sixteen different statuses."""
         if status not in self._statuses and len(self._statuses) < _STATUSES_MAX:
             self._statuses.add(status)
             self.notice(text)
 
     def require_running(self) -> None:
-        """Raise LocalProtocolError after the end."""
+        """Raise LocalProtocolError if the session has ended."""
         if self.ended:
-            raise LocalProtocolError("the session with the sensor is over")
+            raise LocalProtocolError("the session with the sensor has ended")
 
     def stop(self) -> None:
-        """Tell that the device knows that it is not needed any more."""
+        """Report that the device has been stopped."""
         self.ended = True
         self._events.append(SensorStopped())
 
     def fail(self, text: str, remedy: str = "") -> None:
-        """Tell that the session is over, with the fault and the advice for an operator."""
+        """Report that the session has failed, with the fault and a remedy for an operator."""
         self.ended = True
         self._events.append(SensorFailed(f"{self._prefix}{text}", remedy))
 
     def zero(self) -> None:
-        """Take the mean of the next samples as zero. Raises LocalProtocolError after the end."""
+        """Use the mean of the next samples as zero. Raises LocalProtocolError after the end of the session."""
         self.require_running()
         self._tare.zero()
 
     def set_zero_samples(self, zero_samples: int) -> None:
-        """So many samples make a zero from now on: for a device that tells its period late."""
+        """Set the number of samples in a zero, for a device whose period is unknown at first."""
         self._tare = HostTare(zero_samples)
 
     def begin(self, facts: SensorFacts) -> None:
-        """Tell that the device streams."""
+        """Report that the device is streaming."""
         self.ready = True
         self._events.append(SensorReady(facts))
 
     def sample(self, raw: Sequence[float], at: float, saturated: int) -> None:
-        """Tell a sample of a device that numbers none, complete at this time, s."""
+        """Report a sample of a device that does not number its samples. The sample was complete at time `at`, s."""
         self.count += 1
         self.numbered_sample(raw, self.count, self.count, at, saturated)
 
     def numbered_sample(
         self, raw: Sequence[float], counter: int, sequence: int, at: float, saturated: int
     ) -> None:
-        """Tell a sample by the device's own number, and that number unwrapped; and a zero that it completes."""
+        """Report a sample with the device's own number (`counter`) and this number unwrapped (`sequence`). Report a
+        zero that the sample completes.
+        """
         self._events.append(WrenchFrame(self._tare.values(raw), counter, sequence, at, saturated))
         if self._tare.took:
             self._events.append(Zeroed())

@@ -1,33 +1,33 @@
-"""Things that a real device has and an emulated one does not model: the value by which such a thing is told."""
+"""Record of features of a real device that an emulated device does not model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 NAMED = 8
-"""Chosen: things that one sentence names; the others are counted."""
+"""Maximum number of features that one sentence names. Chosen. Further features are only counted."""
 
 
 @dataclass(frozen=True, slots=True)
 class NotModelled:
-    """Something that a client used, and that has no effect, or no truth behind it, in the emulated device."""
+    """A feature that a client used and that has no effect, or no ground truth, in the emulated device."""
 
     device: str
     """Kind of the emulated device."""
     thing: str
-    """The thing that the client used, as the device's manual names it."""
+    """Name of the feature that the client used, as in the device's manual."""
     detail: str
-    """Its treatment here."""
+    """Description of how the emulator handles the feature."""
 
     def __str__(self) -> str:
         return f"{self.thing} of {self.device} is not modelled: {self.detail}"
 
 
-def relied_on(things: Sequence[NotModelled]) -> str:
-    """All of them in one sentence; empty if there are none."""
+def describe_unmodelled(things: Sequence[NotModelled]) -> str:
+    """Describe all given features in one sentence; empty if there are none."""
     if not things:
         return ""
     count = len(things)
-    words = "1 thing that is" if count == 1 else f"{count} things that are"
+    count_text = "1 thing that is" if count == 1 else f"{count} things that are"
     named = "; ".join(f"{each.thing} ({each.detail})" for each in things[:NAMED])
     more = f"; and {count - NAMED} more" if count > NAMED else ""
-    return f"your client relied on {words} not modelled: {named}{more}"
+    return f"your client relied on {count_text} not modelled: {named}{more}"

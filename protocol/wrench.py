@@ -1,22 +1,23 @@
-"""A force/torque sensor as the bridge sees it: the seam that the client of every make keeps.
+"""Interface between the bridge and a force/torque sensor, which every sensor client implements.
 
-A client is an `Endpoint`: it takes what came over the wire and gives what is to be sent, and is told the time. It opens
-no port, reads no clock and waits for nothing. `hil_bridge.devices.sensors.stream.ForceSensor` drives it. What it tells:
+A client is an `Endpoint`: it receives data from the wire, returns data to send, and is passed the time. It opens no
+port, reads no clock and never blocks. `hil_bridge.devices.sensors.stream.ForceSensor` drives it. Its events:
 
 | event | when |
 | --- | --- |
-| `SensorReady` | once the device streams, before the first frame; again when its facts have changed |
+| `SensorReady` | once the device streams, before the first frame; again after a change of its properties |
 | `WrenchFrame` | for every complete sample, oldest first |
-| `Zeroed` | the zero that `zero` asked for holds: frames told later count from it |
-| `SensorRestarted` | the device has begun again and has forgotten its zero; the client begins again too |
-| `SensorNotice` | something worth a line in the record |
-| `SensorStopped` | the device knows that it is not needed any more, or there is no way to tell it |
-| `SensorFailed` | the session is over; the last event |
+| `Zeroed` | the zero requested with `zero` is in effect: later frames are relative to it |
+| `SensorRestarted` | the device has restarted and lost its zero; the client restarts too |
+| `SensorNotice` | something that should appear in the recording |
+| `SensorStopped` | the device has been stopped, or no stop command can reach it |
+| `SensorFailed` | the session has failed; the last event |
 
-Six values are always fx fy fz mx my mz. They are force and moment of all that hangs below the sensor, and of all that
-touches it, on the sensor's tool side. They are about the sensor's origin, in its own right-handed frame. How that frame
-sits in the tool's, and a mirrored one, are settings of the bridge. A client tells the values as the device counts them.
-They mean N and N·m times `SensorFacts.scales`, which are 1.0 for a device that tells SI units.
+Six values are always fx fy fz mx my mz. They are the force and moment of everything attached to the tool side of the
+sensor, and of everything in contact with it. They refer to the sensor's origin, in its own right-handed frame. The
+orientation of that frame in the tool frame, and mirroring, are settings of the bridge. A client reports the values in
+device counts. Multiplied by `SensorFacts.scales`, they are in N and N·m. The scales are 1.0 for a device that reports
+SI units.
 """
 
 import math
@@ -30,33 +31,37 @@ from protocol.geometry import Wrench
 Data = TypeVar("Data")
 
 AXES = ("fx", "fy", "fz", "mx", "my", "mz")
-"""Names of six values in their order; bit k of `WrenchFrame.saturated` stands for the k-th of them."""
+"""Names of the six values in order. Bit k of `WrenchFrame.saturated` refers to axis k."""
 
 
 PERIOD_MAX_S = 10.0
-"""Longest time between two frames that is believed. Chosen: many times that of the slowest stream known."""
+"""Longest plausible time between two frames, s. Chosen: many times the period of the slowest known stream."""
 DELAY_MAX_S = 20.0
-"""Longest delay of a filter that is believed. Chosen: above that of the smallest cut-off that a JR3 gateway takes."""
+"""Longest plausible filter delay, s. Chosen: longer than the delay for the smallest cut-off that a JR3 gateway
+accepts.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class SensorFacts:
-    """Facts of a sensor once it streams. Raises ValueError for impossible values."""
+    """Properties of a sensor that is streaming. Raises ValueError for impossible values."""
 
     model: str
-    """Model and serial number from the device; empty where it tells none."""
+    """Model and serial number as reported by the device; empty if it reports none."""
     scales: Wrench
-    """N or N·m for one of `WrenchFrame.values`, axis by axis; 1.0 where the values are SI units."""
+    """Scale of each axis, N or N·m per unit of `WrenchFrame.values`; 1.0 if the values are in SI units."""
     full_scales: Wrench | None
-    """Calibrated range of each axis, N and N·m; None where the device does not tell it."""
+    """Calibrated range of each axis, N and N·m; None if the device does not report it."""
     range: Wrench | None
-    """The largest wrench that the device can tell, from the zero of its electronics, N and N·m; None if not known."""
+    """Largest wrench that the device can report, relative to the zero of its electronics, N and N·m; None if
+    unknown.
+    """
     period: float | None
-    """Between two frames by the device's clock, s; None where each has to be asked for."""
+    """Time between two frames on the device's clock, s; None if each frame must be requested."""
     delay: float
-    """Delay of the device's filter behind the force itself, s, at low frequencies."""
+    """Delay of the device's filter output relative to the force at low frequencies, s."""
     tares: Literal["device", "host"]
-    """Side that takes off the zero: the device, or the client with `HostTare`."""
+    """Side that subtracts the zero: the device, or the host, where the client uses `HostTare`."""
 
     def __post_init__(self) -> None:
         for name in ("scales", "full_scales", "range"):
@@ -77,7 +82,7 @@ class SensorFacts:
 
 @dataclass(frozen=True, slots=True)
 class SensorReady:
-    """The session is established and the filter has settled; samples follow."""
+    """The session is established and the filter has settled. Samples follow."""
 
     facts: SensorFacts
 
@@ -86,52 +91,57 @@ class WrenchFrame(NamedTuple):
     """One complete six-axis sample."""
 
     values: tuple[float, float, float, float, float, float]
-    """fx fy fz mx my mz from the zero, as the device counts; times `SensorFacts.scales` they are N and N·m."""
+    """Values fx fy fz mx my mz relative to the zero, in device counts. Multiplied by `SensorFacts.scales`, they are
+    in N and N·m.
+    """
     counter: int
-    """As sent: what the device numbers its samples with; a client counts where the device does not."""
+    """Sample number as sent by the device. If the device sends none, the client counts the samples."""
     sequence: int
-    """The counter, unwrapped: grows by the device's samples between frames, by 1 over a restart, and never falls."""
+    """Unwrapped counter, which never decreases. From frame to frame, it increases by the number of device samples;
+    over a restart, it increases by 1.
+    """
     at: float
-    """When the sample was complete, s on the receiver's clock."""
+    """Time at which the sample was complete, s on the receiver's clock."""
     saturated: int = 0
-    """Bit k: axis k is at the end of its range, so that its value may be anything above. A run trusts these bits alone
-    and retracts on any. So a client of a device that tells none compares the raw values with the end of their range.
+    """Saturation bits. If bit k is set, axis k is at the end of its range, so its true value may be larger. A run
+    relies on these bits alone and retracts if any is set. If the device does not report saturation, its client must
+    therefore compare the raw values with the end of their range.
     """
 
 
 @dataclass(frozen=True, slots=True)
 class Zeroed:
-    """The zero has been taken: samples count from the wrench of that moment."""
+    """The zero has been taken: the following samples are relative to the wrench at that time."""
 
     crossing: WrenchFrame | None = None
-    """A sample that may be from before the zero or from after it: for a record, and for no decision."""
+    """Sample that may precede or follow the zero. It is only for the recording, not for decisions."""
 
 
 @dataclass(frozen=True, slots=True)
 class SensorRestarted:
-    """The device began again and has forgotten its offsets; the client has begun again."""
+    """The device has restarted and lost its offsets. The client has restarted too."""
 
 
 @dataclass(frozen=True, slots=True)
 class SensorStopped:
-    """The device knows that it is not needed any more; nothing more will come."""
+    """The device has been stopped. No more data follows."""
 
 
 @dataclass(frozen=True, slots=True)
 class SensorNotice:
-    """Something worth a line in the record that ends nothing."""
+    """Event that should appear in the recording and does not end the session."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class SensorFailed:
-    """The session is over."""
+    """The session has failed."""
 
     text: str
-    """The fault, one line."""
+    """Description of the fault, in one line."""
     remedy: str = ""
-    """Advice for an operator, one line; empty where none is known."""
+    """Advice for an operator, in one line; empty if none is known."""
 
 
 SensorEvent: TypeAlias = (
@@ -139,74 +149,87 @@ SensorEvent: TypeAlias = (
 )
 
 
-_STANDS_AFTER = 3
-"""Chosen: so many samples in a row with the same counter are no accident."""
+_STUCK_AFTER = 3
+"""Number of consecutive samples with an unchanged counter from which the counter is considered stuck. Chosen: so
+many cannot be a coincidence.
+"""
 
 
 @dataclass(slots=True)
 class SensorStatistics:
-    """Faults of the samples that came, or of other bytes, since the client began."""
+    """Numbers of faulty samples and of other invalid data since the client started."""
 
     lost: int = 0
-    """Samples that the counter says are missing, where the device has a cadence of its own. Without a counter: those
-    that stood where bytes came that make no sample. The age of a force is counted by these and by those that came.
+    """Number of samples that are missing. If the device samples at its own rate, it is computed from the counter.
+    Without a counter, it is the number of samples replaced by bytes that form no sample. The age of a force is
+    computed from this number and the number of received samples.
     """
     repeated: int = 0
-    """Samples dropped because they were there before, by their counter or their contents: duplicates, stragglers."""
+    """Number of samples that were dropped because their counter or contents show that they were received before:
+    duplicates and stragglers.
+    """
     standing: int = 0
-    """Samples in a row that came with the counter of the newest one, so that it stands still; 0 while it moves."""
+    """Number of consecutive samples with an unchanged counter, which is therefore stuck; 0 while the counter
+    advances.
+    """
     unpaired: int = 0
-    """Force or moment frames without their other half."""
+    """Number of force or moment frames without their counterpart."""
     malformed: int = 0
-    """Payloads that make no sense."""
+    """Number of payloads that could not be decoded."""
 
     @property
     def stands(self) -> bool:
-        """Whether samples continue while their counter stands still, too long for an accident."""
-        return self.standing >= _STANDS_AFTER
+        """Whether samples continue with an unchanged counter for too long to be a coincidence."""
+        return self.standing >= _STUCK_AFTER
 
 
 class SensorClient(Endpoint[Data, Data, SensorEvent], Protocol[Data]):
-    """The client's side of a session with a sensor. It begins by itself; `zero` may be asked for at any time."""
+    """Client side of a session with a sensor. The session starts without a call; `zero` may be called at any time."""
 
     statistics: SensorStatistics
 
     @property
     def stop_patience(self) -> float:
-        """How long SensorStopped may take when the first stop was lost and its repetition is heard, s."""
+        """Longest time until SensorStopped, s, if the first stop is lost and its repetition is received."""
 
     def zero(self) -> None:
-        """Make the present wrench the origin, once settled. Raises LocalProtocolError after the end."""
+        """Use the present wrench as zero once the session is ready. Raises LocalProtocolError after the end of the
+        session.
+        """
 
     def stop(self) -> None:
-        """End the session; SensorStopped tells that the device knows. Harmless when called again."""
+        """End the session. SensorStopped confirms that the device has been stopped. Idempotent."""
 
 
 class HostTare:
-    """The zero of a sensor that has none of its own: the mean of some raw samples, taken off from then on.
+    """Zero of a sensor that has no zero of its own: the mean of some raw samples, which is subtracted from the
+    later samples.
 
-    The client asks with `zero`, gives every raw sample to `values`, and tells `Zeroed` behind the frame of a sample
-    after which `took` says so. Saturation is judged by the raw samples, for a zero moves no end of a range.
+    The client requests a zero with `zero`, passes every raw sample to `values`, and reports `Zeroed` after the
+    frame of a sample for which `took` is set. Saturation must be determined from the raw samples, because a zero
+    does not shift the ends of the range.
     """
 
     __slots__ = ("_missing", "_offset", "_samples", "_sums", "took")
 
     def __init__(self, samples: int = 1) -> None:
-        """Average `samples` for a zero; 1 uses only the next one. Raises ValueError for fewer than 1."""
+        """Create a zero that averages `samples` samples; 1 uses only the next sample. Raises ValueError for fewer
+        than 1.
+        """
         if samples < 1:
             raise ValueError(f"a zero needs at least 1 sample, got {samples}")
         self._samples = samples
         self._missing = 0
         self._sums = self._offset = (0.0,) * len(AXES)
         self.took = False
-        """The newest sample has completed a zero; the next one counts from it."""
+        """Whether the newest sample has completed a zero. The next sample is relative to the new zero."""
 
     def zero(self) -> None:
-        """Take a zero from the samples that come next. A zero under way begins again."""
+        """Start to average the next samples for a zero. If averaging is already in progress, it starts again."""
         self._missing, self._sums = self._samples, (0.0,) * len(AXES)
 
     def values(self, raw: Sequence[float]) -> tuple[float, float, float, float, float, float]:
-        """Six raw values, as the device tells them, from the zero taken last."""
+        """Convert six raw values, as reported by the device, to values relative to the latest zero."""
         before = self._offset
         self.took = False
         if self._missing:
@@ -220,6 +243,6 @@ class HostTare:
 
 
 def wrench_of(values: Sequence[float], scales: Sequence[float]) -> Wrench:
-    """Six values of a frame in N and N·m; the scales are those of the sensor's facts."""
+    """Convert the six values of a frame to N and N·m with the scales from the sensor's `SensorFacts`."""
     (fx, fy, fz, mx, my, mz), (a, b, c, d, e, f) = values, scales
     return fx * a, fy * b, fz * c, mx * d, my * e, mz * f

@@ -1,1 +1,1 @@
-"""CAN: frames, error frames, the times of bits, and the text of slcan adapters."""
+"""CAN: frames, error frames, bit timing, and the text protocol of slcan adapters."""

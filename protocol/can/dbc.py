@@ -1,8 +1,8 @@
-"""A DBC file, as CANoe, SavvyCAN and cantools read it, from the field tables of a device's frames.
+"""DBC files as read by CANoe, SavvyCAN and cantools, generated from the field tables of a device's frames.
 
-Neither multiplexed signals nor extended identifiers are written: no device here has them. Where one identifier carries
-payloads of several lengths, its device chooses one: a strict decoder refuses a shorter frame and reads a longer one
-as far as the message goes.
+Multiplexed signals and extended identifiers are not written, because no device here uses them. Where one identifier
+carries payloads of several lengths, the device's module chooses one of them. A strict decoder rejects a frame
+shorter than the message in the DBC file, and decodes a longer frame up to the length of that message.
 """
 
 import re
@@ -13,31 +13,31 @@ from typing import NamedTuple
 from protocol.fields import Field, Layout
 
 ENCODING = "cp1252"
-"""Of a DBC file. Source: cantools and the tools of Vector on a western system."""
+"""Encoding of a DBC file. Source: cantools, and Vector's tools on a Western-locale system."""
 _PLAIN = str.maketrans({"−": "-", "…": "...", "²": "2", '"': "'", "\\": "/"})
 _FLOATS = {"f": 1, "d": 2}
-"""Number of a signal that is no whole number, by `struct` character. Source: SIG_VALTYPE_ of the format."""
+"""Code of a non-integer signal type, by `struct` character. Source: SIG_VALTYPE_ of the format."""
 _HOST = "Host"
 
 
 class CanMessage(NamedTuple):
-    """The frames of one identifier."""
+    """All frames with one identifier."""
 
     identifier: int
-    """11 bits."""
+    """Identifier of the frames, 11 bits."""
     name: str
     layout: Layout
     to_host: bool
-    """The device sends it, and the host hears it; else the other way round."""
+    """Whether the device sends the frame to the host; otherwise the host sends it."""
 
 
 def database(device: str, messages: Sequence[CanMessage]) -> bytes:
-    """Return the DBC file of one device, whose node bears its name."""
+    """Return the DBC file of one device. The file has one node with the name of the device."""
     node = _name(device)
     parts = ['VERSION ""', "NS_ :", "BS_:", f"BU_: {_HOST} {node}"]
     parts += ["\n".join(_message(message, node)) for message in messages]
     comments = [line for message in messages for line in _comments(message)]
-    kinds = [line for message in messages for line in _kinds(message)]
+    kinds = [line for message in messages for line in _value_types(message)]
     parts += ["\n".join(lines) for lines in (comments, kinds) if lines]
     return ("\n\n".join(parts) + "\n").encode(ENCODING, "replace")
 
@@ -46,12 +46,13 @@ def _message(message: CanMessage, node: str) -> Iterator[str]:
     sender, receiver = (node, _HOST) if message.to_host else (_HOST, node)
     yield f"BO_ {message.identifier} {_name(message.name)}: {message.layout.size} {sender}"
     for field in message.layout.fields:
-        yield f" SG_ {_name(field.name)} : {_place(field, message.layout)} {_worth(field)} {receiver}"
+        yield f" SG_ {_name(field.name)} : {_signal_position(field, message.layout)} {_scaling(field)} {receiver}"
 
 
-def _place(field: Field, layout: Layout) -> str:
-    """First bit, length, order and sign. Bits of a byte count from its lowest; a signal with its high byte first begins
-    at its highest bit.
+def _signal_position(field: Field, layout: Layout) -> str:
+    """Return the first bit, length, byte order and sign of a signal.
+
+    Bits are numbered from the lowest bit of a byte. A big-endian signal starts at its highest bit.
     """
     size = struct.calcsize(f"<{field.format}")
     sign = "+" if field.format.isupper() else "-"
@@ -60,9 +61,9 @@ def _place(field: Field, layout: Layout) -> str:
     return f"{8 * field.offset + 7}|{8 * size}@0{sign}"
 
 
-def _worth(field: Field) -> str:
-    """Worth of one raw unit, ends and unit."""
-    low, high = 0.0, 0.0  # not told
+def _scaling(field: Field) -> str:
+    """Return the scale factor, limits and unit of a field."""
+    low, high = 0.0, 0.0  # unknown
     if field.format not in _FLOATS:
         bits = 8 * struct.calcsize(f"<{field.format}")
         low, high = (0, 2**bits - 1) if field.format.isupper() else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
@@ -72,17 +73,17 @@ def _worth(field: Field) -> str:
 
 def _comments(message: CanMessage) -> Iterator[str]:
     for field in message.layout.fields:
-        text = ", ".join(f"bit {bit}: {words}" for bit, words in field.bits.items()) or field.meaning
+        text = ", ".join(f"bit {bit}: {meaning}" for bit, meaning in field.bits.items()) or field.meaning
         if text:
             yield f'CM_ SG_ {message.identifier} {_name(field.name)} "{text.translate(_PLAIN)}";'
 
 
-def _kinds(message: CanMessage) -> Iterator[str]:
+def _value_types(message: CanMessage) -> Iterator[str]:
     for field in message.layout.fields:
         if kind := _FLOATS.get(field.format):
             yield f"SIG_VALTYPE_ {message.identifier} {_name(field.name)} : {kind};"
 
 
 def _name(text: str) -> str:
-    """Return a name that the format allows."""
+    """Convert a name to the form that the DBC format allows."""
     return re.sub(r"\W", "_", text, flags=re.ASCII)

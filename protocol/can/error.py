@@ -1,7 +1,7 @@
-"""Reports of a CAN interface about errors on the bus, in SocketCAN's form.
+"""Reports of a CAN interface about bus errors, in the format of SocketCAN.
 
-A report travels as a `CanFrame` with the flag `error`: its identifier is a sum of classes, its eight bytes say
-more about each class. Source: linux/can/error.h (Linux 6.1).
+A report is a `CanFrame` with the flag `error`. Its identifier is a combination of error classes; its eight bytes
+give the details of each class. Source: linux/can/error.h (Linux 6.1).
 """
 
 from dataclasses import dataclass
@@ -11,32 +11,34 @@ from protocol.can.frame import CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 REPORT_BYTES = 8
-"""Every report has so many bytes (CAN_ERR_DLC)."""
+"""Number of bytes in every report (CAN_ERR_DLC)."""
 
 
 class ErrorClass(IntFlag):
-    """Subject of a report; several may come together."""
+    """Error class of a report. A report may combine several classes."""
 
     TX_TIMEOUT = 0x001
-    """A frame did not leave in time and was given up."""
+    """A frame was not sent in time and was dropped."""
     LOST_ARBITRATION = 0x002
     CONTROLLER = 0x004
-    """The controller's error state or a buffer of it."""
+    """The controller's error state has changed, or one of its buffers has overflowed."""
     VIOLATION = 0x008
     TRANSCEIVER = 0x010
     NO_ACKNOWLEDGE = 0x020
     BUS_OFF = 0x040
     BUS_ERROR = 0x080
     RESTARTED = 0x100
-    """The controller takes part again."""
+    """The controller was restarted and takes part in bus traffic again."""
     COUNTERS = 0x200
     """The report carries both error counters."""
     INTERFACE_DOWN = 0x1000_0000
-    """Ours, far from the classes of Linux: the interface was set down or is gone."""
+    """The interface was set down or removed. This class is an extension of this project, outside the range used by
+    Linux.
+    """
 
 
 class Controller(IntFlag):
-    """State of the controller and its buffers, byte 1 of a report."""
+    """State of the controller and its buffers, in byte 1 of a report."""
 
     RX_OVERFLOW = 0x01
     TX_OVERFLOW = 0x02
@@ -48,7 +50,7 @@ class Controller(IntFlag):
 
 
 class Violation(IntFlag):
-    """Kind of a protocol violation, byte 2 of a report."""
+    """Kind of a protocol violation, in byte 2 of a report."""
 
     BIT = 0x01
     FORM = 0x02
@@ -60,11 +62,13 @@ class Violation(IntFlag):
     OVERLOAD = 0x20
     ACTIVE = 0x40
     SENDING = 0x80
-    """The error happened to a frame of our own."""
+    """The error occurred while this node was sending."""
 
 
 class ErrorState(StrEnum):
-    """How far a node still takes part. Source: ISO 11898-1, fault confinement; the warning is customary."""
+    """Fault confinement state of a node. Source: ISO 11898-1, fault confinement; the warning level is common
+    practice.
+    """
 
     ACTIVE = "error active"
     WARNING = "error warning"
@@ -73,7 +77,7 @@ class ErrorState(StrEnum):
 
 
 class _Byte(IntEnum):
-    """Place of each matter in the report."""
+    """Index of each item in the report's data."""
 
     ARBITRATION, CONTROLLER, VIOLATION, LOCATION, TRANSCEIVER, SPECIFIC, TRANSMIT_ERRORS, RECEIVE_ERRORS = (
         range(8)
@@ -86,24 +90,24 @@ _NO_VIOLATION = Violation(0)
 
 @dataclass(frozen=True, slots=True)
 class CanErrorReport:
-    """One report of an interface. What belongs to a class that is not named is 0."""
+    """One error report of an interface. Attributes of classes that are not set are 0."""
 
     classes: ErrorClass
     controller: Controller = _NO_STATE
     violation: Violation = _NO_VIOLATION
     location: int = 0
-    """Place of the violation in the frame, as numbered in error.h."""
+    """Position of the violation in the frame, numbered as in error.h."""
     arbitration_bit: int = 0
-    """Bit in which the arbitration was lost; 0 when not known."""
+    """Number of the bit in which arbitration was lost; 0 if unknown."""
     transceiver: int = 0
     specific: bytes = bytes(3)
-    """Details that the controller adds: three bytes, or one when there are counters."""
+    """Controller-specific details: three bytes, or one byte if the report carries the counters."""
     counters: tuple[int, int] | None = None
-    """Transmit and receive error counter, or None where the interface does not tell."""
+    """Transmit and receive error counters, or None if the interface does not report them."""
 
     @property
     def state(self) -> ErrorState | None:
-        """The error state that the interface has come to, or None when the report is about something else."""
+        """Error state that the interface has entered, or None if the report is not about the error state."""
         if ErrorClass.BUS_OFF in self.classes:
             return ErrorState.BUS_OFF
         if ErrorClass.CONTROLLER in self.classes:
@@ -113,15 +117,15 @@ class CanErrorReport:
         return ErrorState.ACTIVE if ErrorClass.RESTARTED in self.classes else None
 
     def __str__(self) -> str:
-        words = [text for part, text in _CLASS_TEXTS.items() if part in self.classes]
+        texts = [text for part, text in _CLASS_TEXTS.items() if part in self.classes]
         if ErrorClass.CONTROLLER in self.classes:
-            words += [text for part, text in _CONTROLLER_TEXTS.items() if part in self.controller]
+            texts += [text for part, text in _CONTROLLER_TEXTS.items() if part in self.controller]
         if ErrorClass.VIOLATION in self.classes:
             kinds = " and ".join(text for part, text in _VIOLATION_TEXTS.items() if part in self.violation)
-            words.append(f"protocol violation: {kinds}" if kinds else "protocol violation")
+            texts.append(f"protocol violation: {kinds}" if kinds else "protocol violation")
         if self.counters is not None:
-            words.append("transmit errors {}, receive errors {}".format(*self.counters))
-        return ", ".join(words) or f"error report {self.classes:#x}"
+            texts.append("transmit errors {}, receive errors {}".format(*self.counters))
+        return ", ".join(texts) or f"error report {self.classes:#x}"
 
 
 _STATES = (
@@ -161,13 +165,13 @@ _VIOLATION_TEXTS = {
 
 
 def encode_error(report: CanErrorReport, at: float | None = None) -> CanFrame:
-    """Return the report as a frame, stamped with the time at which the interface made it, s.
+    """Encode the report as a frame. `at` is the time at which the interface made the report, s.
 
-    Raises LocalProtocolError for a value that has no place in it.
+    Raises LocalProtocolError for a value that does not fit into a report.
     """
     has_counters = ErrorClass.COUNTERS in report.classes
     if has_counters != (report.counters is not None):
-        raise LocalProtocolError("the class COUNTERS and the counters go together")
+        raise LocalProtocolError("the class COUNTERS and the counters must be set together")
     try:
         data = bytes(
             (report.arbitration_bit, report.controller, report.violation, report.location, report.transceiver)
@@ -182,9 +186,9 @@ def encode_error(report: CanErrorReport, at: float | None = None) -> CanFrame:
 
 
 def decode_error(frame: CanFrame) -> CanErrorReport:
-    """Error report of an interface. Classes and bits that are not known here are kept.
+    """Decode an error report of an interface. Unknown classes and bits are kept.
 
-    Raises LocalProtocolError for a frame of a node, RemoteProtocolError for a report of another length.
+    Raises LocalProtocolError for a frame sent by a node, and RemoteProtocolError for a report of the wrong length.
     """
     if not frame.error:
         raise LocalProtocolError(f"{frame} is a frame of a node, not an error report")

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 
 class CanFrame(NamedTuple):
-    """A classical CAN data frame with an 11-bit identifier, unless a flag says otherwise.
+    """A classical CAN frame: a data frame with an 11-bit identifier unless a flag says otherwise.
 
-    A frame with the time of its arrival equals the same frame without.
+    Frames compare equal regardless of their arrival times.
     """
 
     identifier: int
@@ -15,9 +15,9 @@ class CanFrame(NamedTuple):
     extended: bool = False
     remote: bool = False
     error: bool = False
-    """Not a frame of a node but the interface telling of a bus error."""
+    """Whether this is an error report of the interface instead of a frame sent by a node."""
     received_at: float | None = None
-    """When the interface took it off the bus, seconds on the receiver's clock; None where it cannot say."""
+    """Time at which the interface received the frame, s on the receiver's clock; None if unknown."""
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, CanFrame) and self[:5] == other[:5]
@@ -29,9 +29,9 @@ class CanFrame(NamedTuple):
         return hash(self[:5])
 
     def checked(self) -> "CanFrame":
-        """Check this frame, made of values from outside, and return it.
+        """Validate this frame, which was made from external values, and return it.
 
-        Raises ValueError for one that no bus could carry.
+        Raises ValueError if no bus could carry the frame.
         """
         limit = 0x1FFFFFFF if self.extended else 0x7FF
         if not 0 <= self.identifier <= limit:
@@ -41,31 +41,33 @@ class CanFrame(NamedTuple):
         return self
 
     def stamped(self, received_at: float) -> "CanFrame":
-        """Return the same frame with the time at which an interface received it."""
+        """Return a copy of the frame with the time at which an interface received it."""
         return CanFrame(*self[:5], received_at)
 
     @property
     def identifier_text(self) -> str:
-        """The identifier in hexadecimal digits: 8 of an extended one, 3 of another."""
+        """The identifier in hexadecimal: 8 digits if it is extended, otherwise 3."""
         return f"{self.identifier:0{8 if self.extended else 3}X}"
 
     def __str__(self) -> str:
-        """As candump writes it: `601#0100`, `123#R2` for a remote frame that asks for two bytes; an error with a !."""
+        """Return the frame in candump format: `601#0100`, or `123#R2` for a remote frame that requests two bytes.
+        An error report has a ! instead of the #.
+        """
         mark = "!" if self.error else "#"
-        asked = f"R{len(self.data) or ''}"
-        return f"{self.identifier_text}{mark}{asked if self.remote else self.data.hex().upper()}"
+        request = f"R{len(self.data) or ''}"
+        return f"{self.identifier_text}{mark}{request if self.remote else self.data.hex().upper()}"
 
 
 @dataclass(frozen=True, slots=True)
 class CanFilter:
-    """Frames whose identifier has the bits of `identifier` wherever `mask` has a one."""
+    """Filter for frames whose identifier equals `identifier` in every bit that is set in `mask`."""
 
     identifier: int
     mask: int = 0x7FF
     extended: bool = False
 
     def accepts(self, frame: CanFrame) -> bool:
-        """Whether the frame passes; what an interface reports always does."""
+        """Return whether the frame passes the filter. Error reports of an interface always pass."""
         return frame.error or (
             frame.extended == self.extended and not (frame.identifier ^ self.identifier) & self.mask
         )

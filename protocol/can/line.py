@@ -1,9 +1,9 @@
-"""A classical CAN frame as it looks on the two wires: its bits, its stuff bits, its time, its rank.
+"""A classical CAN frame on the bus: its bits, stuff bits, duration and arbitration priority.
 
-Source: ISO 11898-1 (CAN 2.0 of Bosch, part B, chapters 3 and 5). Dominant is 0, recessive is 1. From the start
-of frame to the last bit of the checksum a bit of the other level is stuffed in after five equal ones.
+Source: ISO 11898-1 (CAN 2.0 of Bosch, part B, chapters 3 and 5). Dominant is 0, recessive is 1. From the start of
+frame to the last bit of the CRC, five equal bits are followed by a stuff bit of the opposite level.
 
-All is by table, a byte of payload at a time: an emulated bus pays for this with every frame.
+All computation is table-driven, one byte of payload at a time, because an emulated bus performs it for every frame.
 """
 
 from functools import lru_cache
@@ -12,7 +12,7 @@ from typing import TypeAlias
 from protocol.can.frame import CanFrame
 
 CRC_POLYNOMIAL = 0x4599
-"""x¹⁵ + x¹⁴ + x¹⁰ + x⁸ + x⁷ + x⁴ + x³ + 1, without its highest term."""
+"""Generator polynomial of the CRC, x¹⁵ + x¹⁴ + x¹⁰ + x⁸ + x⁷ + x⁴ + x³ + 1, without its highest term."""
 
 CRC_DELIMITER_BITS = 1
 ACK_SLOT_BITS = 1
@@ -22,13 +22,13 @@ INTERMISSION_BITS = 3
 ERROR_FLAG_BITS = 6
 ERROR_DELIMITER_BITS = 8
 SUSPEND_BITS = 8
-"""Wait of an error passive node after a frame of its own before it may send another."""
+"""Time, in bit times, that an error-passive node waits after its own frame before it may send again."""
 BUS_FREE_BITS = 11
-"""Recessive bits in a row by which a node knows that the bus is free."""
+"""Number of consecutive recessive bits after which a node considers the bus idle."""
 
 _After: TypeAlias = "list[tuple[int, _After]]"
-"""Successors of the present state, by the value of the next byte: the number of stuff bits in the byte, and its
-own successors.
+"""Transitions from one state, indexed by the next byte: the number of stuff bits in that byte, and the table of the
+next state.
 """
 _TAIL_BITS = CRC_DELIMITER_BITS + ACK_SLOT_BITS + ACK_DELIMITER_BITS + END_OF_FRAME_BITS
 
@@ -44,10 +44,10 @@ def _crc_table() -> tuple[int, ...]:
 
 
 def _after_bit(state: int, bit: int) -> tuple[int, int]:
-    """Return the state after one more bit and after the stuff bit that may follow it; how many follow it, 0 or 1.
+    """Return the next state after one bit and its stuff bit, if any, and the number of stuff bits (0 or 1).
 
-    A state is last level × 4 + length of its run − 1, with runs of 1 to 4. A run of five has its stuff bit at once,
-    which begins a new run.
+    A state is 4 × the last level + the run length − 1, with run lengths from 1 to 4. A run of five immediately gets
+    its stuff bit, which starts a new run.
     """
     level, run = state >> 2, (state & 3) + 1
     run = run + 1 if bit == level else 1
@@ -55,7 +55,7 @@ def _after_bit(state: int, bit: int) -> tuple[int, int]:
 
 
 def _stuff_table() -> list[_After]:
-    """Successors of every state."""
+    """Return the transitions from every state."""
     table: list[_After] = [[] for _ in range(8)]
     for before, entries in enumerate(table):
         for byte in range(256):
@@ -70,7 +70,9 @@ def _stuff_table() -> list[_After]:
 _CRC = _crc_table()
 _STUFF = _stuff_table()
 _IDLE = 1 << 2
-"""State before the start of frame; that is dominant, so that it begins a run whatever the bus did before."""
+"""State before the start of frame. The start of frame is dominant, so it starts a new run regardless of earlier bus
+traffic.
+"""
 
 
 def stuff_bits(frame: CanFrame) -> int:
@@ -82,32 +84,35 @@ def stuff_bits(frame: CanFrame) -> int:
             stuffed, after = after[byte]
             count += stuffed
     stuffed, after = after[register >> 7]
-    # the last seven bits, and one that makes a byte of them and no stuff bit, for it is unlike the one before it
+    # the last seven bits, padded to a byte with a bit that differs from the last bit and so adds no stuff bit
     end, _ = after[register << 1 & 0xFE | ~register & 1]
     return count + stuffed + end
 
 
 def stuffed_bits(frame: CanFrame) -> int:
-    """Bit times from the start of frame to the end of the checksum: the part in which levels are stuffed."""
+    """Return the duration from the start of frame to the end of the CRC, in bit times. Only this section is
+    bit-stuffed.
+    """
     plain = 54 if frame.extended else 34
     return plain + (0 if frame.remote else 8 * len(frame.data)) + stuff_bits(frame)
 
 
 def frame_time_bits(frame: CanFrame) -> int:
-    """Bit times from the start of frame to the end of the end of frame: then the receivers have it."""
+    """Return the duration from the start of frame to the end of frame, when the receivers accept it, in bit times."""
     return stuffed_bits(frame) + _TAIL_BITS
 
 
 def line_bits(frame: CanFrame) -> int:
-    """Bit times that the frame keeps the bus from others: with the intermission after it."""
+    """Return the duration for which the frame occupies the bus, including the intermission after it, in bit times."""
     return frame_time_bits(frame) + INTERMISSION_BITS
 
 
 def arbitration_rank(frame: CanFrame) -> int:
-    """Return the frame's arbitration field as a number: a dominant bit overrules a recessive one, so lower wins.
+    """Return the frame's arbitration field as a number; the lower number wins, because a dominant bit overrides a
+    recessive one.
 
-    Frames of the same rank would destroy each other on a real bus. Stuff bits need not be looked at: up to the
-    first difference both frames have the same ones.
+    Frames of equal rank would destroy each other on a real bus. Stuff bits can be ignored: up to the first
+    difference, both frames have the same stuff bits.
     """
     if frame.extended:
         base, extension = frame.identifier >> 18, frame.identifier & 0x3FFFF
@@ -117,7 +122,7 @@ def arbitration_rank(frame: CanFrame) -> int:
 
 @lru_cache(maxsize=1024)
 def _head(identifier: int, extended: bool, remote: bool, length: int) -> tuple[int, int, _After]:
-    """For the bits before the payload: the checksum's register after them, the number of stuff bits, the successors."""
+    """Return the state before the payload: the CRC register, the number of stuff bits, and the transition table."""
     if extended:
         # start, 11 bits, substitute remote request 1, identifier extension 1, 18 bits, remote, two reserved 0
         word = (identifier >> 18) << 2 | 0b11

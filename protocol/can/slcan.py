@@ -1,7 +1,8 @@
-"""The text that a serial CAN adapter speaks (slcan): one line per frame or command, ended by CR.
+"""Text protocol of serial CAN adapters (slcan): one line per frame or command, terminated by CR.
 
-Source: LAWICEL CAN232 version 3 manual, February 2010. `t`/`T` carry data frames with 11-bit and 29-bit
-identifiers, `r`/`R` remote frames; with time stamps on, a received frame ends in four digits of milliseconds.
+Source: LAWICEL CAN232 version 3 manual, February 2010. `t` and `T` mark data frames with 11-bit and 29-bit
+identifiers, `r` and `R` remote frames. With time stamps enabled, the line of a received frame ends with a time
+stamp of four digits, in milliseconds.
 """
 
 from collections import deque
@@ -12,9 +13,9 @@ from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 CR = b"\r"
 BELL = b"\a"
-"""Answer of an adapter instead of CR when it refuses."""
+"""Response of an adapter that refuses a command; it replaces the CR."""
 LONGEST_LINE = 30
-"""T, 8 digits, length, 8 bytes, time stamp; without the CR."""
+"""Length of the longest line without the CR, in characters: T, 8 digits, length, 8 bytes, time stamp."""
 TIMESTAMP_MODULUS_MS = 60000
 BIT_RATE_COMMANDS = {
     10_000: b"S0\r",
@@ -28,23 +29,24 @@ BIT_RATE_COMMANDS = {
     750_000: b"S7\r",
     1_000_000: b"S8\r",
 }
-"""The command that sets a bit rate in bit/s. Source: the manual; for 83 300 and 750 000 python-can 4.6."""
+"""Command for each bit rate, in bit/s. Source: the manual; for 83 300 and 750 000, python-can 4.6."""
 
 _DIGITS = frozenset(b"0123456789ABCDEFabcdef")
 _KINDS = {b"t": (False, False), b"T": (True, False), b"r": (False, True), b"R": (True, True)}
-"""First character of a frame's line: (extended, remote)."""
+"""Frame kind, as (extended, remote), by the first character of the line."""
 _ANSWERS = frozenset((b"", b"z", b"Z", b"F", b"V", b"v", b"N"))
-"""First characters of an adapter's answers; nothing stands in that of most commands."""
+"""Possible first characters of an adapter's responses. The response to most commands is empty."""
 _LETTERS = {flags: letter for letter, flags in _KINDS.items()}
 
 
 def encode_frame(frame: CanFrame, timestamp_ms: int | None = None) -> bytes:
-    """Return the line of a frame, CR included; the number of data bytes of a remote frame is what it asks for.
+    """Encode a frame as a line, including the CR. The length of a remote frame is the number of bytes that it
+    requests.
 
-    Raises LocalProtocolError for a frame that is none (a bus error).
+    Raises LocalProtocolError for a bus error, which is not a frame.
     """
     if frame.error:
-        raise LocalProtocolError("a bus error has no line in slcan")
+        raise LocalProtocolError("a bus error cannot be sent over slcan")
     letter = _LETTERS[frame.extended, frame.remote].decode()
     width = 8 if frame.extended else 3
     data = "" if frame.remote else frame.data.hex().upper()
@@ -53,21 +55,23 @@ def encode_frame(frame: CanFrame, timestamp_ms: int | None = None) -> bytes:
 
 
 def decode_frame(line: bytes, *, timestamp: bool = False) -> CanFrame:
-    """Return the frame of a line without its CR; a remote frame has as many zero bytes as it asks for.
+    """Decode a frame from a line without its CR. A remote frame gets as many zero bytes as it requests.
 
-    Raises RemoteProtocolError for anything else than exactly one frame.
+    Raises RemoteProtocolError if the line is not exactly one frame.
     """
     kind, body = _KINDS.get(line[:1]), line[1:]
     if kind is None or not _DIGITS.issuperset(body):
-        raise RemoteProtocolError(f"{line!r} is no slcan frame")
+        raise RemoteProtocolError(f"{line!r} is not an slcan frame")
     extended, remote = kind
     width = 8 if extended else 3
     length = body[width] - ord("0") if len(body) > width else 9
     if length > 8:
-        raise RemoteProtocolError(f"{line!r} has no data length 0 … 8")
+        raise RemoteProtocolError(f"{line!r} has an invalid data length; allowed: 0 … 8")
     end = width + 1 + (0 if remote else 2 * length)
     if len(body) != end + (4 if timestamp else 0):
-        raise RemoteProtocolError(f"{line!r} does not have the {length} bytes that it announces")
+        raise RemoteProtocolError(
+            f"{line!r} does not have the {length} data bytes that its length field states"
+        )
     data = bytes(length) if remote else bytes.fromhex(body[width + 1 : end].decode())
     try:
         return CanFrame(int(body[:width], 16), data, extended=extended, remote=remote).checked()
@@ -76,23 +80,23 @@ def decode_frame(line: bytes, *, timestamp: bool = False) -> CanFrame:
 
 
 class LineDecoder:
-    """Cuts a byte stream into lines at CR and holds no more than the longest line.
+    """Splitter of a byte stream into lines at CR. It buffers no more than the longest line.
 
-    A line that is too long comes out cut to `LONGEST_LINE` + 1 bytes, which no frame or command has.
+    A line that is too long is returned truncated to `LONGEST_LINE` + 1 bytes, which matches no frame or command.
     """
 
     def __init__(self) -> None:
         self._tail = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Return the lines that these bytes complete, without their CR."""
+        """Process received bytes and return the lines that they complete, without their CR."""
         *lines, tail = (self._tail + data).split(CR)
         self._tail = tail[: LONGEST_LINE + 1]
         return [line[: LONGEST_LINE + 1] for line in lines]
 
 
 class TextEnd:
-    """One end of the text of an adapter: text that waits to be sent, frames that wait to be taken, and no deadline."""
+    """Base class of both ends of an adapter connection: outgoing text and received frames. It has no deadline."""
 
     def __init__(self, text: bytes = b"") -> None:
         self._text = bytearray(text)
@@ -103,24 +107,25 @@ class TextEnd:
         return self._frames.popleft() if self._frames else None
 
     def data_to_send(self, now: float) -> bytes:
-        """Text for the other end."""
+        """Return the text to send to the other end."""
         text = bytes(self._text)
         self._text.clear()
         return text
 
     def next_deadline(self) -> float | None:
-        """Nothing here happens by time."""
+        """Return None, because nothing here depends on time."""
         return None
 
     def handle_deadline(self, now: float) -> None:
-        """Nothing here happens by time."""
+        """Do nothing, because nothing here depends on time."""
 
 
 class SlcanClient(TextEnd):
-    """The host's side of an adapter: an endpoint of bytes whose events are the frames from the bus.
+    """Host side of an adapter: a byte endpoint whose events are the frames from the bus.
 
-    It opens the channel with its first bytes. Answers to commands are passed over, refusals too, for not every
-    adapter gives them. A frame may carry a time stamp, which is not used: its clock is the adapter's.
+    The first bytes that it sends open the channel. It ignores all responses to commands, including refusals,
+    because not every adapter sends them. It ignores the time stamps of frames, because they refer to the adapter's
+    clock.
     """
 
     def __init__(self, bitrate: int | None = None) -> None:
@@ -129,10 +134,10 @@ class SlcanClient(TextEnd):
         super().__init__(b"\r\r\rC\r" + rate + b"O\r")
         self._lines = LineDecoder()
         self.malformed = 0
-        """Lines that were neither a frame nor an answer."""
+        """Number of lines that were neither a frame nor a response."""
 
     def send(self, frames: Sequence[CanFrame]) -> None:
-        """Put frames on the bus. Raises LocalProtocolError for a bus error among them."""
+        """Send frames to the bus. Raises LocalProtocolError if one of them is a bus error report."""
         self._text += b"".join(map(encode_frame, frames))
 
     def close(self) -> None:
@@ -140,14 +145,14 @@ class SlcanClient(TextEnd):
         self._text += b"C\r"
 
     def receive(self, data: bytes, now: float) -> None:
-        """Text of the adapter."""
+        """Process text from the adapter."""
         for line in self._lines.feed(data.replace(BELL, CR)):
             if line[:1] in _KINDS:
-                self._take(line, now)
+                self._process_line(line, now)
             elif line[:1] not in _ANSWERS:
                 self.malformed += 1
 
-    def _take(self, line: bytes, now: float) -> None:
+    def _process_line(self, line: bytes, now: float) -> None:
         for timestamp in (False, True):
             try:
                 self._frames.append(decode_frame(line, timestamp=timestamp).stamped(now))

@@ -1,1 +1,1 @@
-"""The languages of the devices, one folder each."""
+"""Device protocols, one package for each device."""

@@ -1,6 +1,7 @@
-"""A serial port behind a TCP connection: Telnet with the com port option, client and server.
+"""Serial port over TCP: Telnet with the COM port control option (RFC 2217), client and server.
 
-References: RFC 854 and 855 (Telnet), RFC 856 (binary), RFC 858 (suppress go-ahead), RFC 2217 (com port control).
+References: RFC 854 and 855 (Telnet), RFC 856 (binary transmission), RFC 858 (suppress go-ahead), RFC 2217 (COM port
+control).
 """
 
 from protocol.rfc2217.client import ComPortClient, PortFailed, PortReady

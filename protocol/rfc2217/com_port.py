@@ -1,6 +1,6 @@
-"""The com port option: its commands, their values, and what a serial port is set to.
+"""The COM port control option: its commands, their values, and the settings of a serial port.
 
-Reference: RFC 2217. Everything here is [standard].
+Reference: RFC 2217. All facts in this module are [standard].
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ FROM_SERVER = 100
 
 
 class Command(IntEnum):
-    """Commands of the option, as a client's code. RFC 2217 section 2."""
+    """Command of the option, with the code that a client uses. RFC 2217 section 2."""
 
     SIGNATURE = 0
     SET_BAUDRATE = 1
@@ -36,11 +36,13 @@ VALUE_BYTES: dict[Command, int] = dict.fromkeys(Command, 1) | {
     Command.FLOWCONTROL_SUSPEND: 0,
     Command.FLOWCONTROL_RESUME: 0,
 }
-"""Bytes of a command's value, most significant first; not for SIGNATURE, whose text may have any length."""
+"""Size of a command's value in bytes, which are sent most significant byte first. SIGNATURE is missing, because its
+text may have any length.
+"""
 
 
 class ComParity(IntEnum):
-    """Values of SET-PARITY; 0 asks for the present one."""
+    """Value of SET-PARITY. 0 requests the current value."""
 
     NONE = 1
     ODD = 2
@@ -50,7 +52,7 @@ class ComParity(IntEnum):
 
 
 class StopSize(IntEnum):
-    """Values of SET-STOPSIZE; 0 asks for the present one."""
+    """Value of SET-STOPSIZE. 0 requests the current value."""
 
     ONE = 1
     TWO = 2
@@ -58,7 +60,7 @@ class StopSize(IntEnum):
 
 
 class Control(IntEnum):
-    """Values of SET-CONTROL."""
+    """Value of SET-CONTROL."""
 
     ASK_FLOW = 0
     NO_FLOW = 1
@@ -76,7 +78,7 @@ class Control(IntEnum):
 
 
 class LineState(IntFlag):
-    """Bits of NOTIFY-LINESTATE and its mask that tell of errors."""
+    """Bits of NOTIFY-LINESTATE and of its mask that report errors."""
 
     OVERRUN = 2
     PARITY = 4
@@ -86,7 +88,7 @@ class LineState(IntFlag):
 
 ERRORS = LineState.OVERRUN | LineState.PARITY | LineState.FRAMING | LineState.BREAK
 READY_MODEM = 0xB0
-"""Modem state with carrier, data set ready and clear to send: what a line without such wires has."""
+"""Modem state with carrier, data set ready and clear to send. It represents a line without modem control signals."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +99,7 @@ class PortSettings:
     parity: ComParity = ComParity.NONE
     stop_size: StopSize = StopSize.ONE
     data_size: int = 8
-    """Data bits of a character."""
+    """Number of data bits per character."""
 
     def __str__(self) -> str:
         stop = {StopSize.ONE: "1", StopSize.TWO: "2", StopSize.ONE_AND_A_HALF: "1.5"}[self.stop_size]
@@ -105,9 +107,7 @@ class PortSettings:
 
 
 def encode_command(command: Command, value: int | bytes = b"", *, server: bool = False) -> bytes:
-    """Encode a command as it travels, from a client or from a server. Raises LocalProtocolError for a value that it
-    cannot carry.
-    """
+    """Encode a command from a client or from a server. Raises LocalProtocolError if it cannot carry the value."""
     size = VALUE_BYTES[command]
     if isinstance(value, int):
         try:
@@ -120,19 +120,19 @@ def encode_command(command: Command, value: int | bytes = b"", *, server: bool =
 
 
 def decode_command(data: bytes, *, server: bool) -> tuple[Command, int]:
-    """Command and value of a subnegotiation, as said by a server or by a client; 0 for a signature and for what
-    has no value. Raises RemoteProtocolError.
+    """Decode the command and the value of a subnegotiation from a server or a client. The value is 0 for a
+    signature and for a command without a value. Raises RemoteProtocolError for an invalid subnegotiation.
     """
     if not data:
-        raise RemoteProtocolError("a com port command has no code")
+        raise RemoteProtocolError("a com port command without a code")
     try:
         command = Command(data[0] - FROM_SERVER * server)
     except ValueError:
-        raise RemoteProtocolError(f"there is no com port command {data[0]}") from None
+        raise RemoteProtocolError(f"unknown com port command {data[0]}") from None
     if command is Command.SIGNATURE:
         return command, 0
     if len(data) - 1 != VALUE_BYTES[command]:
         raise RemoteProtocolError(
-            f"{command.name} came with {len(data) - 1} bytes, not {VALUE_BYTES[command]}"
+            f"{command.name} received with {len(data) - 1} bytes instead of {VALUE_BYTES[command]}"
         )
     return command, int.from_bytes(data[1:], "big")

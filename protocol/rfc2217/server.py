@@ -1,6 +1,7 @@
-"""The side of a serial port behind a TCP connection that has the port.
+"""Server side of a serial port over TCP, which owns the port.
 
-Reference: RFC 2217. Silent until the client speaks Telnet, so that a client that does not may use it as a raw port.
+Reference: RFC 2217. The server sends no Telnet commands until the client does, so a client that sends none can use
+it as a raw port.
 """
 
 from dataclasses import dataclass, replace
@@ -23,14 +24,14 @@ SIGNATURE: Final = b"hil-bridge"
 
 @dataclass(frozen=True, slots=True)
 class SettingsChanged:
-    """The client has set the port."""
+    """The client has changed the settings of the port."""
 
     settings: PortSettings
 
 
 @dataclass(frozen=True, slots=True)
 class BreakSet:
-    """The client begins or ends a break."""
+    """The client has begun or ended a break."""
 
     on: bool
 
@@ -39,7 +40,7 @@ ServerEvent: TypeAlias = SettingsChanged | BreakSet | SerialData | Malformed
 
 PARITIES = (ComParity.NONE, ComParity.ODD, ComParity.EVEN)
 STOP_SIZES = (StopSize.ONE, StopSize.TWO)
-"""Settings that the port can have, with any baud rate and 8 data bits."""
+"""Supported numbers of stop bits. All baud rates are supported, but only 8 data bits."""
 
 _FLOW = range(Control.ASK_FLOW, Control.ASK_BREAK)
 _BREAK = {Control.BREAK_ON: True, Control.BREAK_OFF: False}
@@ -50,52 +51,54 @@ _SWITCHES = {
 
 
 class ComPortServer:
-    """Endpoint for one client. What the port cannot do is answered with what it is set to, as RFC 2217 asks."""
+    """Endpoint for one client. It answers a setting that the port does not support with the current setting, as RFC
+    2217 requires.
+    """
 
     def __init__(self, settings: PortSettings) -> None:
         self.settings = settings
-        """Settings of the port."""
+        """Current settings of the port."""
         self._break = False
         self._switches = dict.fromkeys(_SWITCHES, True)
-        """DTR and RTS, which lead nowhere."""
+        """State of DTR and RTS, which are not connected."""
         self._mask = LineState(0)
         self._session: Session[ServerEvent] = Session(
             Options(OPTIONS, (*OPTIONS, Option.COM_PORT)), server=True
         )
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take what arrived."""
-        for said in self._session.receive(data):
-            if not isinstance(said, Negotiation):
-                self._session.command(said[0], self._obeyed(*said))
+        """Process received bytes."""
+        for event in self._session.receive(data):
+            if not isinstance(event, Negotiation):
+                self._session.command(event[0], self._execute(*event))
 
     def next_event(self) -> ServerEvent | None:
-        """Return the oldest event not yet taken."""
+        """Return the oldest event not yet taken, or None."""
         events = self._session.events
         return events.popleft() if events else None
 
     def data_to_send(self, now: float) -> bytes:
-        """Everything that may be sent now."""
+        """Return everything that may be sent now."""
         return self._session.data_to_send()
 
     def next_deadline(self) -> float | None:
-        """Return None: a server has no deadline."""
+        """Return None, because a server has no deadline."""
         return None
 
     def handle_deadline(self, now: float) -> None:
-        """There is no deadline."""
+        """Do nothing, because a server has no deadline."""
 
     def send(self, data: bytes) -> None:
-        """Bytes that the port has received, for the client. Raises LocalProtocolError when too much waits."""
+        """Queue bytes that the port has received, for the client. Raises LocalProtocolError if the queue is full."""
         self._session.send(data)
 
     def notify(self, state: LineState) -> None:
-        """Report a damaged character at the port to a client that asked for it."""
+        """Report a damaged character at the port if the client has subscribed to such reports."""
         if state & self._mask:
             self._session.command(Command.NOTIFY_LINESTATE, state & self._mask)
 
-    def _obeyed(self, command: Command, value: int) -> int | bytes:
-        """Do what a command says; gives the value of its answer."""
+    def _execute(self, command: Command, value: int) -> int | bytes:
+        """Execute a command and return the value of its response."""
         match command:
             case Command.SIGNATURE:
                 return SIGNATURE
@@ -110,7 +113,7 @@ class ComPortServer:
                 size = StopSize(value) if value in STOP_SIZES else self.settings.stop_size
                 return self._set(replace(self.settings, stop_size=size)).stop_size
             case Command.SET_CONTROL:
-                return self._controlled(value)
+                return self._set_control(value)
             case Command.SET_LINESTATE_MASK:
                 self._mask = LineState(value)
                 return value
@@ -118,7 +121,7 @@ class ComPortServer:
                 return 0
             case Command.NOTIFY_MODEMSTATE:
                 return READY_MODEM
-            case _:  # a mask for wires that are not there; buffers that are empty already
+            case _:  # a mask for signals that do not exist; buffers that are already empty
                 return value
 
     def _set(self, settings: PortSettings) -> PortSettings:
@@ -127,7 +130,7 @@ class ComPortServer:
             self._session.events.append(SettingsChanged(settings))
         return settings
 
-    def _controlled(self, value: int) -> int:
+    def _set_control(self, value: int) -> int:
         if value in _FLOW:
             return Control.NO_FLOW
         if value in _BREAK or value == Control.ASK_BREAK:

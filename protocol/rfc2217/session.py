@@ -1,4 +1,4 @@
-"""Parts that client and server share: payload and commands apart, a bounded queue, the wish for silence."""
+"""Common parts of client and server: separation of payload and commands, a bounded queue, and flow control."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -18,12 +18,12 @@ from protocol.rfc2217.telnet import (
 )
 
 QUEUE_BYTES = 65536
-"""Bound of what waits to be sent. Chosen: a minute of a 9600-baud line."""
+"""Maximum number of bytes in the send queue. Chosen: one minute of a 9600-baud line."""
 
 
 @dataclass(frozen=True, slots=True)
 class SerialData:
-    """Bytes from the other side: for a client what the port received, for a server what the port shall send."""
+    """Bytes from the other side. For a client, the port has received them; for a server, the port is to send them."""
 
     data: bytes
 
@@ -37,7 +37,7 @@ class LineStateChanged:
 
 @dataclass(frozen=True, slots=True)
 class Malformed:
-    """The other side said something that is not understood; it was passed over."""
+    """The other side sent invalid data, which was ignored."""
 
     text: str
 
@@ -45,11 +45,11 @@ class Malformed:
 Event = TypeVar("Event")
 
 OPTIONS = (Option.BINARY, Option.SUPPRESS_GO_AHEAD)
-"""Options that both sides are ready to use, in both directions."""
+"""Options that both sides are willing to use, in both directions."""
 
 
 class Session(Generic[Event]):
-    """One connection."""
+    """State of one connection."""
 
     def __init__(self, options: Options, server: bool) -> None:
         self.options = options
@@ -58,30 +58,34 @@ class Session(Generic[Event]):
         self._reader = TelnetReader()
         self._out = bytearray()
         self._suspended = False
-        """Whether the other side wants silence for now: neither payload nor commands. RFC 2217 section 5."""
+        """Whether the other side has suspended transmission. Neither payload nor commands may be sent then. RFC
+        2217 section 5.
+        """
         self.lost = 0
-        """Bytes of answers that were not given because nothing leaves."""
+        """Number of bytes of responses that were dropped because the send queue was full."""
 
-    def say(self, said: bytes) -> None:
-        """Queue commands. Commands beyond the limit are lost: a peer that asks and does not listen costs nothing."""
-        if len(self._out) + len(said) > QUEUE_BYTES:
-            self.lost += len(said)
+    def say(self, data: bytes) -> None:
+        """Queue commands. Commands beyond the limit are dropped, so that a peer that sends requests but does not
+        read uses no memory.
+        """
+        if len(self._out) + len(data) > QUEUE_BYTES:
+            self.lost += len(data)
         else:
-            self._out += said
+            self._out += data
 
     def command(self, command: Command, value: int | bytes) -> None:
-        """Queue a command of the com port option."""
+        """Queue a command of the COM port option."""
         self.say(encode_command(command, value, server=self._server))
 
     def send(self, data: bytes) -> None:
-        """Queue payload. Raises LocalProtocolError when the queue is full."""
+        """Queue payload. Raises LocalProtocolError if the queue is full."""
         travelling = escaped(data)
         if len(self._out) + len(travelling) > 2 * QUEUE_BYTES:
-            raise LocalProtocolError(f"more than {QUEUE_BYTES} bytes wait to be sent")
+            raise LocalProtocolError(f"more than {QUEUE_BYTES} bytes are queued")
         self._out += travelling
 
     def data_to_send(self) -> bytes:
-        """Bytes that may be sent now."""
+        """Return the bytes that may be sent now."""
         if self._suspended:
             return b""
         data = bytes(self._out)
@@ -89,7 +93,9 @@ class Session(Generic[Event]):
         return data
 
     def receive(self, data: bytes) -> Iterator[tuple[Command, int] | Negotiation]:
-        """Take what arrived; gives negotiations, which are answered already, and the commands of the option."""
+        """Process received bytes. Return the commands of the option, and negotiations, to which the response is
+        already queued.
+        """
         for event in self._reader.receive(data):
             match event:
                 case Payload(payload):

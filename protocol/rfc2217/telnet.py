@@ -1,6 +1,6 @@
-"""Telnet's own bytes: commands apart from the payload, and the negotiation of options.
+"""Telnet framing: separation of commands and payload, and option negotiation.
 
-References: RFC 854 (commands), RFC 855 (options and subnegotiation), RFC 1143 (how not to loop).
+References: RFC 854 (commands), RFC 855 (options and subnegotiation), RFC 1143 (avoiding negotiation loops).
 """
 
 from collections.abc import Iterable
@@ -9,46 +9,48 @@ from enum import Enum, IntEnum, auto
 from typing import TypeAlias
 
 IAC = 255
-"""Begins a command; doubled it is a byte of the payload. [standard, RFC 854]"""
+"""Interpret As Command: the byte that starts a command. Doubled, it is one byte of the payload. [standard, RFC 854]"""
 SUBNEGOTIATION_BEGIN = 250
 SUBNEGOTIATION_END = 240
 
 SUBNEGOTIATION_LIMIT = 256
-"""Bytes of a subnegotiation. Chosen: those of the com port option have five at most, but for a signature's text."""
+"""Maximum number of bytes in a subnegotiation. Chosen: subnegotiations of the COM port option have at most five
+bytes, except for the text of a signature.
+"""
 
 
 class Verb(IntEnum):
-    """Verbs about an option. [standard, RFC 854]"""
+    """Verb of an option negotiation. [standard, RFC 854]"""
 
     WILL = 251
-    """I want to use it, or agree to."""
+    """Request or agreement to use an option on this side."""
     WONT = 252
     DO = 253
-    """You shall use it, or may."""
+    """Request or permission for the other side to use an option."""
     DONT = 254
 
 
 class Option(IntEnum):
-    """The options that a serial port needs. [standard]"""
+    """Telnet option needed for a serial port. [standard]"""
 
     BINARY = 0
-    """Bytes are no characters: nothing is done to CR. RFC 856."""
+    """Binary transmission: bytes are not characters, and CR is not translated. RFC 856."""
     SUPPRESS_GO_AHEAD = 3
-    """RFC 858."""
+    """No Go Ahead commands are sent. RFC 858."""
     COM_PORT = 44
-    """RFC 2217."""
+    """COM port control. RFC 2217."""
 
 
 @dataclass(frozen=True, slots=True)
 class Payload:
-    """Bytes of the connection proper."""
+    """Payload bytes of the connection."""
 
     data: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class Negotiation:
-    """Something was said about an option, which may be one that we do not know."""
+    """A negotiation command for an option, which may be unknown."""
 
     verb: Verb
     option: int
@@ -56,7 +58,7 @@ class Negotiation:
 
 @dataclass(frozen=True, slots=True)
 class Subnegotiation:
-    """Message of an option that is in use."""
+    """Subnegotiation of an option in use."""
 
     option: int
     data: bytes
@@ -64,7 +66,7 @@ class Subnegotiation:
 
 @dataclass(frozen=True, slots=True)
 class Garbled:
-    """Something that is no Telnet; reading continues behind it."""
+    """Invalid Telnet bytes. Reading continues after them."""
 
     text: str
 
@@ -73,17 +75,17 @@ TelnetEvent: TypeAlias = Payload | Negotiation | Subnegotiation | Garbled
 
 
 def escaped(data: bytes) -> bytes:
-    """Payload as it travels."""
+    """Return the payload with each IAC byte doubled."""
     return data.replace(b"\xff", b"\xff\xff")
 
 
 def negotiation(verb: Verb, option: int) -> bytes:
-    """Something said about an option, as it travels."""
+    """Encode a negotiation command for an option."""
     return bytes((IAC, verb, option))
 
 
 def subnegotiation(option: int, data: bytes) -> bytes:
-    """Message of an option, as it travels."""
+    """Encode a subnegotiation of an option."""
     return bytes((IAC, SUBNEGOTIATION_BEGIN, option)) + escaped(data) + bytes((IAC, SUBNEGOTIATION_END))
 
 
@@ -96,16 +98,18 @@ class _State(Enum):
 
 
 class TelnetReader:
-    """Takes bytes in any pieces. Commands without meaning for a serial port, such as no operation, are passed over."""
+    """Parser of Telnet data in chunks of any size. It ignores commands without meaning for a serial port, such as
+    no operation.
+    """
 
     def __init__(self) -> None:
         self._state = _State.PAYLOAD
         self._verb = Verb.DONT
         self._inside = bytearray()
-        """Option and data of the subnegotiation that is being read, no longer than it may be."""
+        """Option and data of the subnegotiation that is being read, truncated to the limit."""
 
     def receive(self, data: bytes) -> list[TelnetEvent]:
-        """Events that these bytes complete."""
+        """Process received bytes and return the events that they complete."""
         events: list[TelnetEvent] = []
         payload = bytearray()
         at = 0
@@ -157,7 +161,7 @@ class TelnetReader:
             self._verb = Verb(byte)
             self._state = _State.OPTION
         elif byte < SUBNEGOTIATION_END:
-            return Garbled(f"FFh was followed by {byte:02X}h, which is no command")
+            return Garbled(f"FFh was followed by {byte:02X}h, which is not a command")
         return None
 
     def _command_inside(self, byte: int, payload: bytearray) -> TelnetEvent | None:
@@ -167,58 +171,58 @@ class TelnetReader:
                 self._inside.append(byte)
             return None
         if byte != SUBNEGOTIATION_END:
-            # the end was lost: the next bytes are a command of their own
+            # the end was lost: the next bytes are a separate command
             self._command(byte, payload)
-            return Garbled("a subnegotiation has no end")
+            return Garbled("a subnegotiation is not terminated")
         self._state = _State.PAYLOAD
         if len(self._inside) > SUBNEGOTIATION_LIMIT:
             return Garbled(f"a subnegotiation is longer than {SUBNEGOTIATION_LIMIT} bytes")
         if not self._inside:
-            return Garbled("a subnegotiation names no option")
+            return Garbled("a subnegotiation without an option")
         return Subnegotiation(self._inside[0], bytes(self._inside[1:]))
 
 
 class Options:
-    """Which options each side uses. An answer is given only to what changes something, so that no two sides of
-    this kind can answer each other for ever.
+    """Record of the options in use on each side. It answers only changes, so that two such sides cannot answer each
+    other endlessly.
     """
 
     def __init__(self, wanted_here: Iterable[Option], wanted_there: Iterable[Option]) -> None:
-        """Options that this side is ready to use, and those that it lets the other side use."""
+        """Set the options that this side is willing to use, and the options that it permits the other side to use."""
         self._wanted = {Verb.DO: frozenset(wanted_here), Verb.WILL: frozenset(wanted_there)}
-        self._asked: set[tuple[bool, int]] = set()
+        self._requested: set[tuple[bool, int]] = set()
         self._used: set[tuple[bool, int]] = set()
 
     def ask(self) -> bytes:
-        """Offer and ask for everything that is wanted."""
-        said = b""
-        for here, verb, wanted in (
+        """Return the offers and requests for all options that this side is willing to use or permits."""
+        data = b""
+        for here, verb, options in (
             (True, Verb.WILL, self._wanted[Verb.DO]),
             (False, Verb.DO, self._wanted[Verb.WILL]),
         ):
-            for option in sorted(wanted):
-                self._asked.add((here, option))
-                said += negotiation(verb, option)
-        return said
+            for option in sorted(options):
+                self._requested.add((here, option))
+                data += negotiation(verb, option)
+        return data
 
-    def receive(self, said: Negotiation) -> bytes:
-        """Take what the other side said; gives the answer to it, which may be empty."""
-        here = said.verb in (Verb.DO, Verb.DONT)
+    def receive(self, event: Negotiation) -> bytes:
+        """Process a negotiation from the other side and return the response, which may be empty."""
+        here = event.verb in (Verb.DO, Verb.DONT)
         agree, refuse = (Verb.WILL, Verb.WONT) if here else (Verb.DO, Verb.DONT)
-        key = (here, said.option)
-        asked = key in self._asked
-        self._asked.discard(key)
-        if said.verb in (Verb.DONT, Verb.WONT):
+        key = (here, event.option)
+        was_requested = key in self._requested
+        self._requested.discard(key)
+        if event.verb in (Verb.DONT, Verb.WONT):
             used = key in self._used
             self._used.discard(key)
-            return negotiation(refuse, said.option) if used else b""
-        if said.option not in self._wanted[said.verb]:
-            return negotiation(refuse, said.option)
+            return negotiation(refuse, event.option) if used else b""
+        if event.option not in self._wanted[event.verb]:
+            return negotiation(refuse, event.option)
         if key in self._used:
             return b""
         self._used.add(key)
-        return b"" if asked else negotiation(agree, said.option)
+        return b"" if was_requested else negotiation(agree, event.option)
 
     def used_here(self, option: Option) -> bool:
-        """Whether this side uses an option, with the other's consent."""
+        """Return whether this side uses an option with the other side's consent."""
         return (True, option) in self._used

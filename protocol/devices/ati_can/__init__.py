@@ -1,4 +1,4 @@
-"""ATI NETCANOEM: strain gages over CAN."""
+"""ATI NETCANOEM board: raw strain gage readings over CAN."""
 
 from protocol.devices.ati_can.client import AtiCanClient
 from protocol.devices.ati_can.describe import describe

@@ -1,7 +1,7 @@
-"""Client of a NETCANOEM board: reads the matrix of a calibration, asks for gages, computes the wrench.
+"""Client of a NETCANOEM board: reads the calibration matrix, polls the gages, and computes the wrench.
 
-One question is under way at a time. The zero is the host's. A slot that another host changes would make the matrix
-wrong without a sign, so that it ends the session.
+One request is outstanding at a time. The host subtracts the zero. If another host changed the active slot, the
+matrix would silently be wrong; a change of slot therefore ends the session.
 """
 
 from collections.abc import Sequence
@@ -23,8 +23,8 @@ from protocol.devices.ati_can.messages import (
     decode_sample,
     decode_sample_rest,
     decode_units,
+    describe_status_bits,
     question,
-    status_words,
 )
 from protocol.devices.ati_can.profile import AtiCanClientProfile
 from protocol.endpoint import RemoteProtocolError
@@ -34,15 +34,15 @@ from protocol.sensor_events import SensorEventQueue
 from protocol.wrench import AXES, SensorFacts, SensorRestarted, SensorStatistics
 
 _UNITS_FROM = (3, 7)
-"""Firmware from which on the board tells its units. Source: manual."""
+"""First firmware version that reports its units. Source: manual."""
 _OLDER_UNITS = (FORCE_UNITS[2], TORQUE_UNITS[3])
-"""Assumed of an older one: N and N·m."""
+"""Units of firmware that does not report them: N and N·m. Assumed."""
 _ROW_OPS = (Op.ROW, Op.ROW_MIDDLE, Op.ROW_END)
 _ALL_AXES = 0b111111
 
 
 class _Calibration:
-    """The calibration that the board answers with, row by row."""
+    """Calibration reported by the board, received row by row."""
 
     def __init__(self) -> None:
         self._units, self._per_unit = _OLDER_UNITS, (1, 1)
@@ -51,11 +51,11 @@ class _Calibration:
 
     @property
     def axis(self) -> int:
-        """Number of the row that comes next."""
+        """Index of the next row."""
         return len(self._matrix)
 
     def begin(self) -> None:
-        """Rows come from the first one on."""
+        """Restart with the first row."""
         self._matrix = []
 
     def begin_row(self) -> None:
@@ -63,9 +63,11 @@ class _Calibration:
         self._row = []
 
     def take_row(self, op: int, data: bytes) -> bool:
-        """Take a part of a row; whether the row is complete. Raises RemoteProtocolError for one that is 0."""
+        """Store a part of a row and return whether the row is complete. Raises RemoteProtocolError if all values of
+        the row are zero.
+        """
         if len(data) < 2 or op != _ROW_OPS[len(self._row) // 2]:
-            return False  # the question of another host, or an answer without those before it
+            return False  # a request of another host, or a response whose predecessors are missing
         self._row += decode_pair(data)
         if len(self._row) < 6:
             return False
@@ -75,11 +77,11 @@ class _Calibration:
         return True
 
     def take_counts(self, data: bytes) -> None:
-        """Take the counts for a unit."""
+        """Decode and store the counts per unit."""
         self._per_unit = decode_counts(data)
 
     def take_units(self, data: bytes) -> None:
-        """Take the units."""
+        """Decode and store the units."""
         self._units = decode_units(data)
 
     def apply(self, gages: tuple[int, ...]) -> list[float]:
@@ -89,32 +91,32 @@ class _Calibration:
 
     @property
     def scales(self) -> Wrench:
-        """N and N·m for a count of each axis."""
+        """Scale of each axis, N or N·m per count."""
         force, torque = (unit / counts for unit, counts in zip(self._units, self._per_unit, strict=True))
         return force, force, force, torque, torque, torque
 
 
 class AtiCanClient(Outbox[CanFrame]):
-    """Endpoint of CAN frames: a `SensorClient`."""
+    """`SensorClient` over CAN frames."""
 
     stop_patience = 0.0
 
     def __init__(self, profile: AtiCanClientProfile, now: float) -> None:
         self.statistics = SensorStatistics()
         self._profile = profile
-        self._sensor_events = telling = SensorEventQueue(
+        self._sensor_events = events = SensorEventQueue(
             zero_samples=max(1, round(profile.zero_s / (profile.period_ms * 1e-3)))
         )
-        self.next_event, self.zero = telling.next_event, telling.zero
+        self.next_event, self.zero = events.next_event, events.zero
         super().__init__()
         self._given_up_at = now + profile.ready_timeout_s
         self._others = False
         self._op = Op.FIRMWARE
-        """The question under way, or the next one."""
+        """Operation of the outstanding or the next request."""
         self._tries = 0
         self._under_way = False
         self._due: float | None = now
-        """When the question is to be asked, or its answer is overdue, s."""
+        """Time at which to send the request, or at which its response is overdue, s."""
         self._asked_at = now
         self._model = ""
         self._firmware = (0, 0)
@@ -122,12 +124,12 @@ class AtiCanClient(Outbox[CanFrame]):
         self._start: SampleStart | None = None
         self._status = 0
         self._bus = ""
-        """The newest report of the interface about the bus."""
+        """Text of the interface's newest bus error report."""
 
     # --- endpoint
 
     def receive(self, data: Sequence[CanFrame], now: float) -> None:
-        """Take frames; those of other boards and of interfaces are passed over."""
+        """Process received frames. Frames of other boards are ignored, and bus error reports become notices."""
         for frame in data:
             if self._sensor_events.ended:
                 return
@@ -138,14 +140,14 @@ class AtiCanClient(Outbox[CanFrame]):
                     continue
                 if frame.extended or frame.remote or frame.identifier >> 4 != self._profile.base:
                     continue
-                self._take(op, frame, now)
+                self._process_response(op, frame, now)
             except RemoteProtocolError as error:
                 self.statistics.malformed += 1
                 if not (self._sensor_events.ready or frame.error) and op != Op.SAMPLE:
-                    self._fail(str(error), "look at its calibration")
+                    self._fail(str(error), "check its calibration")
 
     def handle_deadline(self, now: float) -> None:
-        """Ask, ask again, or give up."""
+        """Send the request, repeat it, or report a failure."""
         if self._due is None or now < self._due:
             return
         if (
@@ -156,17 +158,17 @@ class AtiCanClient(Outbox[CanFrame]):
             self._ask(now)
         else:
             self._fail(
-                f"it does not answer; asked {self._tries} times for {self._op.name.lower()}",
-                f"look at its supply, the bus, its rate, and base {self._profile.base:02X}",
+                f"no response to {self._op.name.lower()} after {self._tries} requests",
+                f"check its supply, the bus, its bit rate, and base {self._profile.base:02X}",
             )
 
     def stop(self) -> None:
-        """Ask for nothing more: the board says nothing by itself."""
+        """Stop polling. No stop command is needed, because the board sends nothing unsolicited."""
         if not self._sensor_events.ended:
             self._due = None
             self._sensor_events.stop()
 
-    # --- questions
+    # --- requests
 
     def _ask(self, now: float) -> None:
         profile = self._profile
@@ -182,49 +184,49 @@ class AtiCanClient(Outbox[CanFrame]):
         self._under_way, self._asked_at = True, now
         self._due = now + profile.answer_timeout_s
 
-    def _then(self, op: Op, now: float) -> None:
-        """Accept the answer and send this question next, at once."""
+    def _advance(self, op: Op, now: float) -> None:
+        """Accept the response and send the request `op` next, without delay."""
         self._op, self._tries = op, 0
         self._ask(now)
 
-    def _take(self, op: int, frame: CanFrame, now: float) -> None:
+    def _process_response(self, op: int, frame: CanFrame, now: float) -> None:
         data = frame.data
         if op in (Op.SAMPLE, Op.SAMPLE_REST):
             self._take_sample(op, frame, now)
         elif op == Op.RESET or (op == Op.SLOT and self._op is not Op.SLOT):
-            self._fail("another host resets the board or chooses a calibration", "let one host alone use it")
+            self._fail("another host resets the board or selects a calibration", "let only one host use it")
         elif not self._under_way or (op != self._op and not (self._op is Op.ROW and op in _ROW_OPS)):
-            self._report_others()
+            self._report_other_host()
         elif op == Op.FIRMWARE and data:
             major, minor, build = decode_firmware(data)
             self._firmware = (major, minor)
             self._model = f"ATI NETCANOEM, firmware {major}.{minor} build {build}"
-            self._then(Op.SERIAL, now)
+            self._advance(Op.SERIAL, now)
         elif op == Op.SERIAL and data:
             serial = data.decode("ascii", "replace").strip("\0 ")
             self._model += f", {serial}" if serial.isprintable() else ""
-            self._then(Op.SLOT, now)
+            self._advance(Op.SLOT, now)
         elif op == Op.SLOT:
             if data != bytes((self._profile.slot,)):
-                raise RemoteProtocolError(f"the board has not chosen slot {self._profile.slot}")
+                raise RemoteProtocolError(f"the board has not selected slot {self._profile.slot}")
             self._calibration.begin()
-            self._then(Op.ROW, now)
+            self._advance(Op.ROW, now)
         elif self._op is Op.ROW and op in _ROW_OPS:
             if self._calibration.take_row(op, data):
-                self._then(Op.ROW if self._calibration.axis < len(AXES) else Op.COUNTS, now)
+                self._advance(Op.ROW if self._calibration.axis < len(AXES) else Op.COUNTS, now)
         elif op == Op.COUNTS and data:
             self._calibration.take_counts(data)
-            self._then(Op.UNITS if self._firmware >= _UNITS_FROM else Op.SAMPLE, now)
+            self._advance(Op.UNITS if self._firmware >= _UNITS_FROM else Op.SAMPLE, now)
         elif op == Op.UNITS and data:
             self._calibration.take_units(data)
-            self._then(Op.SAMPLE, now)
+            self._advance(Op.SAMPLE, now)
 
     # --- samples
 
     def _take_sample(self, op: int, frame: CanFrame, now: float) -> None:
         if op == Op.SAMPLE:
             if not frame.data or self._op is not Op.SAMPLE or not self._under_way:
-                self._report_others()
+                self._report_other_host()
                 return
             self.statistics.unpaired += self._start is not None
             self._start = decode_sample(frame.data)
@@ -236,41 +238,42 @@ class AtiCanClient(Outbox[CanFrame]):
         one, three, five = decode_sample_rest(frame.data)
         zero, two, four = start.gages
         at = now if frame.received_at is None else frame.received_at
-        self._tell(start.status, (zero, one, two, three, four, five), at)
+        self._report_sample(start.status, (zero, one, two, three, four, five), at)
         self._under_way, self._tries = False, 0
         if not self._sensor_events.ended:
             self._due = max(now, self._asked_at + self._profile.period_ms * 1e-3)
 
-    def _tell(self, status: int, gages: tuple[int, ...], at: float) -> None:
-        telling = self._sensor_events
+    def _report_sample(self, status: int, gages: tuple[int, ...], at: float) -> None:
+        events = self._sensor_events
         if status != self._status:
-            words = f"status {status:04X}: {status_words(status)}"
+            text = f"status {status:04X}: {describe_status_bits(status)}"
             if status:
-                telling.notice_status(status, words)
-            if telling.ready and status & WATCHDOG and not self._status & WATCHDOG:
-                telling.tell(SensorRestarted())  # its slot is 0 again
+                events.notice_status(status, text)
+            if events.ready and status & WATCHDOG and not self._status & WATCHDOG:
+                events.tell(SensorRestarted())  # the active slot is 0 again
                 self._op = Op.SLOT
             self._status = status
-        if not telling.ready:
+        if not events.ready:
             if status & CRITICAL:
                 self._fail(
-                    f"it reports status {status:04X}: {status_words(status)}", "look at its supply and cable"
+                    f"it reports status {status:04X}: {describe_status_bits(status)}",
+                    "check its supply and cable",
                 )
                 return
-            telling.begin(self._facts())
-        # A gage at its end changes every axis.
+            events.begin(self._facts())
+        # A saturated gage affects every axis.
         lost = status & CRITICAL or max(gages) >= GAGE_HIGH or min(gages) <= GAGE_LOW
-        telling.sample(self._calibration.apply(gages), at, _ALL_AXES if lost else 0)
+        events.sample(self._calibration.apply(gages), at, _ALL_AXES if lost else 0)
 
     def _facts(self) -> SensorFacts:
         return SensorFacts(self._model, self._calibration.scales, None, None, None, 0.0, "host")
 
     # --- end
 
-    def _report_others(self) -> None:
+    def _report_other_host(self) -> None:
         if not self._others:
             self._others = True
-            self._sensor_events.notice("another host asks on this bus, or an answer came late")
+            self._sensor_events.notice("another host sends requests on this bus, or a response was late")
 
     def _report_bus(self, text: str) -> None:
         if text != self._bus:

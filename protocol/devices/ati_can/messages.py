@@ -1,8 +1,8 @@
-"""Frames of an ATI NETCANOEM board: six strain gages over CAN, of which the host computes the wrench.
+"""Frames of an ATI NETCANOEM board: six strain gages over CAN, from which the host computes the wrench.
 
-The identifier is the board's base, seven bits, and an operation, four bits; high byte first everywhere. Question and
-answer share identifiers, so that only the length of an answer tells it apart. Source: ATI manual 9610-05-1030, and a
-client that drove a board (ati-netcanoem-cpp), read for facts only.
+The identifier combines the board's base address (seven bits) and an operation (four bits). All numbers are
+big-endian. Request and response share identifiers; only the length identifies a response. Source: ATI manual
+9610-05-1030, and a client that drove a board (ati-netcanoem-cpp), consulted for facts only.
 """
 
 import math
@@ -14,21 +14,21 @@ from typing import NamedTuple
 from protocol.can.dbc import CanMessage
 from protocol.can.frame import CanFilter, CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.fields import Field, Layout, bit_words
+from protocol.fields import Field, Layout, describe_bits
 from protocol.marks import Mark
 
 BITRATE = 250_000
-"""With the default switch on. Source: manual."""
+"""Bit rate for the default switch setting, bit/s. Source: manual."""
 BASE = 0x20
-"""Base identifier with the default switch on. Source: manual."""
+"""Base address for the default switch setting. Source: manual."""
 GAGES = 6
 GAGE_LOW, GAGE_HIGH = -32768, 32767
-"""Ends of a gage: there it tells nothing. Source: manual."""
+"""Lowest and highest gage reading, at which a gage is saturated. Source: manual."""
 SLOTS = 16
 
 
 class Op(IntEnum):
-    """Operations. 1, 3 and 4 are those of answers alone."""
+    """Operation code of a frame. Codes 1, 3 and 4 occur only in responses."""
 
     SAMPLE = 0x0
     SAMPLE_REST = 0x1
@@ -61,13 +61,13 @@ STATUS_BITS = {
     12: "temperature too low",
     14: "CAN bus error",
 }
-"""Meaning of each bit but the summary, 15. Source: manual."""
+"""Meaning of each status bit except the summary bit, 15. Source: manual."""
 WATCHDOG = 1
 CRITICAL = 0b0001_1000_1111_1110
-"""Bits with which no sample can be trusted: 1 … 7, 11 and 12. Source: manual."""
+"""Status bits that make every sample invalid: 1 … 7, 11 and 12. Source: manual."""
 
 FORCE_UNITS = {1: 4.4482216152605, 2: 1.0, 3: 4448.2216152605, 4: 1000.0, 5: 9.80665, 6: 9.80665e-3}
-"""N for one, by the board's code. Source: manual."""
+"""Size of each force unit in N, by the board's unit code. Source: manual."""
 TORQUE_UNITS = {
     1: 0.1129848290276167,
     2: 1.3558179483314004,
@@ -76,7 +76,7 @@ TORQUE_UNITS = {
     5: 0.0980665,
     6: 1000.0,
 }
-"""N·m for one, by the board's code. Source: manual."""
+"""Size of each torque unit in N·m, by the board's unit code. Source: manual."""
 
 
 def _layout(name: str, *fields: Field) -> Layout:
@@ -92,7 +92,7 @@ def _gages(first: int, offset: int) -> Iterator[Field]:
 def _coefficients(first: int) -> Layout:
     fields = (
         Field(
-            f"sg{first + place}", 4 * place, "f", Mark.OBSERVED, "coefficient of the matrix, counts for one"
+            f"sg{first + place}", 4 * place, "f", Mark.OBSERVED, "coefficient of the matrix, counts per unit"
         )
         for place in range(2)
     )
@@ -106,11 +106,11 @@ ROW, ROW_MIDDLE, ROW_END = _coefficients(0), _coefficients(2), _coefficients(4)
 SERIAL = _layout(
     "the serial number",
     *(
-        Field(f"c{place}", place, "B", Mark.OBSERVED, "character of the number, 0 behind its end")
+        Field(f"c{place}", place, "B", Mark.OBSERVED, "character of the number, 0 after its end")
         for place in range(8)
     ),
 )
-SLOT = _layout("the slot", Field("slot", 0, "B", Mark.OBSERVED, "of the calibration that is in use"))
+SLOT = _layout("the slot", Field("slot", 0, "B", Mark.OBSERVED, "of the active calibration"))
 COUNTS = _layout(
     "the counts",
     Field("per force", 0, "I", Mark.OBSERVED, "of the matrix for one unit of force", unit="counts"),
@@ -139,21 +139,24 @@ LAYOUTS: Mapping[Op, Layout] = {
     Op.UNITS: UNITS,
     Op.FIRMWARE: FIRMWARE,
 }
-"""Answers of the board, by operation. A question has at most two bytes of its own."""
+"""Layout of the board's response to each operation. A request has at most two data bytes."""
 
 
 def can_messages(identifiers: Iterable[int]) -> Sequence[CanMessage]:
-    """Return the answers of the board whose frames have these identifiers, or of one with the default base.
+    """Return the responses of the board that uses these identifiers; without identifiers, of a board with the
+    default base.
 
-    A DBC file cannot hold its questions: they have the same identifiers and at most a byte, so a strict decoder
-    refuses them.
+    A DBC file cannot hold the requests: they have the same identifiers and at most one byte, so a strict decoder
+    rejects them.
     """
     base = next((each >> 4 for each in identifiers), BASE)
     return [CanMessage(identifier(base, op), op.name, layout, True) for op, layout in LAYOUTS.items()]
 
 
 _unpack_sample, _unpack_rest = SAMPLE.struct.unpack, SAMPLE_REST.struct.unpack
-"""Samples come in every few milliseconds: by the tables' structs themselves."""
+"""Functions that unpack a sample: the layouts' own structs, for speed, because samples arrive every few
+milliseconds.
+"""
 
 
 class SampleStart(NamedTuple):
@@ -161,21 +164,21 @@ class SampleStart(NamedTuple):
 
     status: int
     gages: tuple[int, int, int]
-    """Gages 0, 2 and 4."""
+    """Readings of gages 0, 2 and 4."""
 
 
 def identifier(base: int, op: int) -> int:
-    """Return the identifier of an operation."""
+    """Return the CAN identifier of an operation."""
     return base << 4 | op
 
 
 def heard(base: int) -> tuple[CanFilter, ...]:
-    """Filter for the frames of one board, both ways."""
+    """Return the filter that passes all frames from and to one board."""
     return (CanFilter(base << 4, 0x7F0),)
 
 
 def question(base: int, op: Op, *data: int) -> CanFrame:
-    """Return a question as a frame. Raises LocalProtocolError for a value that is not a byte."""
+    """Encode a request. Raises LocalProtocolError if a value is not a byte."""
     try:
         return CanFrame(identifier(base, op), bytes(data))
     except ValueError as error:
@@ -183,7 +186,7 @@ def question(base: int, op: Op, *data: int) -> CanFrame:
 
 
 def encode_sample(base: int, status: int, gages: Sequence[int]) -> tuple[CanFrame, CanFrame]:
-    """Both frames of a sample. Raises LocalProtocolError for values that do not fit."""
+    """Encode both frames of a sample. Raises LocalProtocolError if a value does not fit."""
     return (
         CanFrame(identifier(base, Op.SAMPLE), SAMPLE.pack_row(status, *gages[0::2])),
         CanFrame(identifier(base, Op.SAMPLE_REST), SAMPLE_REST.pack_row(*gages[1::2])),
@@ -191,7 +194,7 @@ def encode_sample(base: int, status: int, gages: Sequence[int]) -> tuple[CanFram
 
 
 def decode_sample(data: bytes) -> SampleStart:
-    """First half of a sample. Raises RemoteProtocolError for another length."""
+    """Decode the first half of a sample. Raises RemoteProtocolError if the length is wrong."""
     if len(data) != 8:
         raise RemoteProtocolError(f"{SAMPLE.name} has 8 bytes, got {len(data)}")
     status, a, b, c = _unpack_sample(data)
@@ -199,7 +202,7 @@ def decode_sample(data: bytes) -> SampleStart:
 
 
 def decode_sample_rest(data: bytes) -> tuple[int, int, int]:
-    """Gages 1, 3 and 5. Raises RemoteProtocolError for another length."""
+    """Decode gages 1, 3 and 5. Raises RemoteProtocolError if the length is wrong."""
     if len(data) != 6:
         raise RemoteProtocolError(f"{SAMPLE_REST.name} has 6 bytes, got {len(data)}")
     a, b, c = _unpack_rest(data)
@@ -207,7 +210,7 @@ def decode_sample_rest(data: bytes) -> tuple[int, int, int]:
 
 
 def encode_row(base: int, row: Sequence[float]) -> tuple[CanFrame, ...]:
-    """Encode a row of the matrix as three frames."""
+    """Encode one row of the calibration matrix as three frames."""
     return tuple(
         CanFrame(identifier(base, op), LAYOUTS[op].pack_row(*row[2 * k : 2 * k + 2]))
         for k, op in enumerate((Op.ROW, Op.ROW_MIDDLE, Op.ROW_END))
@@ -215,41 +218,47 @@ def encode_row(base: int, row: Sequence[float]) -> tuple[CanFrame, ...]:
 
 
 def decode_pair(data: bytes) -> tuple[float, float]:
-    """Two coefficients of a row. Raises RemoteProtocolError for another length, and for what is not a number."""
+    """Decode two coefficients of a row. Raises RemoteProtocolError if the length is wrong or a value is NaN or
+    infinite.
+    """
     a, b = ROW.unpack_exact(data)
     if not (math.isfinite(a) and math.isfinite(b)):
-        raise RemoteProtocolError("the matrix holds what is not a number")
+        raise RemoteProtocolError("the matrix contains a value that is not a number")
     return a, b
 
 
 def encode_counts(base: int, per_force: int, per_torque: int) -> CanFrame:
-    """Encode the counts for a unit of force and of torque."""
+    """Encode the counts per unit of force and of torque."""
     return CanFrame(identifier(base, Op.COUNTS), COUNTS.pack_row(per_force, per_torque))
 
 
 def decode_counts(data: bytes) -> tuple[int, int]:
-    """Decode the counts for a unit of force and of torque. Raises RemoteProtocolError for another length, and for 0."""
+    """Decode the counts per unit of force and of torque. Raises RemoteProtocolError if the length is wrong or a
+    value is 0.
+    """
     per_force, per_torque = COUNTS.unpack_exact(data)
     if not (per_force and per_torque):
-        raise RemoteProtocolError("the board tells 0 counts for a unit")
+        raise RemoteProtocolError("the board reports 0 counts per unit")
     return per_force, per_torque
 
 
 def decode_units(data: bytes) -> tuple[float, float]:
-    """N and N·m for one unit. Raises RemoteProtocolError for another length, and for a unit that is not known."""
+    """Decode the units of force and torque to N and N·m per unit. Raises RemoteProtocolError if the length is wrong
+    or a unit is unknown.
+    """
     codes = UNITS.unpack_exact(data)
     force, torque = FORCE_UNITS.get(codes[0]), TORQUE_UNITS.get(codes[1])
     if force is None or torque is None:
-        raise RemoteProtocolError(f"the board tells the units {codes[0]} and {codes[1]}, which are not known")
+        raise RemoteProtocolError(f"the board reports the units {codes[0]} and {codes[1]}, which are unknown")
     return force, torque
 
 
 def decode_firmware(data: bytes) -> tuple[int, int, int]:
-    """Major, minor and build. Raises RemoteProtocolError for another length."""
+    """Decode major, minor and build number. Raises RemoteProtocolError if the length is wrong."""
     major, minor, build = FIRMWARE.unpack_exact(data)
     return major, minor, build
 
 
-def status_words(status: int) -> str:
-    """Describe the bits of a status, without the summary where another bit says more."""
-    return bit_words(status, STATUS_BITS)
+def describe_status_bits(status: int) -> str:
+    """Describe the bits of a status. The summary bit is omitted if a more specific bit is set."""
+    return describe_bits(status, STATUS_BITS)

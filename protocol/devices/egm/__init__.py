@@ -1,4 +1,4 @@
-"""Externally Guided Motion of an ABB robot: its datagrams, and the client that guides it."""
+"""Externally Guided Motion (EGM) of an ABB robot: its messages, and the client that guides the robot."""
 
 from protocol.devices.egm.client import EgmClient
 from protocol.devices.egm.describe import describe
@@ -17,7 +17,7 @@ from protocol.devices.egm.messages import (
     decode_robot,
     encode_answer,
     encode_robot,
-    names_external_axes,
+    has_external_axes,
 )
 from protocol.devices.egm.schema import RobotWare
 from protocol.devices.egm.units import from_wire, to_wire
@@ -42,6 +42,6 @@ __all__ = [
     "encode_answer",
     "encode_robot",
     "from_wire",
-    "names_external_axes",
+    "has_external_axes",
     "to_wire",
 ]

@@ -1,19 +1,22 @@
-"""The client of a robot that is guided by poses: each datagram of the robot is answered once, with an absolute pose.
+"""Client of a robot that is guided by poses: each datagram of the robot is answered once, with an absolute pose.
 
-The controller moves its set point with `speed = k * (reference - set point) + speed reference` [M], and k is 5 1/s by
-default: alone, a reference that goes 20 mm/s is followed 4 mm behind. So the answer carries the reference's own speed
-too, from one answer to the next. What is left is the delay of the controller, some 20 ms. When this side falls silent
-on its way, the robot continues with the last speed until the controller's time-out, but never farther than speed / k
-beyond the last reference, for the position term holds it there: 4 mm at 20 mm/s.
+The controller moves its set point with `speed = k * (reference - set point) + speed reference` [M], where k is 5
+1/s by default. Without a speed reference, the set point follows a reference that moves at 20 mm/s with a lag of 4
+mm. The answer therefore also carries the speed of the reference, computed from one answer to the next. The
+remaining lag is the controller's delay of some 20 ms. If this client stops sending during a movement, the robot
+continues with the last speed until the controller's time-out. It never goes farther than speed / k beyond the last
+reference, because the position term limits it: 4 mm at 20 mm/s.
 
-The robot takes one message a cycle, in the order in which they came, right behind the datagram that it sends [M]. An
-answer too many would stay in its queue for good, and delay all later ones. So of datagrams that came together only the
-newest is answered, and one that comes again is not. An answer that left when the next datagram was on its way has come
-too late to be taken with it, and waits for the one behind: then the next answer is left out. A movement that ends on
-its way has its speed taken back at once, by an answer ahead of the next datagram.
+The robot reads one message per cycle, in order of arrival, right after it sends its datagram [M]. A surplus answer
+would remain in its queue and delay all later answers. Therefore, if several datagrams arrive together, only the
+newest is answered, and a repeated datagram is not answered. An answer that was sent when the next datagram was
+already in transit arrives too late for that cycle and waits for the following one; the next answer is then skipped.
+If a movement ends while the tool is moving, its speed is withdrawn at once, by an answer ahead of the next
+datagram.
 
-The robot is not guided while its motors are off, its program stands or its guidance has not begun. Then each datagram
-is answered with the set point that it tells, without speed: it stands still, also when guidance begins or continues.
+The robot is not guided while its motors are off, its program is stopped or its guidance has not begun. Each
+datagram is then answered with the set point that it reports, without speed. The robot therefore does not move, not
+even when guidance begins or continues.
 """
 
 import math
@@ -43,16 +46,17 @@ from protocol.geometry import Pose, Vector, rotate, rotation_vector, turn_betwee
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
 
 _BEGIN_S = 5.0
-"""Chosen: how long a session may continue before its guidance begins until that is told as a fault. Such datagrams are
-answered, but not reported."""
+"""Time limit from the start of a session to the start of its guidance, s. Chosen. Until then, datagrams are
+answered but not reported; afterwards, a fault is reported.
+"""
 _EVENTS_MAX = 1024
-"""Chosen: events that are kept until they are taken."""
+"""Maximum number of queued events. Chosen."""
 _NOWHERE = Pose((math.nan, math.nan, math.nan), (1.0, 0.0, 0.0, 0.0))
 _STILL = (0.0,) * 6
 
 
 class EgmClient:
-    """A `protocol.robot.StreamClient` over datagrams; the robot speaks first."""
+    """`protocol.robot.StreamClient` over datagrams. The robot sends first."""
 
     def __init__(
         self,
@@ -61,29 +65,34 @@ class EgmClient:
         force_axes: str = "tool",
         joints: JointCheck | None = None,
     ) -> None:
-        """`cycle` is the time between two datagrams of the robot, s. With `feed_forward` answers carry a speed. The
-        measured force lies along the axes of the tool or of the base, or is not to be heeded (none). Joints are
-        compared with the pose by `joints`.
+        """Create a client. `cycle` is the time between two datagrams of the robot, s. With `feed_forward`, answers
+        carry a speed.
+
+        `force_axes` says whether the measured force is along the axes of the tool ("tool") or of the base ("base"),
+        or is ignored ("none"). `joints` compares the reported joints with the reported pose; None disables this
+        check.
         """
         self._cycle, self._feed_forward, self._force_axes = cycle, feed_forward, force_axes
         self._joint_check = joints
-        self._checked: tuple[Place | None, Trouble] = None, NO_TROUBLE
-        """The newest place whose joints were compared with its pose, and what was found."""
+        self._joint_result: tuple[Place | None, Trouble] = None, NO_TROUBLE
+        """Position whose joints were last compared with its pose, and the result."""
         self._events: deque[StreamEvent] = deque(maxlen=_EVENTS_MAX)
         self._numbers, self._cycle_check, self._answers = Numbering(cycle), CycleCheck(cycle), Answers(cycle)
         self._reference: PoseMm | None = None
-        """Pose for the next answer; None before there is one."""
+        """Pose for the next answer; None until there is one."""
         self._session_at: float | None = None
-        """When a session came whose guidance has not begun, s; None once it has."""
+        """Start time of a session whose guidance has not begun, s; None once it has begun."""
         self._guided = False
-        """The newest datagram told no fault."""
+        """Whether the newest datagram reported no fault."""
         self._moving = False
         self._stopped = False
-        """The robot could not move in this movement; it stays where it is until the next one."""
+        """Whether the robot could not move at some time in this movement. It then does not move until the next
+        movement.
+        """
         self._frames = Frames()
-        self._told_at: dict[str, float] = {}
+        self._noticed_at: dict[str, float] = {}
 
-    # --- as an endpoint
+    # --- Endpoint
 
     def receive(self, data: Sequence[bytes], now: float) -> None:
         for datagram in data:
@@ -91,9 +100,9 @@ class EgmClient:
             try:
                 message = decode_robot(datagram)
             except RemoteProtocolError as error:
-                self._notice("datagram", f"a datagram is not heeded: {error}", now)
+                self._notice("datagram", f"a datagram is ignored: {error}", now)
                 continue
-            self._take(message, at)
+            self._process_message(message, at)
 
     def next_event(self) -> StreamEvent | None:
         return self._events.popleft() if self._events else None
@@ -111,9 +120,9 @@ class EgmClient:
         return None
 
     def handle_deadline(self, now: float) -> None:
-        """Do nothing: this client has no deadline."""
+        """Do nothing, because this client has no deadline."""
 
-    # --- as a stream's client
+    # --- StreamClient
 
     def begin(self, pose: Pose) -> None:
         self._moving, self._stopped = True, not self._guided
@@ -134,7 +143,7 @@ class EgmClient:
 
     # --- datagrams of the robot
 
-    def _take(self, message: RobotMessage, at: float) -> None:
+    def _process_message(self, message: RobotMessage, at: float) -> None:
         renumbered, numbers = NO_TROUBLE, self._numbers
         distance = numbers.distance(message, at)
         if distance is None:
@@ -155,16 +164,16 @@ class EgmClient:
             or renumbered
         )
         if distance > 0:
-            misplaced = self._misplaced(message.feedback, planned, at)
+            misplaced = self._pose_trouble(message.feedback, planned, at)
             trouble = self._frames.refused or trouble or misplaced
         self._answers.pass_time(at)
-        begins = self._begins(message, at)
+        begins = self._is_beginning(message, at)
         if distance > 0:
             numbers.follow(message, distance, at)
             self._guided = not trouble
             self._stopped |= self._moving and bool(trouble)
             if trouble or self._reference is None:
-                self._stay_at(planned or measured)
+                self._hold_position(planned or measured)
         if begins and not self._frames.refused:
             self._answers.due |= distance != 0
             return
@@ -175,19 +184,19 @@ class EgmClient:
             ReportReceived(RobotReport(number, pose, at, at, trouble.fact, (), force, trouble.remedy))
         )
 
-    def _measured_force(self, told: tuple[float, ...], pose: Pose) -> Vector | None:
-        """Return the robot's own force in the base frame, N, or None if it reports none.
+    def _measured_force(self, values: tuple[float, ...], pose: Pose) -> Vector | None:
+        """Return the force estimated by the robot, in the base frame, N; None if the robot reports none.
 
-        Six zeros mean none: no sensor is so quiet.
+        Six zeros mean that there is no sensor, because no sensor is free of noise.
         """
-        if self._force_axes == "none" or len(told) < 3 or not any(told):
+        if self._force_axes == "none" or len(values) < 3 or not any(values):
             return None
-        a, b, c = told[:3]
+        a, b, c = values[:3]
         force = (a, b, c) if self._force_axes == "base" else rotate(pose.quaternion, (a, b, c))
         return force if all(map(math.isfinite, force)) else None
 
-    def _misplaced(self, place: Place | None, planned: PoseMm | None, at: float) -> Trouble:
-        """Reason for which the pose that is told outside of a movement is none to begin one at."""
+    def _pose_trouble(self, place: Place | None, planned: PoseMm | None, at: float) -> Trouble:
+        """Return the reason why no movement may begin at the reported pose. During a movement, there is none."""
         measured = None if place is None else place.pose
         if self._moving:
             return NO_TROUBLE
@@ -199,17 +208,18 @@ class EgmClient:
         )
 
     def _joint_trouble(self, place: Place | None) -> Trouble:
-        """Reason for which the joints that are told contradict the pose beside them."""
+        """Return the reason to reject the reported joints: they contradict the pose in the same report."""
         if self._joint_check is None or place is None:
             return NO_TROUBLE
         place = place._replace(time_us=None)
-        if place != self._checked[0]:
-            self._checked = place, self._joint_check.find_trouble(place)
-        return self._checked[1]
+        if place != self._joint_result[0]:
+            self._joint_result = place, self._joint_check.find_trouble(place)
+        return self._joint_result[1]
 
-    def _begins(self, message: RobotMessage, at: float) -> bool:
-        """Whether the guidance of a new session is still to begin, and may take so long. A session that has just ended
-        with a time-out is followed by another one while the program runs.
+    def _is_beginning(self, message: RobotMessage, at: float) -> bool:
+        """Return whether the guidance of a new session has not begun and may still begin in time.
+
+        A session that has just ended with a time-out is followed by another one while the program runs.
         """
         if self._session_at is not None and (
             message.guidance == Guidance.RUNNING or at - self._session_at > _BEGIN_S
@@ -219,7 +229,7 @@ class EgmClient:
         return self._session_at is not None and ready
 
     def _is_stray(self, message: RobotMessage, at: float) -> bool:
-        """Whether a datagram that does not follow is not to be heeded."""
+        """Return whether to ignore a datagram whose number does not follow the previous one."""
         planned, reference = message.planned, self._reference
         near = (
             planned is not None
@@ -229,40 +239,45 @@ class EgmClient:
         )
         stray = self._numbers.is_stray(message, near and not find_trouble(message), at)
         if stray:
-            self._notice(
-                "numbers", f"datagram {message.seqno} behind {self._numbers.seqno} is not heeded", at
-            )
+            self._notice("numbers", f"datagram {message.seqno} after {self._numbers.seqno} is ignored", at)
         return stray
 
     def _begin_session(self, message: RobotMessage, at: float) -> Trouble:
-        """Count again from this datagram. A robot that is guided meanwhile has a fault, and its movement continues."""
+        """Restart the numbering with this datagram and return the trouble to report.
+
+        A robot that was guided throughout reports a fault, and its movement continues.
+        """
         goes_on = self._numbers.guided_on and self._moving
         if self._numbers.seqno is not None and not goes_on:
-            self._lose("the controller began another EGM session", "the tool stands where it was stopped")
+            self._end_session(
+                "the controller started another EGM session", "the tool is where it was stopped"
+            )
         self._session_at = None if goes_on else at
         self._cycle_check.begin(message)
         self._frames = Frames()
         return RENUMBERED if goes_on else NO_TROUBLE
 
-    def _stay_at(self, pose: PoseMm | None) -> None:
-        """Let the robot stand at its own set point. One that is none must not be sent back."""
+    def _hold_position(self, pose: PoseMm | None) -> None:
+        """Set the reference to `pose`, the robot's own set point. An invalid set point is not sent back."""
         if pose is not None and all(map(math.isfinite, (*pose.position_mm, *pose.quaternion))):
             self._reference = pose
 
-    def _lose(self, fact: str, remedy: str) -> None:
+    def _end_session(self, fact: str, remedy: str) -> None:
         self._reference = self._answers.reference = None
         self._stopped = self._moving
         notice = StreamNotice("link", str(Trouble(fact, remedy)))
         self._events.append(StreamLost(fact, remedy) if self._moving else notice)
 
     def _notice(self, kind: str, text: str, now: float) -> None:
-        """Tell it, once a second of a kind at most."""
-        if now - self._told_at.get(kind, -math.inf) >= 1.0:
-            self._told_at[kind] = now
+        """Report a notice of each kind at most once a second."""
+        if now - self._noticed_at.get(kind, -math.inf) >= 1.0:
+            self._noticed_at[kind] = now
             self._events.append(StreamNotice(kind, text))
 
     def _speed(self, reference: PoseMm) -> tuple[float, ...]:
-        """Speed from the reference that was sent last to this one: mm/s, then degrees/s."""
+        """Return the speed from the previous reference to `reference`: translation in mm/s, then rotation in
+        degrees/s.
+        """
         before = self._answers.reference
         if before is None or not self._moving or self._stopped:
             return _STILL

@@ -1,4 +1,4 @@
-"""A datagram of either direction put into words, for people to read."""
+"""Textual description of EGM datagrams of either direction."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -38,12 +38,12 @@ _UNITS: tuple[tuple[str, str], ...] = (
     ("euler.", "°"),
     ("pos.", "mm"),
 )
-"""Units by a part of a field's path; the first that fits."""
+"""Unit of a field, by a part of the field's path. The first match applies."""
 
 
 def describe(raw: bytes) -> list[dict[str, Any]]:
-    """One datagram, as one item: `offset`, `size`, `kind` ("message" or "noise"), and of a message `message`,
-    `direction`, `fields` with units, and `problems`. Never raises for what the bytes are.
+    """Describe a datagram as a list with one item: `offset`, `size`, `kind` ("message" or "noise"), and for a
+    message `message`, `direction`, `fields` with units, and `problems`. Never raises, regardless of the contents.
     """
     message, kind = _read(raw)
     if message is None or kind not in _NAMES:
@@ -52,7 +52,7 @@ def describe(raw: bytes) -> list[dict[str, Any]]:
                 "offset": 0,
                 "size": len(raw),
                 "kind": "noise",
-                "meaning": "no datagram of EGM, or one that is damaged or cut off",
+                "meaning": "not an EGM datagram, or a damaged or truncated one",
                 "bytes": raw.hex(" ").upper(),
             }
         ]
@@ -71,18 +71,18 @@ def describe(raw: bytes) -> list[dict[str, Any]]:
 
 
 def _read(raw: bytes) -> tuple[Any, int]:
-    """Return the message named by its header, and its type; None for bytes that are not a message."""
+    """Decode the message and return it with its type, which its header names; None if the bytes are not a message."""
     for name in ("EgmSensor", "EgmRobot", "EgmSensorPathCorr"):
-        message = _parsed(name, raw)
+        message = _parse(name, raw)
         if message is None or _NAMES.get(message.header.mtype, ("",))[0] != name:
             continue
         if name == "EgmRobot" and not message.measuredForce.ListFields():
-            message = _parsed(name, raw, RobotWare.RW6_10) or message
+            message = _parse(name, raw, RobotWare.RW6_10) or message
         return message, message.header.mtype
     return None, MessageType.UNDEFINED
 
 
-def _parsed(name: str, raw: bytes, version: RobotWare = RobotWare.RW7) -> Any:
+def _parse(name: str, raw: bytes, version: RobotWare = RobotWare.RW7) -> Any:
     message = message_class(name, version)()
     try:
         message.ParseFromString(bytes(raw))
@@ -92,18 +92,18 @@ def _parsed(name: str, raw: bytes, version: RobotWare = RobotWare.RW7) -> Any:
 
 
 def _fields(message: Any, path: str) -> Iterator[dict[str, object]]:
-    """Every field that was sent, in order."""
+    """Return every field present in the message, in order."""
     for field, value in message.ListFields():
         name = f"{path}{field.name}"
         if field.message_type is not None:
             yield from _fields(value, f"{name}.")
             continue
-        shown: object = value
+        text: object = value
         if field.enum_type is not None:
-            shown = field.enum_type.values_by_number[value].name
+            text = field.enum_type.values_by_number[value].name
         elif not isinstance(value, (bool, int, float)):
-            shown = list(value)
-        yield {"name": name, "value": shown, "unit": _unit(name)}
+            text = list(value)
+        yield {"name": name, "value": text, "unit": _unit(name)}
 
 
 def _unit(name: str) -> str:
@@ -114,17 +114,17 @@ def _problems(raw: bytes, kind: int) -> Iterator[str]:
     try:
         message: RobotMessage | Answer = decode_robot(raw) if kind == MessageType.DATA else decode_answer(raw)
     except RemoteProtocolError as error:
-        yield f"it is not heeded: {error}"
+        yield f"it is ignored: {error}"
         return
     if isinstance(message, RobotMessage):
         yield from _robot_problems(message)
 
 
 def _robot_problems(message: RobotMessage) -> Iterator[str]:
-    """Parts for want of which abb_libegm gives no answer at all [O:lib]."""
+    """Return the missing parts without which abb_libegm does not answer at all [O:lib]."""
     for name, place in (("feedBack", message.feedback), ("planned", message.planned)):
         if place is None or place.pose is None:
-            yield f"{name} holds no pose: no client can guide by it"
+            yield f"{name} holds no pose: no client can guide the robot with it"
         elif len(place.joints_deg) != VALUES_MAX:
             yield f"{name} holds {len(place.joints_deg)} joints, not {VALUES_MAX}: abb_libegm does not answer"
     if message.feedback is not None and message.feedback.time_us is None:

@@ -1,8 +1,9 @@
-"""Whether a robot tells its pose in the frame and in the unit in which it takes poses. Pure.
+"""Checks that a robot reports poses in the same frame and unit in which it accepts them.
 
-An answer is an absolute pose, made of what the robot has told. In another work object, with another tool, or in metres
-the robot would go there. So before a movement its measured pose is compared with its own set point, and its place with
-the origin. A robot whose set point leaves an answer that stands is seen to take poses in another frame.
+An answer is an absolute pose, computed from the reported pose. With another work object, another tool, or metres,
+the robot would move to the wrong position. Before a movement, the measured pose is therefore compared with the
+robot's own set point, and its position with the origin. A robot whose set point moves away from a constant answer
+accepts poses in another frame.
 """
 
 import math
@@ -12,16 +13,18 @@ from protocol.endpoint import NO_TROUBLE, Trouble
 from protocol.geometry import angle_between
 
 APART_MM, APART_RAD = 1.0, math.radians(1.0)
-"""Chosen: a measured pose that is farther from a set point that stands is told in another frame; some times what a
-servo gives way by when the tool presses.
+"""Largest difference between the measured pose and a constant set point, mm and rad. Chosen: a multiple of the
+servo deflection when the tool presses. A pose farther away is reported in another frame.
 """
 STOOD_S = 0.2
-"""Chosen: for so long a set point, or an answer, has stood before it is judged; the lag of the robot is over."""
+"""Time for which a set point, or an answer, must be constant before it is evaluated, s. Chosen: longer than the lag
+of the robot.
+"""
 SAME_MM = 0.01
-"""Chosen: a set point that moved by less in a datagram stands."""
+"""Largest movement between two datagrams at which a set point still counts as constant, mm. Chosen."""
 LEAST_MM = 10.0
-"""Chosen: no tool is nearer to the origin of the base frame, which lies inside the robot's foot. A place of any arm
-that is told in metres is.
+"""Minimum distance of a tool from the origin of the base frame, mm. Chosen: the origin lies inside the robot's
+foot. Any position reported in metres is closer.
 """
 _OTHER = (
     "have its program use the base frame and the same tool in EGMActPose and in EGMSetupUC, and millimetres"
@@ -29,39 +32,42 @@ _OTHER = (
 
 
 class Frames:
-    """Knowledge of the frame in which a robot tells its poses."""
+    """State of the check that a robot reports its poses in the expected frame."""
 
     def __init__(self) -> None:
         self._planned: PoseMm | None = None
-        self._stood_since = -math.inf
+        self._constant_since = -math.inf
         self._answer: PoseMm | None = None
         self._answered_since = -math.inf
         self._nearest = math.inf
         self.refused = NO_TROUBLE
-        """Reason for which this robot must get no more answers in this session."""
+        """Reason why this robot gets no more answers in this session."""
 
     def fault(self, measured: PoseMm | None, planned: PoseMm | None, at: float) -> Trouble:
-        """Reason for which the pose that a robot tells at a time, s, while nothing moves it is not to be used."""
-        stood = self._stands(planned, at)
+        """Return the reason to reject the pose that a stationary robot reports at time `at`, s."""
+        is_constant = self._is_constant(planned, at)
         if self.refused or measured is None or planned is None:
             return self.refused
         if math.hypot(*measured.position_mm) < LEAST_MM and math.hypot(*planned.position_mm) < LEAST_MM:
             off = math.hypot(*measured.position_mm)
             self.refused = Trouble(
-                f"it tells to stand {off:.1f} mm from the origin of its base, where no tool can be", _OTHER
+                f"it reports a position {off:.1f} mm from the origin of its base, where no tool can be",
+                _OTHER,
             )
             return self.refused
         off = math.dist(measured.position_mm, planned.position_mm)
         turned = angle_between(planned.quaternion, measured.quaternion)
-        if stood and (off > APART_MM or turned > APART_RAD):
+        if is_constant and (off > APART_MM or turned > APART_RAD):
             return Trouble(
-                f"it tells to stand {off:.1f} mm and {math.degrees(turned):.1f}° from its own set point, which stands",
+                f"it reports a pose {off:.1f} mm and {math.degrees(turned):.1f}° from its own constant set point",
                 _OTHER,
             )
         return NO_TROUBLE
 
     def leaves(self, answer: PoseMm | None, planned: PoseMm | None, at: float) -> Trouble:
-        """Reason to think that a robot takes poses in another frame than it tells them in."""
+        """Return the reason to conclude that a robot accepts poses in another frame than the one in which it
+        reports them.
+        """
         if answer != self._answer:
             first = self._answer is None
             self._answer, self._nearest = answer, math.inf
@@ -72,15 +78,15 @@ class Frames:
         self._nearest = min(self._nearest, off)
         if off > self._nearest + APART_MM:
             self.refused = Trouble(
-                f"its set point went {off - self._nearest:.1f} mm away from an answer that stands", _OTHER
+                f"its set point went {off - self._nearest:.1f} mm away from a constant answer", _OTHER
             )
         return self.refused
 
-    def _stands(self, planned: PoseMm | None, at: float) -> bool:
-        """Whether the set point has stood for long enough; the first one counts as such."""
+    def _is_constant(self, planned: PoseMm | None, at: float) -> bool:
+        """Return whether the set point has been constant for long enough. The first set point counts as constant."""
         before, self._planned = self._planned, planned
         if planned is None or before is None:
             return True
         if not math.dist(before.position_mm, planned.position_mm) <= SAME_MM:
-            self._stood_since = at
-        return at - self._stood_since >= STOOD_S
+            self._constant_since = at
+        return at - self._constant_since >= STOOD_S

@@ -1,8 +1,8 @@
-"""Datagrams of Externally Guided Motion as plain values: what a robot tells, and how it is answered.
+"""Messages of Externally Guided Motion as plain values: reports of the robot, and the answers to them.
 
-One datagram is one message, without a length or a type before it [M, O:lib]. The robot sends `EgmRobot`; it is answered
-with `EgmSensor`, or with `EgmSensorPathCorr` where it corrects a path. Values are as on the wire: mm, degrees, mm/s,
-degrees/s, ms. Source of the marks: specification of EGM, section 2.
+One datagram is one message, without a length or a type before it [M, O:lib]. The robot sends `EgmRobot`; the answer
+is `EgmSensor`, or `EgmSensorPathCorr` for a path correction. Values have their units on the wire: mm, degrees,
+mm/s, degrees/s, ms. Source of the marks: specification of EGM, section 2.
 """
 
 import math
@@ -17,11 +17,13 @@ from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.geometry import Quaternion, Vector, from_angles
 
 LARGEST_BYTES = 1500
-"""A longer datagram is refused unread. Chosen: some hundred bytes are usual [O:flo], and an Ethernet frame holds it."""
+"""Maximum size of a datagram, in bytes; a longer one is rejected without decoding. Chosen: a datagram usually has
+some hundred bytes [O:flo], and this size fits into one Ethernet frame.
+"""
 VALUES_MAX = 6
-"""Most values of an array [M]."""
+"""Maximum number of values in an array [M]."""
 DNUM_MAX = 40
-"""Most numbers that RAPID exchanges [M]."""
+"""Maximum number of numeric values exchanged with RAPID [M]."""
 _NUMBERS = 2**32
 _MICRO = 1_000_000
 _ROBOT_7 = message_class("EgmRobot")
@@ -31,16 +33,16 @@ _CORRECTION = message_class("EgmSensorPathCorr")
 
 
 class MessageType(IntEnum):
-    """Purpose of a message, in its header [M, O:lib]."""
+    """Purpose of a message, as given in its header [M, O:lib]."""
 
     UNDEFINED = 0
     COMMAND = 1
     DATA = 2
-    """From the robot."""
+    """Report of the robot."""
     CORRECTION = 3
-    """A reference for the robot."""
+    """Position reference for the robot."""
     PATH_CORRECTION = 4
-    """An offset from the robot's own path."""
+    """Offset from the robot's programmed path."""
 
 
 class Motors(IntEnum):
@@ -52,7 +54,7 @@ class Motors(IntEnum):
 
 
 class Guidance(IntEnum):
-    """State of the motion control interface, mciState [O:lib]."""
+    """State of motion control, `mciState` [O:lib]."""
 
     UNDEFINED = 0
     ERROR = 1
@@ -69,7 +71,9 @@ class Rapid(IntEnum):
 
 
 _MOTORS, _GUIDANCE, _RAPID = tuple(Motors), tuple(Guidance), tuple(Rapid)
-"""By their numbers, which count from 0: an enumeration on the wire has no others."""
+"""Members of each state enumeration in the order of their numbers on the wire, which count from 0. The wire has no
+other values.
+"""
 
 
 class PoseMm(NamedTuple):
@@ -77,19 +81,19 @@ class PoseMm(NamedTuple):
 
     position_mm: Vector
     quaternion: Quaternion
-    """w x y z, called u0 … u3 on the wire."""
+    """Orientation w x y z, called u0 … u3 on the wire."""
 
 
 class Place(NamedTuple):
-    """Where the robot is, or is to be."""
+    """Position of the robot, measured or planned."""
 
     joints_deg: tuple[float, ...] = ()
-    """In degrees; in radians from some controllers before RobotWare 6.07.01, see `joint_unit`."""
+    """Joint angles in degrees, or in radians from some controllers before RobotWare 6.07.01; see `joint_unit`."""
     pose: PoseMm | None = None
     external: tuple[float, ...] = ()
-    """External axes, degrees or mm; of an arm with seven axes the third one comes first [M, O:lib]."""
+    """Positions of the external axes, degrees or mm. For a seven-axis arm, the third axis comes first [M, O:lib]."""
     time_us: int | None = None
-    """Since 1970, µs; None before RobotWare 6.07 [O:lib]."""
+    """Time since 1970-01-01, µs; None before RobotWare 6.07 [O:lib]."""
 
 
 class RobotMessage(NamedTuple):
@@ -97,76 +101,78 @@ class RobotMessage(NamedTuple):
 
     seqno: int
     tm_ms: int
-    """The controller's clock; its zero is not known."""
+    """Time on the controller's clock, ms. The zero of the clock is unknown."""
     feedback: Place | None = None
-    """Measured."""
+    """Measured position."""
     planned: Place | None = None
     """Set point of the controller."""
     motors: Motors = Motors.UNDEFINED
     guidance: Guidance = Guidance.UNDEFINED
     rapid: Rapid = Rapid.UNDEFINED
     converged: bool | None = None
-    """The window of convergence is held."""
+    """Whether the convergence criteria are met."""
     force: tuple[float, ...] = ()
-    """Measured force, N and N·m; the order is assumed: fx fy fz mx my mz [A]."""
+    """Measured force and torque, N and N·m, in the assumed order fx fy fz mx my mz [A]."""
     force_control: bool | None = None
-    """Force control is active; None before RobotWare 7."""
+    """Whether force control is active; None before RobotWare 7."""
     utilization_percent: float | None = None
-    """Above 100 the reference was reduced [M]; None before RobotWare 6.10."""
+    """Utilisation rate, %; above 100, the reference was reduced [M]. None before RobotWare 6.10."""
     move_index: int | None = None
     collision: bool | None = None
     digital: bool | None = None
-    """RAPIDfromRobot, with `dnum`; None before RobotWare 7.7."""
+    """Values of RAPIDfromRobot, from `dnum`; None before RobotWare 7.7."""
     dnum: tuple[float, ...] = ()
 
 
 class SensorMessage(NamedTuple):
-    """A reference for the robot."""
+    """A position reference for the robot."""
 
     seqno: int
     tm_ms: int | None = None
-    """None: not sent, as by ABBRobotEGM [D]."""
+    """Time stamp, ms; None if it is not sent, as by ABBRobotEGM [D]."""
     pose: PoseMm | None = None
     joints_deg: tuple[float, ...] = ()
     speed: tuple[float, ...] = ()
-    """Feed-forward vx vy vz in mm/s, wx wy wz in degrees/s; three or six numbers, or none."""
+    """Feed-forward speed: vx vy vz in mm/s, then wx wy wz in degrees/s. It has three or six numbers, or is empty."""
     joint_speed_deg_s: tuple[float, ...] = ()
     digital: bool | None = None
-    """RAPIDtoRobot, with `dnum`."""
+    """Values of RAPIDtoRobot, sent in `dnum`."""
     dnum: tuple[float, ...] = ()
 
     @property
-    def says_something(self) -> bool:
-        """Whether it holds a reference, a speed or a digital value."""
+    def has_content(self) -> bool:
+        """Whether the message holds a reference, a speed or a digital value."""
         has_reference = self.pose or self.joints_deg or self.speed or self.joint_speed_deg_s
         return bool(has_reference) or self.digital is not None
 
 
 class PathCorrection(NamedTuple):
-    """An offset from the path that the robot goes by itself."""
+    """Offset from the robot's programmed path."""
 
     seqno: int
     tm_ms: int | None
     offset_mm: Vector
-    """In the path frame: x along the path is not heeded [M]."""
+    """Offset in the path frame, mm. The robot ignores its component along the path, x [M]."""
     age_ms: int
-    """Age of the measurement."""
+    """Age of the measurement, ms."""
 
 
 Answer: TypeAlias = SensorMessage | PathCorrection
 
 
-# --- from the robot
+# --- messages from the robot
 
 
 def encode_robot(message: RobotMessage, version: RobotWare) -> bytes:
-    """Encode a datagram as a robot of this version sends it. Raises LocalProtocolError for a value without a field."""
+    """Encode a datagram as sent by a robot with this RobotWare version. Raises LocalProtocolError for a value that
+    the version has no field for.
+    """
     out = message_class("EgmRobot", version)()
     try:
         _head(out, message.seqno, message.tm_ms, MessageType.DATA)
         for place, field in ((message.feedback, out.feedBack), (message.planned, out.planned)):
             if place is not None:
-                _put_place(field, place, version)
+                _put_position(field, place, version)
         out.motorState.state = message.motors
         out.mciState.state = message.guidance
         if message.converged is not None:
@@ -191,11 +197,11 @@ def encode_robot(message: RobotMessage, version: RobotWare) -> bytes:
 
 
 def decode_robot(data: bytes) -> RobotMessage:
-    """Message of a robot of any version. Raises RemoteProtocolError for a datagram that is none of a robot.
+    """Decode a message of a robot of any version. Raises RemoteProtocolError if the datagram is not such a message.
 
-    Numbers are as sent, also NaN: whose pose it is, its user looks at.
+    Numbers are returned as sent, including NaN; the caller checks the pose.
     """
-    parsed = _parsed(_ROBOT_7, data)
+    parsed = _parse(_ROBOT_7, data)
     header = parsed.header
     kind = header.mtype
     if kind != MessageType.DATA:
@@ -206,18 +212,18 @@ def decode_robot(data: bytes) -> RobotMessage:
     if parsed.measuredForce.HasField("fcActive"):
         active = parsed.measuredForce.fcActive
     elif parsed.HasField("measuredForce") and not force:
-        # RobotWare 6 has the numbers where 7 has a flag; neither shape takes the other for an error [D]
-        force = _parsed(_ROBOT_6, data).measuredForce.force
+        # RobotWare 6 sends the numbers in the field in which 7 sends a flag; neither schema rejects the other [D]
+        force = _parse(_ROBOT_6, data).measuredForce.force
     return RobotMessage(
         header.seqno,
         header.tm,
-        _place(parsed.feedBack) if parsed.HasField("feedBack") else None,
-        _place(parsed.planned) if parsed.HasField("planned") else None,
+        _position(parsed.feedBack) if parsed.HasField("feedBack") else None,
+        _position(parsed.planned) if parsed.HasField("planned") else None,
         _MOTORS[parsed.motorState.state],
         _GUIDANCE[parsed.mciState.state],
         _RAPID[parsed.rapidExecState.state],
         _optional(parsed, "mciConvergenceMet"),
-        tuple(force[:]),  # a slice at once is twice as quick as number by number
+        tuple(force[:]),  # a slice is twice as fast as one value at a time
         active,
         _optional(parsed, "utilizationRate"),
         _optional(parsed, "moveIndex"),
@@ -227,14 +233,14 @@ def decode_robot(data: bytes) -> RobotMessage:
     )
 
 
-# --- to the robot
+# --- messages to the robot
 
 
 def encode_answer(message: Answer) -> bytes:
-    """Encode a datagram for the robot. Raises LocalProtocolError for a number that no robot may be sent."""
+    """Encode an answer as a datagram. Raises LocalProtocolError for a number that must not be sent to a robot."""
     try:
         if isinstance(message, PathCorrection):
-            _only_finite(message.offset_mm)
+            _require_finite(message.offset_mm)
             out = _CORRECTION()
             _head(out, message.seqno, message.tm_ms, MessageType.PATH_CORRECTION)
             position = out.pathCorr.pos
@@ -244,11 +250,11 @@ def encode_answer(message: Answer) -> bytes:
         out = _SENSOR()
         _head(out, message.seqno, message.tm_ms, MessageType.CORRECTION)
         numbers = (*message.joints_deg, *message.speed, *message.joint_speed_deg_s, *message.dnum)
-        _only_finite(numbers)
+        _require_finite(numbers)
         if message.joints_deg or message.pose is not None:
             if message.pose is not None:
-                _only_finite((*message.pose.position_mm, *message.pose.quaternion))
-            _put_place(out.planned, Place(message.joints_deg, message.pose), RobotWare.RW7)
+                _require_finite((*message.pose.position_mm, *message.pose.quaternion))
+            _put_position(out.planned, Place(message.joints_deg, message.pose), RobotWare.RW7)
         if message.joint_speed_deg_s:
             out.speedRef.joints.joints.extend(message.joint_speed_deg_s)
         if message.speed:
@@ -263,23 +269,25 @@ def encode_answer(message: Answer) -> bytes:
 
 
 def decode_answer(data: bytes) -> Answer:
-    """Answer to a robot, by the type in the header: an `EgmSensorPathCorr` would be read as an `EgmSensor` with
-    a joint [D]. Raises RemoteProtocolError for a datagram that no robot may use: damaged, incomplete, of another type,
-    with a number that is none, or with more numbers than there are places.
+    """Decode the answer to a robot by the type in its header, because an `EgmSensorPathCorr` could otherwise be
+    decoded as an `EgmSensor` with a joint [D].
+
+    Raises RemoteProtocolError for a datagram that no robot may use: it is damaged, incomplete or of another type,
+    has an invalid number, or has too many numbers.
     """
-    parsed = _parsed(_SENSOR, data)
+    parsed = _parse(_SENSOR, data)
     kind, header = parsed.header.mtype, parsed.header
     tm = header.tm if header.HasField("tm") else None
     if kind == MessageType.PATH_CORRECTION:
-        corrected = _parsed(_CORRECTION, data)
+        corrected = _parse(_CORRECTION, data)
         if not corrected.HasField("pathCorr"):
-            raise RemoteProtocolError("EgmSensorPathCorr: without a correction")
+            raise RemoteProtocolError("EgmSensorPathCorr: the correction is missing")
         position = corrected.pathCorr.pos
         offset = position.x, position.y, position.z
         _trusted("EgmSensorPathCorr", offset, VALUES_MAX)
         return PathCorrection(header.seqno, tm, offset, corrected.pathCorr.age)
     if kind != MessageType.CORRECTION:
-        raise RemoteProtocolError(f"EgmSensor: message type {kind} in the header, 3 or 4 is expected")
+        raise RemoteProtocolError(f"EgmSensor: message type {kind} in the header, expected 3 or 4")
     place, speed, rapid = parsed.planned, parsed.speedRef, parsed.RAPIDtoRobot
     pose = _pose(place.cartesian) if place.HasField("cartesian") else None
     joints, cartesian = tuple(place.joints.joints[:]), tuple(speed.cartesians.value[:])
@@ -295,16 +303,16 @@ def decode_answer(data: bytes) -> Answer:
     return SensorMessage(header.seqno, tm, pose, joints, cartesian, joint_speed, digital, dnum)
 
 
-def names_external_axes(data: bytes) -> bool:
-    """Whether an answer that can be read has places or speeds of external axes."""
-    parsed = _parsed(_SENSOR, data)
+def has_external_axes(data: bytes) -> bool:
+    """Return whether a valid answer has positions or speeds of external axes."""
+    parsed = _parse(_SENSOR, data)
     return bool(parsed.planned.externalJoints.joints or parsed.speedRef.externalJoints.joints)
 
 
 # --- parts
 
 
-def _parsed(kind: Any, data: bytes) -> Any:
+def _parse(kind: Any, data: bytes) -> Any:
     name = kind.DESCRIPTOR.name
     if len(data) > LARGEST_BYTES:
         raise RemoteProtocolError(f"{name}: {len(data)} bytes, more than {LARGEST_BYTES}")
@@ -312,8 +320,8 @@ def _parsed(kind: Any, data: bytes) -> Any:
     try:
         message.ParseFromString(bytes(data))
     except DecodeError as error:
-        raise RemoteProtocolError(f"{name}: damaged or cut off") from error
-    if not message.IsInitialized():  # parsing does not look for what is required [D]
+        raise RemoteProtocolError(f"{name}: damaged or truncated") from error
+    if not message.IsInitialized():  # parsing does not check for required fields [D]
         raise RemoteProtocolError(f"{name}: {message.FindInitializationErrors()[0]} is missing")
     return message
 
@@ -325,7 +333,7 @@ def _head(out: Any, seqno: int, tm_ms: int | None, kind: MessageType) -> None:
     out.header.mtype = kind
 
 
-def _put_place(field: Any, place: Place, version: RobotWare) -> None:
+def _put_position(field: Any, place: Place, version: RobotWare) -> None:
     if place.joints_deg:
         field.joints.joints.extend(place.joints_deg)
     if place.pose is not None:
@@ -338,7 +346,7 @@ def _put_place(field: Any, place: Place, version: RobotWare) -> None:
         field.time.sec, field.time.usec = divmod(place.time_us, _MICRO)
 
 
-def _place(field: Any) -> Place:
+def _position(field: Any) -> Place:
     time_us = None
     if field.HasField("time"):
         time = field.time
@@ -352,12 +360,12 @@ def _place(field: Any) -> Place:
 
 
 def _pose(field: Any) -> PoseMm | None:
-    """Return the pose; None without a position or without an orientation."""
+    """Decode the pose; None if the position or the orientation is missing."""
     if not field.HasField("pos"):
         return None
     at = field.pos
     position = at.x, at.y, at.z
-    if field.HasField("euler"):  # it wins [M]; about x, then y, then z of the fixed frame [O:lib]
+    if field.HasField("euler"):  # it takes precedence [M]; about x, then y, then z of the fixed frame [O:lib]
         return PoseMm(position, from_angles(field.euler.z, field.euler.y, field.euler.x))
     if not field.HasField("orient"):
         return None
@@ -371,12 +379,12 @@ def _optional(message: Any, name: str) -> Any:
 
 def _trusted(name: str, values: Sequence[float], most: int) -> None:
     if len(values) > most:
-        raise RemoteProtocolError(f"{name}: {len(values)} numbers where {most} are the most")
-    # a sum is quicker, and may be infinite for numbers that are not
+        raise RemoteProtocolError(f"{name}: {len(values)} numbers; allowed: at most {most}")
+    # a sum is faster, but may be infinite although every number is finite
     if not math.isfinite(sum(values)) and not all(map(math.isfinite, values)):
-        raise RemoteProtocolError(f"{name}: a number is invalid")
+        raise RemoteProtocolError(f"{name}: contains a number that is not finite")
 
 
-def _only_finite(numbers: Sequence[float]) -> None:
+def _require_finite(numbers: Sequence[float]) -> None:
     if not math.isfinite(sum(numbers)) and not all(map(math.isfinite, numbers)):
-        raise LocalProtocolError("EgmSensor: a robot is sent finite numbers alone")
+        raise LocalProtocolError("EgmSensor: only finite numbers may be sent to a robot")

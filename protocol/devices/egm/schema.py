@@ -1,10 +1,11 @@
-"""The messages of ABB's Externally Guided Motion in Protocol Buffers 2, as two descriptor pools of their own.
+"""Protocol Buffers 2 messages of ABB's Externally Guided Motion, as two separate descriptor pools.
 
-RobotWare 6 and 7 differ in one message, the measured force, and 7 has more fields. Each shape has its pool, so neither
-clashes with a module that a plug-in has made of ABB's file. Unknown fields are skipped by either.
+RobotWare 6 and 7 encode the measured force differently, and RobotWare 7 has more fields. Each schema has its own
+pool, so neither clashes with a module that a plug-in has generated from ABB's file. Both schemas skip unknown
+fields.
 
-Names and numbers of the fields: `proto/egm.proto` of abb_libegm [O:lib] for RobotWare 6.10, ABBRobotEGM 1.0.7 [O:flo]
-for 7.
+Source of the field names and numbers: `proto/egm.proto` of abb_libegm [O:lib] for RobotWare 6.10, ABBRobotEGM 1.0.7
+[O:flo] for RobotWare 7.
 """
 
 from enum import StrEnum
@@ -14,20 +15,20 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 
 class RobotWare(StrEnum):
-    """Versions of the controller's software that differ on the wire."""
+    """Version of the controller software that determines the messages."""
 
     RW6_06 = "6.06"
-    """Without the time of a place and without the utilisation rate."""
+    """Lacks the time of a position and the utilisation rate."""
     RW6_10 = "6.10"
     RW7 = "7"
-    """With move index, collision, data of RAPID, and another measured force."""
+    """Adds the move index, collision and RAPID data, and encodes the measured force differently."""
 
 
 _PACKAGE = "abb.egm"
 _LABELS = {"o": 1, "q": 2, "r": 3}
-"""Optional, required, repeated: as a descriptor numbers them."""
+"""Numbers of the field labels in a descriptor: optional, required, repeated."""
 _TYPES = {"double": 1, "uint64": 4, "bool": 8, "uint32": 13}
-"""Types as a descriptor numbers them; every other name is a message or an enumeration."""
+"""Numbers of the field types in a descriptor. Any other type name is a message or an enumeration."""
 _ENUM, _MESSAGE = 14, 11
 
 _ENUMS = {
@@ -42,7 +43,7 @@ _ENUMS = {
     "EgmMCIState.MCIStateType": ("MCI_UNDEFINED", "MCI_ERROR", "MCI_STOPPED", "MCI_RUNNING"),
     "EgmRapidCtrlExecState.RapidCtrlExecStateType": ("RAPID_UNDEFINED", "RAPID_STOPPED", "RAPID_RUNNING"),
 }
-"""Words for the numbers from 0 on, by the message that holds the enumeration."""
+"""Names of the enumeration values, numbered from 0, by the message that contains the enumeration."""
 
 _BOTH = {
     "EgmHeader": "1o uint32 seqno, 2o uint32 tm, 3o EgmHeader.MessageType mtype",
@@ -82,17 +83,17 @@ _RW7 = {
     "EgmPlanned": f"{_PLACE}, 5o EgmTimestamp timeStamp",
     "EgmFeedBack": f"{_PLACE}, 5o EgmTimestamp timeStamp",
     "EgmMeasuredForce": "1o bool fcActive, 2r double force",
-    "EgmCollisionInfo": "1o bool collsionTriggered, 2r double collDetQuota",  # spelt as in ABB's file
+    "EgmCollisionInfo": "1o bool collsionTriggered, 2r double collDetQuota",  # spelling as in ABB's file
     "EgmRAPIDdata": "1o bool digVal, 2r double dnum",
     "EgmRobot": f"{_ROBOT}, 11o uint32 moveIndex, 12o EgmCollisionInfo CollisionInfo, "
     "13o EgmRAPIDdata RAPIDfromRobot, 14o EgmJoints torqueRef",
     "EgmSensor": f"{_SENSOR}, 4o EgmRAPIDdata RAPIDtoRobot",
 }
-"""Fields of each message: number with o, q or r for optional, required, repeated; type; name."""
+"""Fields of each message: number, followed by o, q or r for optional, required or repeated; type; name."""
 
 
 def _classes(messages: dict[str, str]) -> dict[str, Any]:
-    """Make a class for each message, in a pool of its own."""
+    """Create a class for each message in a separate descriptor pool."""
     file = descriptor_pb2.FileDescriptorProto(name="egm.proto", package=_PACKAGE, syntax="proto2")
     for name, fields in messages.items():
         message = file.message_type.add(name=name)
@@ -103,11 +104,11 @@ def _classes(messages: dict[str, str]) -> dict[str, Any]:
             one.type = _TYPES.get(kind, _ENUM if kind in _ENUMS else _MESSAGE)  # type: ignore[assignment]
             if kind not in _TYPES:
                 one.type_name = f".{_PACKAGE}.{kind}"
-        for enumeration, words in _ENUMS.items():
+        for enumeration, names in _ENUMS.items():
             holder, _, called = enumeration.partition(".")
             if holder == name:
                 numbered = message.enum_type.add(name=called)
-                for number_, word in enumerate(words):
+                for number_, word in enumerate(names):
                     numbered.value.add(name=word, number=number_)
     pool = descriptor_pool.DescriptorPool()
     pool.Add(file)
@@ -121,5 +122,5 @@ _CLASSES = {"6": _classes(_RW6), "7": _classes(_RW7)}
 
 
 def message_class(name: str, version: RobotWare = RobotWare.RW7) -> Any:
-    """Return the class of a message in the shape of a version."""
+    """Return the class of a message in the schema of a RobotWare version."""
     return _CLASSES["7" if version is RobotWare.RW7 else "6"][name]

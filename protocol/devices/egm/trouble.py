@@ -1,4 +1,4 @@
-"""Reasons for which a guided robot cannot move, by its messages."""
+"""Reasons why a guided robot cannot move, derived from its messages."""
 
 from itertools import product
 
@@ -20,26 +20,26 @@ _FAULTS: tuple[tuple[str, frozenset[int], Trouble], ...] = (
         "guidance",
         frozenset({Guidance.RUNNING}),
         Trouble(
-            "it is not guided (mciState STOPPED): EGMRunPose has not begun or has ended",
+            "it is not guided (mciState STOPPED): EGMRunPose has not started or has ended",
             "start the RAPID program, and give EGMRunPose a CondTime that does not end it",
         ),
     ),
 )
-"""Field of a robot's message, values with which it moves, and the trouble of any other one [O:lib]."""
+"""Field of a robot's message, the values with which the robot can move, and the trouble for any other value [O:lib]."""
 _ERROR = Trouble(
     "EGM has ended with an error (mciState ERROR)",
     "read the controller's event log, then start the RAPID program",
 )
-NO_POSE = Trouble("it tells no pose", "guide it by EGMActPose")
-RENUMBERED = Trouble("its datagrams are numbered again", "see which program sends to this port")
+NO_POSE = Trouble("it reports no pose", "guide it by EGMActPose")
+RENUMBERED = Trouble("its datagrams restarted their numbering", "check which program sends to this port")
 
 
 _HEALTHY = frozenset(product(*(good for _, good, _ in _FAULTS)))
-"""Values of these fields, in their order, of a robot that moves."""
+"""Values of the fields in `_FAULTS`, in order, for a robot that can move."""
 
 
 def find_trouble(message: RobotMessage) -> Trouble:
-    """Return the reason for which a robot with this message cannot move."""
+    """Return the reason why the robot that sent this message cannot move."""
     if (message.motors, message.rapid, message.guidance) in _HEALTHY:
         return NO_TROUBLE
     if message.guidance == Guidance.ERROR:

@@ -1,8 +1,8 @@
-"""Facts of Robot Web Services 1.0 that both ends need. Source: abb_librws (9ba0837)."""
+"""Constants of Robot Web Services 1.0 that both ends use. Source: abb_librws (9ba0837)."""
 
 USER, PASSWORD = "Default User", "robotics"
-"""The maker's defaults."""
+"""Default credentials of the vendor."""
 SUBSCRIPTION = "robapi2_subscription"
-"""WebSocket protocol of a subscription."""
+"""WebSocket subprotocol for subscriptions."""
 PORT = 80
-"""TCP port of a real controller."""
+"""TCP port on a real controller."""

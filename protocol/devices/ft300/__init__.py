@@ -1,4 +1,4 @@
-"""Robotiq FT 300: a stream of messages or Modbus RTU on one serial line, or texts of the maker's URCap over TCP."""
+"""Robotiq FT 300: a stream of messages or Modbus RTU over a serial line, or text from the vendor's URCap over TCP."""
 
 from protocol.devices.ft300.client import Ft300Client
 from protocol.devices.ft300.describe import describe

@@ -1,4 +1,4 @@
-"""Bytes of an FT 300's line as plain values, for people to read."""
+"""Description of the bytes on an FT 300's line as plain values for display."""
 
 from protocol.devices.ft300.messages import (
     EXCEPTION_BIT,
@@ -23,7 +23,7 @@ _FUNCTIONS = {READ: "read", READ_INPUT: "read", WRITE_ONE: "write", WRITE: "writ
 
 
 def describe(raw: bytes) -> list[dict[str, object]]:
-    """Messages of the stream, frames of Modbus and what is neither, in order."""
+    """Describe stream messages, Modbus frames and all other bytes, in order."""
     items: list[dict[str, object]] = []
     at = noise = 0
     while at < len(raw):
@@ -48,7 +48,7 @@ def _noise(raw: bytes, begin: int, end: int) -> dict[str, object]:
         "size": len(part),
         "kind": "stop" if stop else "noise",
         "fields": [],
-        "problems": [] if stop else ["no message and no frame"],
+        "problems": [] if stop else ["not a message or a frame"],
     }
 
 
@@ -59,13 +59,15 @@ def _item(raw: bytes, at: int) -> dict[str, object] | None:
             decode_message(message)
         except RemoteProtocolError:
             return None
-        return _made(at, MESSAGE_SIZE, "message", MESSAGE.describe(message))
+        return _as_item(at, MESSAGE_SIZE, "message", MESSAGE.describe(message))
     if raw[at] != SLAVE or len(raw) < at + 5:
         return None
     function = raw[at + 1]
     if function & EXCEPTION_BIT and crc_fits(raw[at : at + 5]):
         code = raw[at + 2]
-        return _made(at, 5, f"exception: {EXCEPTIONS.get(code, 'unknown')}", [_field("code", code, code, "")])
+        return _as_item(
+            at, 5, f"exception: {EXCEPTIONS.get(code, 'unknown')}", [_field("code", code, code, "")]
+        )
     size = request_size(raw[at:])
     if (
         function in _FUNCTIONS
@@ -80,21 +82,21 @@ def _item(raw: bytes, at: int) -> dict[str, object] | None:
         fields = [_field("register", request.register, request.register, "")]
         fields += [_field("count", request.words, request.words, "words")]
         fields += [_field("word", word, word, "") for word in request.values]
-        return _made(at, size, _FUNCTIONS[function], fields)
+        return _as_item(at, size, _FUNCTIONS[function], fields)
     size = 5 + raw[at + 2]
     if function in (READ, READ_INPUT) and crc_fits(raw[at : at + size]) and len(raw) >= at + size:
         try:
-            words = words_of(raw[at + 2 : at + size - 2])
+            registers = words_of(raw[at + 2 : at + size - 2])
         except RemoteProtocolError:
             return None
-        return _made(at, size, "words", [_field("word", word, word, "") for word in words])
+        return _as_item(at, size, "words", [_field("word", word, word, "") for word in registers])
     if function == WRITE and crc_fits(raw[at : at + 8]) and len(raw) >= at + 8:
         register = int.from_bytes(raw[at + 2 : at + 4], "big")
-        return _made(at, 8, "written", [_field("register", register, register, "")])
+        return _as_item(at, 8, "written", [_field("register", register, register, "")])
     return None
 
 
-def _made(at: int, size: int, kind: str, fields: list[dict[str, object]]) -> dict[str, object]:
+def _as_item(at: int, size: int, kind: str, fields: list[dict[str, object]]) -> dict[str, object]:
     return {"offset": at, "size": size, "kind": kind, "fields": fields, "problems": []}
 
 

@@ -1,7 +1,7 @@
-"""Bytes of a Robotiq FT 300: messages of its stream, and frames of Modbus RTU.
+"""Messages of a Robotiq FT 300: its stream, and Modbus RTU frames.
 
-19200 baud, 8 data bits, no parity, 1 stop bit. Sources: the sensor's manuals, the vendor's own ROS driver
-(ros-industrial/robotiq), ft300python, read for facts only.
+The line has 19200 baud, 8 data bits, no parity and 1 stop bit. Sources: the sensor's manuals, the vendor's ROS
+driver (ros-industrial/robotiq) and ft300python, consulted for facts only.
 """
 
 import struct
@@ -15,18 +15,18 @@ from protocol.marks import Mark
 from protocol.wrench import AXES
 
 BAUDRATE = 19_200
-"""Source: manual."""
+"""Baud rate of the line. Source: manual."""
 SLAVE = 9
-"""Source: manual."""
+"""Modbus address of the sensor. Source: manual."""
 PERIOD_S = 0.01
-"""Between two messages of the stream. Source: manual."""
+"""Time between two messages of the stream, s. Source: manual."""
 COUNT_END = 32767
-"""Largest count; the least is one less than its negative."""
+"""Largest count. The smallest count is one less than the negative of this value."""
 
 HEADER = b"\x20\x4e"
 MESSAGE_SIZE = 16
 STOP = b"\xff" * 50
-"""Ends the stream. Source: manual."""
+"""Bytes that end the stream. Source: manual."""
 MESSAGE = Layout(
     "stream message",
     MESSAGE_SIZE - 2,
@@ -36,24 +36,24 @@ MESSAGE = Layout(
         for place, (axis, unit) in enumerate(zip(AXES, ("N",) * 3 + ("N·m",) * 3, strict=True))
     ),
 )
-"""Behind its header, and before its check of two bytes, low byte first. Source: manual."""
+"""Layout of a message without its two-byte CRC, which is sent low byte first. Source: manual."""
 _fx, _fy, _fz, _mx, _my, _mz = (field.scale for field in MESSAGE.fields)
 _unpack_message = MESSAGE.struct.unpack_from
 SCALES: Wrench = (_fx, _fy, _fz, _mx, _my, _mz)
-"""N and N·m for one count."""
+"""Scale of each axis, N or N·m per count."""
 
 READ, READ_INPUT, WRITE_ONE, WRITE = 0x03, 0x04, 0x06, 0x10
 EXCEPTION_BIT = 0x80
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
 EXCEPTIONS = {1: "unknown function", 2: "unknown register", 3: "wrong count or value", 4: "device failure"}
-"""Standard: Modbus."""
+"""Meaning of each exception code. Standard: Modbus."""
 
 WRENCH_REGISTER, ACCELERATION_REGISTER, MODE_REGISTER = 180, 190, 410
 VERSION_REGISTER, SERIAL_REGISTER, YEAR_REGISTER = 500, 510, 514
 STREAM_MODE = 0x0200
-"""Value of the mode register that begins the stream. Source: manual."""
+"""Value of the mode register that starts the stream. Source: manual."""
 MOST_REGISTERS = 125
-"""Of one read. Standard: Modbus."""
+"""Maximum number of registers in one read. Standard: Modbus."""
 
 
 def _crc_table() -> tuple[int, ...]:
@@ -70,7 +70,7 @@ _TABLE = _crc_table()
 
 
 def crc16(data: bytes) -> int:
-    """Modbus' check of bytes."""
+    """Return the Modbus CRC-16 of the bytes."""
     crc, table = 0xFFFF, _TABLE
     for byte in data:
         crc = crc >> 8 ^ table[(crc ^ byte) & 0xFF]
@@ -78,12 +78,12 @@ def crc16(data: bytes) -> int:
 
 
 def with_crc(data: bytes) -> bytes:
-    """Append the check to the bytes, low byte first."""
+    """Append the CRC to the bytes, low byte first."""
     return data + crc16(data).to_bytes(2, "little")
 
 
 def crc_fits(frame: bytes) -> bool:
-    """Whether a frame ends with its check."""
+    """Return whether a frame ends with the correct CRC."""
     return len(frame) > 2 and crc16(frame[:-2]) == int.from_bytes(frame[-2:], "little")
 
 
@@ -91,38 +91,43 @@ def crc_fits(frame: bytes) -> bool:
 
 
 def encode_message(counts: Sequence[int]) -> bytes:
-    """Encode a message of six counts. Raises LocalProtocolError for counts that do not fit."""
+    """Encode six counts as a message. Raises LocalProtocolError if a count does not fit."""
     return with_crc(HEADER + MESSAGE.pack_row(*counts)[len(HEADER) :])
 
 
 def decode_message(data: bytes) -> tuple[int, ...]:
-    """Six counts. Raises RemoteProtocolError for bytes that are no message."""
+    """Decode six counts from a message. Raises RemoteProtocolError if the bytes are not a message."""
     if len(data) != MESSAGE_SIZE or not data.startswith(HEADER):
-        raise RemoteProtocolError("a stream message has 16 bytes and begins with 20 4E")
+        raise RemoteProtocolError("a stream message has 16 bytes and starts with 20 4E")
     if not crc_fits(data):
-        raise RemoteProtocolError("the check of the stream message is wrong")
+        raise RemoteProtocolError("the CRC of the stream message is wrong")
     return _unpack_message(data)
 
 
 class StreamReader:
-    """Messages out of bytes that begin anywhere: a header may stand inside the data, so the check decides."""
+    """Extractor of messages from a byte stream that may start at any byte.
+
+    The header may also occur inside the data, so the CRC decides where a message starts.
+    """
 
     def __init__(self) -> None:
         self._waiting = b""
         self.noises = 0
-        """Unbroken runs of bytes that belong to no message."""
+        """Number of unbroken runs of bytes that belong to no message."""
         self.missed = 0
-        """Messages that these runs take the place of: by their length, so that a byte that comes twice is none."""
+        """Number of messages lost in runs of invalid bytes, estimated from the length of each run, so that a
+        duplicated byte does not count as a lost message.
+        """
         self._in_noise = False
         self._noise_bytes = 0
 
     def feed(self, data: bytes) -> list[tuple[int, ...]]:
-        """Take what came; the messages that are complete, oldest first. At most 15 bytes are kept."""
-        waiting, at, found = self._waiting + data, 0, []
+        """Process received bytes and return the complete messages, oldest first. At most 15 bytes are buffered."""
+        waiting, at, messages = self._waiting + data, 0, []
         while len(waiting) - at >= MESSAGE_SIZE:
             message = waiting[at : at + MESSAGE_SIZE]
             if message.startswith(HEADER) and crc_fits(message):
-                found.append(_unpack_message(message))
+                messages.append(_unpack_message(message))
                 at += MESSAGE_SIZE
                 self.missed += round(self._noise_bytes / MESSAGE_SIZE)
                 self._in_noise, self._noise_bytes = False, 0
@@ -133,53 +138,53 @@ class StreamReader:
             end = len(waiting) if following < 0 else following
             self._noise_bytes, at = self._noise_bytes + end - at, end
         self._waiting = waiting[at:]
-        return found
+        return messages
 
 
 # --- Modbus RTU
 
 
 class Request(NamedTuple):
-    """A request to the sensor, without slave and check."""
+    """A request to the sensor, without slave address and CRC."""
 
     function: int
     register: int
     values: tuple[int, ...] = ()
-    """Words to write."""
+    """Registers that the request writes."""
     words: int = 0
-    """Number of words to read or to write."""
+    """Number of registers that the request reads or writes."""
 
 
 def encode_read(register: int, count: int, function: int = READ) -> bytes:
-    """Encode a request to read registers. Raises LocalProtocolError for values that do not fit."""
-    return _packed(">BBHH", SLAVE, function, register, count)
+    """Encode a request to read registers (function 3 or 4). Raises LocalProtocolError if a value does not fit."""
+    return _pack(">BBHH", SLAVE, function, register, count)
 
 
-def encode_write(register: int, *words: int) -> bytes:
-    """Write words from a register on (function 16). Raises LocalProtocolError for values that do not fit."""
-    count = len(words)
-    return _packed(f">BBHHB{count}H", SLAVE, WRITE, register, count, 2 * count, *words)
+def encode_write(register: int, *values: int) -> bytes:
+    """Encode a request to write registers (function 16). Raises LocalProtocolError if a value does not fit."""
+    count = len(values)
+    return _pack(f">BBHHB{count}H", SLAVE, WRITE, register, count, 2 * count, *values)
 
 
-def encode_words(function: int, words: Sequence[int]) -> bytes:
-    """Answer to a read. Raises LocalProtocolError for words that do not fit."""
-    return _packed(f">BBB{len(words)}H", SLAVE, function, 2 * len(words), *words)
+def encode_words(function: int, values: Sequence[int]) -> bytes:
+    """Encode the response to a read request. Raises LocalProtocolError if a register does not fit."""
+    return _pack(f">BBB{len(values)}H", SLAVE, function, 2 * len(values), *values)
 
 
 def encode_written(request: Request) -> bytes:
-    """Answer to a write."""
+    """Encode the response to a write request."""
     if request.function == WRITE_ONE:
-        return _packed(">BBHH", SLAVE, WRITE_ONE, request.register, request.values[0])
-    return _packed(">BBHH", SLAVE, WRITE, request.register, request.words)
+        return _pack(">BBHH", SLAVE, WRITE_ONE, request.register, request.values[0])
+    return _pack(">BBHH", SLAVE, WRITE, request.register, request.words)
 
 
 def encode_exception(function: int, code: int) -> bytes:
-    """Answer to a request that is refused."""
-    return _packed(">BBB", SLAVE, function | EXCEPTION_BIT, code)
+    """Encode an exception response."""
+    return _pack(">BBB", SLAVE, function | EXCEPTION_BIT, code)
 
 
 def request_size(head: bytes) -> int | None:
-    """Bytes of the request that begins so; None where more bytes are needed to tell."""
+    """Return the size of the request that starts with these bytes; None if more bytes are needed to determine it."""
     if len(head) < 2:
         return None
     if head[1] == WRITE:
@@ -188,12 +193,12 @@ def request_size(head: bytes) -> int | None:
 
 
 def decode_request(frame: bytes) -> Request:
-    """Decode a complete request with a valid check. Raises RemoteProtocolError for contradictory lengths."""
+    """Decode a complete request with a valid CRC. Raises RemoteProtocolError if its lengths contradict each other."""
     function = frame[1]
     if function == WRITE:
         register, count, size = struct.unpack_from(">HHB", frame, 2)
         if size != 2 * count or len(frame) != 9 + size:
-            raise RemoteProtocolError("the byte count of the write does not fit")
+            raise RemoteProtocolError("the byte count of the write request is wrong")
         return Request(function, register, struct.unpack_from(f">{count}H", frame, 7), count)
     register, value = struct.unpack_from(">HH", frame, 2)
     if function == WRITE_ONE:
@@ -202,9 +207,11 @@ def decode_request(frame: bytes) -> Request:
 
 
 def find_answer(data: bytes, function: int, size: int) -> tuple[bytes | int, int] | None:
-    """Find the answer to a request in received data: its payload, or the code of an exception, and where it ends.
+    """Find the response to a request in received data. Return its payload, or the exception code, and the index
+    after it.
 
-    `size` is that of the whole answer. None until it is there; what stands before it is passed over.
+    `size` is the size of the complete response in bytes. The result is None until the response is complete. Bytes
+    before the response are skipped.
     """
     for at in range(len(data) - 4):
         if data[at] != SLAVE:
@@ -217,18 +224,20 @@ def find_answer(data: bytes, function: int, size: int) -> tuple[bytes | int, int
 
 
 def words_of(payload: bytes) -> tuple[int, ...]:
-    """Words of the answer to a read, from its payload. Raises RemoteProtocolError for a wrong byte count."""
+    """Decode the registers in the payload of the response to a read. Raises RemoteProtocolError if the byte count
+    is wrong.
+    """
     if not payload or payload[0] != len(payload) - 1 or payload[0] % 2:
-        raise RemoteProtocolError("the byte count of the answer does not fit")
+        raise RemoteProtocolError("the byte count of the response is wrong")
     return struct.unpack(f">{payload[0] // 2}H", payload[1:])
 
 
 def signed(word: int) -> int:
-    """Return a word as a signed number."""
+    """Convert a 16-bit register from two's complement to a signed number."""
     return word - 0x10000 if word & 0x8000 else word
 
 
-def _packed(form: str, *values: int) -> bytes:
+def _pack(form: str, *values: int) -> bytes:
     try:
         return with_crc(struct.pack(form, *values))
     except struct.error as error:

@@ -1,4 +1,4 @@
-"""The JR3 force/torque sensor on a wire: the devices that stand between, and the clients of them."""
+"""JR3 force/torque sensors: the gateways and boards that connect them, and the clients of these gateways and boards."""
 
 from protocol.devices.jr3.can_gateway import (
     GATEWAY_BITRATE,

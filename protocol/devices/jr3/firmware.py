@@ -1,6 +1,6 @@
-"""Parts that both gateways of a JR3 sensor share, for one firmware runs in both: filter, counter, payloads.
+"""Firmware properties common to both gateways of a JR3 sensor: filter, counter, payloads.
 
-Source: firmware roboticslab-uc3m/jr3-mbed-firmware, read for facts. Payloads are little-endian.
+Source: firmware roboticslab-uc3m/jr3-mbed-firmware, consulted for facts. Payloads are little-endian.
 """
 
 import math
@@ -13,36 +13,42 @@ from protocol.marks import Mark, SettingError
 from protocol.wrench import SensorStatistics
 
 COUNTER_MODULUS = 65536
-"""The firmware counts its samples of the sensor, about 7782 a second, in 16 bits: 8.4 s to the wrap."""
+"""Modulus of the firmware's 16-bit counter. It counts about 7782 sensor samples per second and wraps around every
+8.4 s.
+"""
 MAX_CUTOFF_HZ = 655.35
 SMALLEST_CUTOFF_HZ = 0.01
-"""One unit of the wire. What would be rounded to 0 there would switch the filter off instead of closing it."""
+"""Smallest cut-off, Hz: one unit on the wire. A smaller value would be rounded to 0, which disables the filter
+instead of lowering its cut-off.
+"""
 
 UNFILTERED = "the gateway's filter is off (cut-off 0): every sample is as noisy as the sensor"
-"""Notice of a client about a cut-off of 0, which may be meant or a slip."""
+"""Notice of a client about a cut-off of 0, which may be intentional or a mistake."""
 
 
 TESTED_PERIOD_MS = 1.0
-"""Shortest period of a stream that the firmware was tested with. Source: firmware's own notes."""
-HANGS = "it may hang since its sensor was unplugged: plug the sensor in, then switch the gateway off and on"
-"""Remedy for a gateway that does not answer: its program may wait for its sensor. Source: firmware."""
+"""Shortest stream period with which the firmware was tested, ms. Source: the firmware's own notes."""
+HANGS = "it may have been stuck since its sensor was unplugged: plug the sensor in, then switch the gateway off and on"
+"""Remedy for a gateway that does not respond: its program may be waiting for the sensor. Source: firmware."""
 
 
 class GatewayState(IntEnum):
-    """First byte of an acknowledge."""
+    """State of a gateway, in the first byte of an acknowledge."""
 
     READY = 0
     NOT_INITIALISED = 1
-    """No sensor was found at power-up: commands are acknowledged and have no effect."""
+    """No sensor was detected at power-up: the gateway acknowledges commands but does not execute them."""
 
 
 def payload_layout(name: str, size: int, *fields: Field) -> Layout:
-    """Return the layout of a gateway's payload."""
+    """Create the layout of a gateway's payload."""
     return Layout(name, size, "<", fields)
 
 
 def axis_fields(axes: Sequence[str], like: Field) -> list[Field]:
-    """One field of two bytes for each axis, in a row from this one on, which is like them but for the name."""
+    """Create consecutive two-byte fields, one for each axis. The first has the offset of `like`, and all have its
+    other properties except the name.
+    """
     return [replace(like, name=axis, offset=like.offset + 2 * place) for place, axis in enumerate(axes)]
 
 
@@ -53,7 +59,7 @@ _CUTOFF = Field(
 
 
 def counter_field(offset: int) -> Field:
-    """Return the field of the counter that ends every sample."""
+    """Create the field of the counter that ends every sample."""
     return Field("counter", offset, "H", Mark.OBSERVED, "sensor samples since the start, modulo 65536")
 
 
@@ -66,19 +72,23 @@ ACKNOWLEDGE = payload_layout("acknowledge", 1, STATE)
 
 
 def read_start(payload: bytes) -> tuple[int, int]:
-    """Cut-off in 0.01 Hz and period in µs as the firmware reads them: what is not there as a whole counts as 0."""
-    whole = 6 if len(payload) >= 6 else 2 if len(payload) >= 2 else 0
-    raw = START.unpack(payload[:whole].ljust(6, b"\0"))
+    """Decode the cut-off in units of 0.01 Hz and the period in µs as the firmware does: an incomplete value
+    counts as 0.
+    """
+    size = 6 if len(payload) >= 6 else 2 if len(payload) >= 2 else 0
+    raw = START.unpack(payload[:size].ljust(6, b"\0"))
     return int(raw["cutoff"]), int(raw["period"])
 
 
 def first_order_delay(cutoff_hz: float) -> float:
-    """1/(2π f_c) of a first-order low pass, s; 0 means unfiltered. Source: textbook delay at low frequencies."""
+    """Return the delay of a first-order low-pass filter, 1/(2π f_c), s; 0 for a cut-off of 0, which means
+    unfiltered. Source: textbook delay at low frequencies.
+    """
     return 1.0 / (2.0 * math.pi * cutoff_hz) if cutoff_hz else 0.0
 
 
 def check_cutoff(cutoff_hz: float) -> None:
-    """Raise ValueError for a cut-off that a gateway cannot be told; 0 is one that it can."""
+    """Raise ValueError if a cut-off cannot be sent to a gateway. 0 is allowed."""
     if not 0.0 <= cutoff_hz <= MAX_CUTOFF_HZ or 0.0 < cutoff_hz < SMALLEST_CUTOFF_HZ:
         raise SettingError(
             "cutoff_hz",
@@ -87,13 +97,15 @@ def check_cutoff(cutoff_hz: float) -> None:
 
 
 class SampleCounter:
-    """Follows the counter of the samples that arrive over its wraps, and counts what is missing or came again."""
+    """Tracker of the sample counter across its wraps. It counts missing and repeated samples."""
 
     __slots__ = ("_last", "_sequence", "_statistics", "_step", "_straggler_from")
 
     def __init__(self, statistics: SensorStatistics, step: float, behind: int) -> None:
-        """`step` is what the counter grows by from frame to frame. A frame whose
-        counter is less than `behind` before the last one is an old frame; by more, it is a far step forward.
+        """Create a tracker. `step` is the increment of the counter from frame to frame.
+
+        A counter less than `behind` below the last one marks an old frame. A counter farther below is a large step
+        forward.
         """
         self._statistics = statistics
         self._step = step
@@ -102,12 +114,12 @@ class SampleCounter:
         self._sequence: int | None = None
 
     def restart(self) -> None:
-        """Follow a device that starts counting again; the sequence advances by 1."""
+        """Continue after the device has restarted its counter: the sequence advances by 1."""
         self._last = None
         self._statistics.standing = 0
 
     def follow(self, counter: int) -> int | None:
-        """Return the sequence of this sample, or None for a repeated one."""
+        """Return the sequence number of the sample with this counter, or None for a repeated sample."""
         if self._last is None:
             self._sequence = counter if self._sequence is None else self._sequence + 1
         else:

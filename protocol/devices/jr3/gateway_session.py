@@ -1,29 +1,29 @@
-"""One session with a gateway of a JR3 sensor, as the clients of both gateways lead it.
+"""Session with a gateway of a JR3 sensor, shared by the clients of both gateways.
 
 Theory of operation. A session goes through the phases ASKING, the steps of its dialect, SETTLING and READY:
 
 | phase | waits for | ends otherwise |
 | --- | --- | --- |
-| ASKING | the acknowledge "ready" of the question for the state | FAILED after `ready_timeout_s` |
-| a step: start, full scales | the acknowledge of its order | ASKING when one says "not ready" |
-| SETTLING | the end of `settle_s`; tells SensorReady | ASKING when one says "not ready" |
-| READY | its owner, who may stop it | FAILED when one says "not ready", or the counter stands for `still_timeout_s` |
+| ASKING | the acknowledge "ready" to the state request | FAILED after `ready_timeout_s` |
+| a step: start, full scales | the acknowledge of its order | ASKING on "not ready" |
+| SETTLING | the end of `settle_s`; reports SensorReady | ASKING on "not ready" |
+| READY | a stop by its owner | FAILED on "not ready", or if the counter is stuck for `still_timeout_s` |
 | STOPPING | the acknowledge of the stop; then STOPPED | FAILED after `retries` |
 
-Steps for full scales are left out where these are known. In every phase but ASKING an order without acknowledge is
-repeated `retries` times, then the session is FAILED; a full scale of 0 makes it FAILED at once. A boot-up begins the
-session again, except in STOPPING and STOPPED. A stop goes out from every phase, FAILED too.
+Steps for full scales are skipped if the full scales are known. In every phase except ASKING, an order without an
+acknowledge is repeated `retries` times; after that, the session is FAILED. A full scale of 0 makes it FAILED at once. A
+boot-up message restarts the session, except in STOPPING and STOPPED. A stop is sent from every phase, including FAILED.
 
-Three sides drive it. The owner asks with `zero`, `set_filter` and `stop`. The client tells what it has read by
-`acknowledge`, `boot_up`, `sample`, `notice` and `tell`, and encodes the order that `order_to_send` gives. Time comes
-with `handle_deadline`. What the owner is told waits in `next_event`.
+Three parties drive it. The owner makes requests with `zero`, `set_filter` and `stop`. The client passes on what it has
+decoded with `acknowledge`, `boot_up`, `sample`, `notice` and `tell`, and encodes the order that `order_to_send`
+returns. Time advances with `handle_deadline`. Events for the owner wait in `next_event`.
 
-An acknowledge does not say what it answers. So one order is under way at a time, others wait: `_Orders`.
-A stop, which ends a stream, is acknowledged only after the rest of the stream's period.
-A gateway takes its zero with the next sample. One that it has sampled before may follow the acknowledge. So `Zeroed`
-is told with the first sample after it, and takes that along.
-Pauses keep orders and answers in step. A gateway that is deaf after each acknowledge gets one every time, `pause_s`.
-One that always listens gets one after a repeated order only, `ack_timeout_s`, in which late acknowledges pass.
+An acknowledge does not name its order. Therefore only one order is outstanding at a time and the others wait in
+`_Orders`. A stop, which ends a stream, is acknowledged only at the end of the current stream period. A gateway takes
+its zero with the next sample. A sample taken before the zero may still follow the acknowledge. Therefore `Zeroed` is
+reported with the first sample after the acknowledge, and carries that sample. Pauses keep orders and responses in step.
+A gateway that cannot receive after an acknowledge gets a pause of `pause_s` each time. A gateway that can always
+receive gets a pause only after a repeated order. The pause lasts `ack_timeout_s`, in which late acknowledges arrive.
 """
 
 from collections import deque
@@ -50,7 +50,7 @@ Op = TypeVar("Op", bound=IntEnum)
 
 
 class Phase(Enum):
-    """Where the session is."""
+    """Phase of the session."""
 
     ASKING = "asking for the state"
     SCALES = "asking for the full scales"
@@ -68,12 +68,12 @@ _ENDED = frozenset({Phase.STOPPING, Phase.STOPPED, Phase.FAILED})
 _BEFORE_START = frozenset({Phase.ASKING, Phase.SCALES})
 _ASK_SCALES = frozenset({Phase.SCALES, Phase.FORCE_SCALES, Phase.MOMENT_SCALES})
 
-# Asked for with every sample, by names of this module: until Python 3.12 an enum's own name costs five times that.
+# Used with every sample, so bound to module names: before Python 3.12 an enum member lookup is five times slower.
 _ASKING, _SETTLING, _READY = Phase.ASKING, Phase.SETTLING, Phase.READY
 
 
 class SessionProfile(Protocol):
-    """Settings of a session that the profiles of both clients have; times in s."""
+    """Session settings that the profiles of both clients share; times are in s."""
 
     @property
     def cutoff_hz(self) -> float: ...
@@ -93,32 +93,32 @@ class SessionProfile(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Dialect(Generic[Op]):
-    """Differences between the gateways."""
+    """Differences between the two gateways, as used by the session."""
 
     name: str
-    """Begins the text of a failure."""
+    """Name of the gateway, with which failure texts begin."""
     steps: tuple[tuple[Phase, Op], ...]
-    """The phases before SETTLING and the order of each; the first is ASKING."""
+    """Phases before SETTLING, each with its order. The first phase is ASKING."""
     zero: Op
     set_filter: Op
     stop: Op
     pause_s: float | None
-    """Between an acknowledge and the next order, s, for a gateway that is deaf then; None for one that is not."""
+    """Pause after an acknowledge, s, during which the gateway cannot receive; None if it can always receive."""
     period: float
-    """Between two samples by the gateway's clock, s."""
+    """Time between two samples on the gateway's clock, s."""
     counter_step: float
-    """See SampleCounter."""
+    """Increment of the counter from frame to frame; see `SampleCounter`."""
     counter_behind: int
-    """See SampleCounter."""
+    """Limit below which a step back of the counter marks an old frame; see `SampleCounter`."""
     check_cutoff: Callable[[float], None]
-    """Raises ValueError for a cut-off in Hz that cannot be sent."""
+    """Function that raises ValueError if a cut-off, Hz, cannot be sent."""
     explain_silence: Callable[[str], Trouble]
-    """Words for a gateway that acknowledged nothing for a time, which is given as text."""
+    """Function that returns the trouble of a gateway that has acknowledged nothing for a time, passed as text."""
 
 
 @dataclass(slots=True)
-class _Flight(Generic[Op]):
-    """The order that waits for its acknowledge."""
+class _PendingOrder(Generic[Op]):
+    """Order that waits for its acknowledge."""
 
     op: Op
     due: float
@@ -127,44 +127,44 @@ class _Flight(Generic[Op]):
 
 
 class _Orders(Generic[Op]):
-    """The order under way and those behind it. A pause may come before the next one."""
+    """The outstanding order and the queue of orders behind it. A pause may precede the next order."""
 
     def __init__(self, dialect: Dialect[Op], profile: SessionProfile) -> None:
         self._dialect, self._profile = dialect, profile
         self._queue: deque[Op] = deque()
-        self.flight: _Flight[Op] | None = None
+        self.flight: _PendingOrder[Op] | None = None
         self.quiet_until: float | None = None
-        """End of the pause, s."""
+        """End of the pause, s; None if there is no pause."""
 
     @property
     def are_idle(self) -> bool:
-        """Whether there is nothing to send and nothing to wait for."""
+        """Whether no order is queued or outstanding."""
         return self.flight is None and not self._queue
 
     def add(self, op: Op) -> None:
-        """Queue an order, to be sent once."""
+        """Queue an order unless it is already queued."""
         if op not in self._queue:
             self._queue.append(op)
 
     def drop(self) -> None:
-        """Forget all orders, the one under way too."""
+        """Drop all orders, including the outstanding one."""
         self.flight = None
         self._queue.clear()
 
     def timeout(self, op: Op) -> float:
-        """Longest time until an acknowledge, s."""
+        """Return the time-out for the acknowledge of an order, s."""
         rest = self._dialect.period if op == self._dialect.stop else 0.0
         return self._profile.ack_timeout_s + rest
 
     def next(self, now: float) -> Op | None:
-        """Return the next order and count it as sent."""
+        """Return the next order to send and count it as sent; None if nothing is to be sent."""
         flight = self.flight
         if flight is None:
             if not self._queue or (self.quiet_until is not None and now < self.quiet_until):
                 return None
             self.quiet_until = None
             op = self._queue.popleft()
-            flight = self.flight = _Flight(op, now + self.timeout(op))
+            flight = self.flight = _PendingOrder(op, now + self.timeout(op))
         elif flight.resend:
             flight.resend = False
             flight.tries += 1
@@ -175,13 +175,13 @@ class _Orders(Generic[Op]):
 
     @property
     def due(self) -> float | None:
-        """The next time-out or end of a pause, s."""
+        """Time of the next time-out or of the end of the pause, s."""
         if self.flight is not None:
             return None if self.flight.resend else self.flight.due
         return self.quiet_until if self._queue else None
 
-    def overdue(self, now: float) -> _Flight[Op] | None:
-        """Return the order whose acknowledge is overdue; end a pause that is over."""
+    def overdue(self, now: float) -> _PendingOrder[Op] | None:
+        """Return the order whose acknowledge is overdue. Also end a pause that has elapsed."""
         if self.quiet_until is not None and now >= self.quiet_until:
             self.quiet_until = None
         flight = self.flight
@@ -189,19 +189,19 @@ class _Orders(Generic[Op]):
 
 
 class _Scales:
-    """The full scales, which are known or asked for."""
+    """Full scales, either configured or requested from the gateway."""
 
     def __init__(self, known: tuple[float, ...]) -> None:
         self.known = known
-        """N and N·m; empty while they are not known."""
+        """Six full scales, N and N·m; empty until they are known."""
         self._words: tuple[int, ...] = ()
 
     def restart(self) -> None:
-        """They are asked for from the first one on."""
+        """Discard the words received so far, because the first request is sent again."""
         self._words = ()
 
     def take(self, words: Sequence[int]) -> str:
-        """Take the next words; the axis whose full scale is 0, or an empty string."""
+        """Store the next words. Return the axis whose full scale is 0, or an empty string."""
         for axis, word in zip(AXES[len(self._words) :], words, strict=False):
             if word == 0:
                 return axis
@@ -212,30 +212,30 @@ class _Scales:
 
 
 class _Samples:
-    """The samples of a session: their counter, their range, and the zero that comes with one."""
+    """Samples of a session, with their counter, their range, and the pending zero."""
 
     def __init__(
-        self, counter: SampleCounter, telling: SensorEventQueue, still_timeout: float, now: float
+        self, counter: SampleCounter, events: SensorEventQueue, still_timeout: float, now: float
     ) -> None:
-        self._counter, self._sensor_events, self._still_timeout = counter, telling, still_timeout
+        self._counter, self._sensor_events, self._still_timeout = counter, events, still_timeout
         self._range = Range()
         self.new_at = now
-        """When the newest sample with another counter than the one before came, s; not before READY."""
+        """Arrival time of the newest sample with a changed counter, s, but not before READY."""
         self.zeroing = False
-        """The next sample is the first with another zero."""
+        """Whether the next sample is the first one relative to a new zero."""
 
     def restart(self) -> None:
-        """Follow a gateway that restarts."""
+        """Reset the state after a restart of the gateway."""
         self.zeroing = False
         self._counter.restart()
         self._range.restart()
 
     def take(self, counts: tuple[int, int, int, int, int, int], counter: int, at: float, ready: bool) -> str:
-        """Tell a sample. What has failed in a session that is `ready`, or an empty string."""
+        """Report a sample. Return the reason why a session that is `ready` has failed, or an empty string."""
         if (sequence := self._counter.follow(counter)) is None:
-            stood = at - self.new_at
-            if stood >= self._still_timeout and ready:
-                return f"its counter has stood at {counter} for {stood:.1f} s while samples continue"
+            stuck_for = at - self.new_at
+            if stuck_for >= self._still_timeout and ready:
+                return f"its counter has been stuck at {counter} for {stuck_for:.1f} s while samples continue"
             return ""
         self.new_at = at
         if self.zeroing:
@@ -251,20 +251,20 @@ class _Samples:
 
 
 class GatewaySession(Generic[Op]):
-    """The state machine of a client; the client itself reads and writes what is on the wire."""
+    """State machine of a client's session. The client itself encodes and decodes the messages."""
 
     def __init__(self, dialect: Dialect[Op], profile: SessionProfile, now: float) -> None:
         self._dialect = dialect
         self._profile = profile
         self.cutoff_hz = profile.cutoff_hz
-        """Cut-off in an order; 0 is unfiltered."""
+        """Cut-off for the next order that carries one, Hz; 0 means unfiltered."""
         self.statistics = SensorStatistics()
         self._asks_scales = frozenset(op for phase, op in dialect.steps if phase in _ASK_SCALES)
-        self._sensor_events = telling = SensorEventQueue(f"{dialect.name}: ")
-        self.tell, self.notice, self.next_event = telling.tell, telling.notice, telling.next_event
+        self._sensor_events = events = SensorEventQueue(f"{dialect.name}: ")
+        self.tell, self.notice, self.next_event = events.tell, events.notice, events.next_event
         counter = SampleCounter(self.statistics, dialect.counter_step, dialect.counter_behind)
         still_timeout = max(profile.still_timeout_s, 5 * dialect.period)
-        self._samples = _Samples(counter, telling, still_timeout, now)
+        self._samples = _Samples(counter, events, still_timeout, now)
         self._orders = _Orders(dialect, profile)
         self._zero_wanted = False
         self._begin(now)
@@ -279,7 +279,7 @@ class GatewaySession(Generic[Op]):
         self._orders.add(self._first_step())
 
     def _first_step(self) -> Op:
-        """Forget what is under way and go back to ASKING, whose order this is."""
+        """Drop all orders, return to ASKING, and return the order of this phase."""
         self._orders.drop()
         self._scales.restart()
         self._steps: Iterator[tuple[Phase, Op]] = iter(self._dialect.steps)
@@ -288,19 +288,19 @@ class GatewaySession(Generic[Op]):
 
     @property
     def stop_patience(self) -> float:
-        """How long SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
+        """Longest time until SensorStopped if the first stop is lost, s: two time-outs of a stop."""
         return 2 * self._orders.timeout(self._dialect.stop)
 
     @property
     def scales_expected(self) -> bool:
-        """Whether the next acknowledge may hold full scales: they are asked for, or were when the stop went out."""
+        """Whether the next acknowledge may carry full scales, including those requested before a stop."""
         flight = self._orders.flight
         return flight is not None and (flight.op in self._asks_scales or self._foreign_acknowledges > 0)
 
-    # --- requests of the owner
+    # --- owner's requests
 
     def zero(self) -> None:
-        """Make the present wrench the origin, once settled. Raises LocalProtocolError after the end."""
+        """Use the present wrench as zero once ready. Raises LocalProtocolError after the end of the session."""
         self._require_running("zero")
         if self.phase is Phase.READY:
             self._orders.add(self._dialect.zero)
@@ -308,38 +308,40 @@ class GatewaySession(Generic[Op]):
             self._zero_wanted = True
 
     def set_filter(self, cutoff_hz: float) -> None:
-        """Change the cut-off, now and after a reboot; 0 is unfiltered. Raises LocalProtocolError for what cannot be."""
+        """Set the cut-off, Hz, now and after each restart of the gateway; 0 means unfiltered. Raises
+        LocalProtocolError if the cut-off is invalid or the session has ended.
+        """
         self._require_running("set the filter")
         try:
             self._dialect.check_cutoff(cutoff_hz)
         except ValueError as error:
             raise LocalProtocolError(str(error)) from error
         self.cutoff_hz = cutoff_hz
-        if self.phase not in _BEFORE_START:  # the start carries the cut-off too
+        if self.phase not in _BEFORE_START:  # the start order carries the cut-off too
             self._orders.add(self._dialect.set_filter)
 
     def stop(self) -> None:
-        """End the session; SensorStopped tells that the gateway knows. Harmless when called again.
+        """End the session. SensorStopped confirms that the gateway has stopped. Idempotent.
 
-        The stop goes out at once, even to a deaf gateway. The owner may not wait for the pause's end, and a driver may
-        keep bytes that arrive. Where it is lost, it is repeated.
+        The stop is sent at once, even to a gateway that cannot receive: the owner may not wait for the end of the
+        pause, and a driver may buffer the bytes. A lost stop is repeated.
         """
         if self.phase in (Phase.STOPPING, Phase.STOPPED):
             return
-        # Orders under way may still be acknowledged: that must not be taken for the stop's acknowledge.
+        # An outstanding order may still be acknowledged. This must not count as the acknowledge of the stop.
         self._foreign_acknowledges = int(self._orders.flight is not None)
         self._end(Phase.STOPPING)
         self._orders.add(self._dialect.stop)
 
-    # --- calls of the client
+    # --- client's calls
 
     def sample(self, counts: tuple[int, int, int, int, int, int], counter: int, at: float) -> None:
-        """Accept a sample, complete at this time; it is reported only in READY."""
-        if stood := self._samples.take(counts, counter, at, self.phase is _READY):
-            self._fail(stood, "sensor unplugged? plug it in, then switch the gateway off and on")
+        """Report a sample that was complete at time `at`, s. The client calls this only in READY."""
+        if failure := self._samples.take(counts, counter, at, self.phase is _READY):
+            self._fail(failure, "sensor unplugged? plug it in, then switch the gateway off and on")
 
     def boot_up(self, now: float) -> None:
-        """Follow a gateway that has restarted and knows nothing of this session."""
+        """Restart the session after a restart of the gateway, which does not remember the session."""
         if self.phase in (Phase.STOPPING, Phase.STOPPED):
             return
         if self.phase is not Phase.ASKING:
@@ -347,12 +349,12 @@ class GatewaySession(Generic[Op]):
         self._begin(now)
 
     def acknowledge(self, state: int, words: Sequence[int] | None, now: float) -> None:
-        """Accept an acknowledge, with the words of full scales if it has them."""
+        """Accept an acknowledge. `words` are the full scales that it carries, or None."""
         flight = self._orders.flight
         if self._dialect.pause_s is not None:
             self._orders.quiet_until = now + self._dialect.pause_s
         if flight is None:
-            return  # late answer to an order that was repeated
+            return  # late response to an order that was repeated
         if self._foreign_acknowledges:
             self._foreign_acknowledges -= 1
             return
@@ -360,7 +362,7 @@ class GatewaySession(Generic[Op]):
             self._on_not_ready(flight, now)
             return
         if flight.op in self._asks_scales and words is None:
-            self.statistics.malformed += 1  # it understood another order; asked again when the time is up
+            self.statistics.malformed += 1  # an acknowledge of another order; repeated at the time-out
             return
         self._orders.flight = None
         if self._dialect.pause_s is None and flight.tries > 1:
@@ -368,13 +370,13 @@ class GatewaySession(Generic[Op]):
         self._advance(flight.op, words or (), now)
 
     def order_to_send(self, now: float) -> Op | None:
-        """Return the next order and count it as sent."""
+        """Return the next order to send and count it as sent; None if nothing is to be sent."""
         return self._orders.next(now)
 
-    # --- endpoint
+    # --- Endpoint
 
     def next_deadline(self) -> float | None:
-        """Return the next time-out or end of a pause."""
+        """Return the time of the next time-out or of the end of a pause, s."""
         orders = self._orders
         if self.phase is _READY and orders.are_idle:
             return None
@@ -386,11 +388,11 @@ class GatewaySession(Generic[Op]):
         return min([moment for moment in due if moment is not None], default=None)
 
     def handle_deadline(self, now: float) -> None:
-        """Ask again, give up, or become ready."""
+        """Repeat an order, report a failure, or become ready."""
         overdue = self._orders.overdue(now)
         if self.phase is _ASKING and now >= self._ready_by:
             waited = f"{self._profile.ready_timeout_s:g} s"
-            answered = Trouble(f"acknowledges but not ready after {waited}", "sensor unplugged?")
+            answered = Trouble(f"acknowledges but is not ready after {waited}", "sensor unplugged?")
             self._fail(*(answered if self._answered else self._dialect.explain_silence(waited)))
         elif overdue is not None:
             self._on_timeout(overdue)
@@ -417,29 +419,29 @@ class GatewaySession(Generic[Op]):
         self._end(Phase.FAILED)
         self._sensor_events.fail(text, remedy)
 
-    def _on_timeout(self, flight: _Flight[Op]) -> None:
+    def _on_timeout(self, flight: _PendingOrder[Op]) -> None:
         name = flight.op.name.lower().replace("_", " ")
         if flight.op is self._dialect.stop and self.statistics.stands:
-            self._fail(f"no acknowledge of {name}, and its counter stood still before", HANGS)
+            self._fail(f"no acknowledge of {name}, and its counter was stuck before", HANGS)
         elif self.phase is Phase.ASKING or flight.tries <= self._profile.retries:
             flight.resend = True
         else:
             self._fail(f"no acknowledge of {name} after {flight.tries} tries", HANGS)
 
-    def _on_not_ready(self, flight: _Flight[Op], now: float) -> None:
+    def _on_not_ready(self, flight: _PendingOrder[Op], now: float) -> None:
         self._answered = True
         if self.phase is Phase.READY:
-            self._fail("acknowledges but not ready any more", "sensor unplugged?")
+            self._fail("acknowledges but is not ready any more", "sensor unplugged?")
             return
         order = self._first_step()
         if self._dialect.pause_s is not None:
             self._orders.add(order)
         else:
-            # Asked again when the acknowledge time-out of this order ends: neither answers nor asks pile up.
-            self._orders.flight = _Flight(order, max(flight.due, now), tries=0)
+            # The order is repeated when its acknowledge time-out ends, so neither responses nor requests pile up.
+            self._orders.flight = _PendingOrder(order, max(flight.due, now), tries=0)
 
     def _advance(self, answered: Op, words: Sequence[int], now: float) -> None:
-        """Take the next step of the session after the acknowledge of an order."""
+        """Perform the next step of the session after the acknowledge of an order."""
         if answered is self._dialect.zero:
             self._samples.zeroing = True
         elif answered is self._dialect.stop:
@@ -469,7 +471,7 @@ class GatewaySession(Generic[Op]):
 
 
 class OfSession(Generic[Op]):
-    """A client of a gateway without its wire: requests of the owner, and the clock, concern the session alone."""
+    """Base class of a gateway's client: forwards the owner's requests and the deadlines to the session."""
 
     def __init__(self, session: GatewaySession[Op]) -> None:
         self._session = session
@@ -480,10 +482,10 @@ class OfSession(Generic[Op]):
 
     @property
     def phase(self) -> Phase:
-        """Where the session is."""
+        """Phase of the session."""
         return self._session.phase
 
     @property
     def stop_patience(self) -> float:
-        """How long SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
+        """Longest time until SensorStopped if the first stop is lost, s: two time-outs of a stop."""
         return self._session.stop_patience

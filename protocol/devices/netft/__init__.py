@@ -1,6 +1,7 @@
 """ATI Net F/T: records over UDP (RDT) and a configuration page over HTTP.
 
-Values come from the specification's sources, with their marks beside them. 16-bit values over TCP are not spoken.
+Values come from the sources of the specification and carry their marks. The TCP interface with 16-bit values is not
+supported.
 """
 
 from protocol.devices.netft.client import NetFtClient

@@ -1,6 +1,7 @@
-"""Client of a Net F/T: reads its page, asks for the stream, watches both sequences and the status.
+"""Client of a Net F/T: reads its configuration page, requests the stream, and monitors both sequence numbers and
+the status.
 
-It never biases the sensor: the zero is the host's. The page comes to it as a `Page` among the datagrams.
+It never biases the sensor; the host subtracts the zero. The page arrives as a `Page` among the datagrams.
 """
 
 from collections.abc import Sequence
@@ -26,96 +27,100 @@ from protocol.sensor_events import SensorEventQueue
 from protocol.wrench import SensorFacts, SensorRestarted, SensorStatistics
 
 _STOP_AGAIN_S = 0.02
-"""Chosen: a stop is repeated while records still come."""
+"""Time after which a stop is repeated while records still arrive, s. Chosen."""
 _STOPS = 4
 _USUAL_PERIOD_S = 0.001
-"""Assumed period of a box whose page tells none, for the length of a zero."""
+"""Period of a box whose page does not report one, s, for the number of samples in a zero. Assumed."""
 _BEHIND_LIMIT = 10
-"""Chosen: so many records in a row that are older than the newest are no stragglers but a sensor that restarted."""
+"""Number of consecutive records older than the newest record that mean that the sensor was restarted. Chosen: fewer
+are stragglers.
+"""
 _BACKWARD = WRAP // 2
 _ALL_AXES = 0b111111
 
 
 class NetFtClient(Outbox[bytes]):
-    """Endpoint of datagrams: a `SensorClient`."""
+    """`SensorClient` over datagrams."""
 
     stop_patience = _STOPS * _STOP_AGAIN_S
 
     def __init__(self, profile: NetFtClientProfile, now: float) -> None:
         self.statistics = SensorStatistics()
         self._profile, self._family = profile, FAMILIES[profile.family]
-        self._sensor_events = telling = SensorEventQueue()
-        self.next_event, self.zero = telling.next_event, telling.zero
+        self._sensor_events = events = SensorEventQueue()
+        self.next_event, self.zero = events.next_event, events.zero
         super().__init__()
         self._configuration: Configuration | None = None
         self._page_failure = "no answer"
         self._due: float | None = now + profile.page_patience_s
-        """When the patience ends with that which is waited for."""
+        """End of the current time-out, s; None if there is none."""
         self._step = 1
-        """Samples from one record to the next."""
-        self._asked = 0
-        """Requests for the stream since the last record."""
+        """Number of internal samples between two records."""
+        self._requests = 0
+        """Number of requests for the stream since the last record."""
         self._rdt = self._ft = self._sequence = 0
-        """Numbers of the newest record, and the second unwrapped."""
+        """RDT and F/T sequence numbers of the newest record, and the unwrapped F/T sequence number."""
         self._behind = 0
-        """Records in a row that are older than the newest."""
+        """Number of consecutive records older than the newest record."""
         self._clock = ArrivalClock()
         self._rates = RateWatch(profile.internal_rate_hz)
         self._stops = 0
-        """Stops that were sent."""
-        self._heard = False
-        """A record has come since the last stop."""
+        """Number of stops sent."""
+        self._has_received = False
+        """Whether a record has arrived since the last stop."""
 
-    # --- endpoint
+    # --- Endpoint
 
     def receive(self, data: Sequence[bytes], now: float) -> None:
-        """Take records, and the page."""
+        """Process records and the configuration page."""
         for datagram in data:
             if isinstance(datagram, Page):
-                self._take_page(datagram, now)
+                self._process_page(datagram, now)
             elif len(datagram) != RECORD_SIZE:
                 self.statistics.malformed += 1
             elif self._stops:
-                self._heard = True
+                self._has_received = True
             elif self._configuration is not None and not self._sensor_events.ended:
-                self._take_record(datagram, now)
+                self._process_record(datagram, now)
 
     def handle_deadline(self, now: float) -> None:
-        """Ask again, or give up."""
+        """Repeat the request, or report a failure."""
         if self._due is None or now < self._due:
             return
         if self._stops:
             self._stop_again(now)
         elif self._configuration is None:
             self._fail(
-                f"its configuration page did not come within {self._profile.page_patience_s:g} s: "
+                f"its configuration page was not received within {self._profile.page_patience_s:g} s: "
                 f"{self._page_failure}",
-                "look at its supply, its address and the port of its page",
+                "check its supply, its address and the port of its page",
             )
-        elif self._asked >= self._profile.starts:
+        elif self._requests >= self._profile.starts:
             self._fail(
-                f"no record came after {self._asked} requests",
-                "look at its supply and its cable, and whether another program reads it",
+                f"no record received after {self._requests} requests",
+                "check its supply and its cable, and whether another program reads it",
             )
         else:
-            if self._sensor_events.ready and not self._asked:
-                self._sensor_events.notice(f"no record for {self._profile.silence_s * 1e3:g} ms; asked again")
+            if self._sensor_events.ready and not self._requests:
+                self._sensor_events.notice(
+                    f"no record for {self._profile.silence_s * 1e3:g} ms; requested again"
+                )
             self._start(now)
 
     def stop(self) -> None:
-        """Stop the stream; repeated while records still come."""
+        """Stop the stream. The stop is repeated while records still arrive."""
         if self._sensor_events.ended or self._stops:
             return
         if self._configuration is None:
             self._finish()
             return
-        self._stops, self._heard = 1, False
+        self._stops, self._has_received = 1, False
         self._due = 0.0
         self._out.append(encode_request(Command.STOP))
 
-    # --- page
+    # --- configuration page
 
-    def _take_page(self, page: Page, now: float) -> None:
+    def _process_page(self, page: Page, now: float) -> None:
         if self._configuration is not None or self._sensor_events.ended:
             return
         if page.failure:
@@ -124,7 +129,7 @@ class NetFtClient(Outbox[bytes]):
         try:
             configuration = parse_page(page)
         except RemoteProtocolError as error:
-            self._fail(str(error), "look at the address and at the sensor's own pages")
+            self._fail(str(error), "check the address and the sensor's own pages")
             return
         if not configuration.streams:
             self._fail(
@@ -145,37 +150,37 @@ class NetFtClient(Outbox[bytes]):
 
     def _start(self, now: float) -> None:
         self._out.append(encode_request(Command.START))
-        self._asked += 1
+        self._requests += 1
         self._due = now + self._profile.silence_s
 
-    def _take_record(self, datagram: bytes, now: float) -> None:
+    def _process_record(self, datagram: bytes, now: float) -> None:
         rdt, ft, status, fx, fy, fz, tx, ty, tz = unpack_record(datagram)
         self._due = now + self._profile.silence_s
-        saturated, telling, family = 0, self._sensor_events, self._family
-        if status and not telling.knows_status(status):
-            words = f"status {status:08X}: {family.words(status)}"
-            if not (telling.ready or status & family.saturated or family.is_warning(status)):
-                self._fail(f"it reports {words}", "look at its own pages")
+        saturated, events, family = 0, self._sensor_events, self._family
+        if status and not events.knows_status(status):
+            text = f"status {status:08X}: {family.words(status)}"
+            if not (events.ready or status & family.saturated or family.is_warning(status)):
+                self._fail(f"it reports {text}", "check its own pages")
                 return
-            telling.notice_status(status, words)
+            events.notice_status(status, text)
         if status and not family.is_warning(status):
-            saturated = _ALL_AXES  # the values may be anything: a run retracts
-        if not telling.ready:
+            saturated = _ALL_AXES  # the values are invalid, so a run retracts
+        if not events.ready:
             self._rdt, self._ft, self._sequence = rdt, ft, ft
-            telling.begin(self._facts())
+            events.begin(self._facts())
             self._rates.begin(ft, arrived_at(datagram, now))
         elif not self._is_next(rdt, ft):
             return
         elif rate := self._rates.take(self._sequence, arrived_at(datagram, now)):
             self._fail_for_rate("it takes about", nearest_known(rate))
             return
-        self._asked = self._behind = self.statistics.standing = 0
+        self._requests = self._behind = self.statistics.standing = 0
         counted = self._sequence / self._profile.internal_rate_hz
         at = self._clock.sent_at(counted, arrived_at(datagram, now))
-        telling.numbered_sample((fx, fy, fz, tx, ty, tz), ft, self._sequence, at, saturated)
+        events.numbered_sample((fx, fy, fz, tx, ty, tz), ft, self._sequence, at, saturated)
 
     def _is_next(self, rdt: int, ft: int) -> bool:
-        """Whether a record is newer than the newest; counts what is missing, and what is not newer."""
+        """Return whether a record is newer than the newest one so far. Count missing and outdated records."""
         step = (ft - self._ft) % WRAP
         if not 0 < step < _BACKWARD:
             self.statistics.repeated += 1
@@ -184,14 +189,14 @@ class NetFtClient(Outbox[bytes]):
                 self._rdt = rdt
                 return False
             self._behind += 1
-            if not self._asked and self._behind < _BEHIND_LIMIT:
+            if not self._requests and self._behind < _BEHIND_LIMIT:
                 return False
             self._sensor_events.tell(SensorRestarted())
             step = 1
             self._rates.begin(self._sequence + 1, self._clock.arrived_at)
         else:
             missing = (rdt - self._rdt) % WRAP - 1
-            if missing >= _BACKWARD:  # it was asked for again, and its records count from 1
+            if missing >= _BACKWARD:  # the stream was requested again, and its records count from 1
                 missing = step // self._step - 1
             self.statistics.lost += max(missing, 0)
         self._rdt, self._ft = rdt, ft
@@ -199,21 +204,27 @@ class NetFtClient(Outbox[bytes]):
         return True
 
     def _facts(self) -> SensorFacts:
-        found = self._configuration
-        assert found is not None
+        configuration = self._configuration
+        assert configuration is not None
         return SensorFacts(
-            found.product, found.scales, found.ratings, None, found.period, found.delay, "host"
+            configuration.product,
+            configuration.scales,
+            configuration.ratings,
+            None,
+            configuration.period,
+            configuration.delay,
+            "host",
         )
 
     # --- end
 
     def _stop_again(self, now: float) -> None:
-        if (self._stops > 1 and not self._heard) or self._stops >= _STOPS:
+        if (self._stops > 1 and not self._has_received) or self._stops >= _STOPS:
             self._finish()
             return
-        if self._heard:
+        if self._has_received:
             self._out.append(encode_request(Command.STOP))
-        self._stops, self._heard = self._stops + 1, False
+        self._stops, self._has_received = self._stops + 1, False
         self._due = now + _STOP_AGAIN_S
 
     def _finish(self) -> None:

@@ -1,6 +1,7 @@
-"""The configuration page of a Net F/T, `/netftapi2.xml` over HTTP: what its counts mean, and how it is set.
+"""Configuration page of a Net F/T, `/netftapi2.xml` over HTTP: the scaling of its counts, and its settings.
 
-Nothing of it is trusted: a page is bounded, a tag that is needed must be there once, and every number is finite.
+The page is not trusted: its size is limited, a required tag must occur exactly once, and every number must be
+finite.
 """
 
 import math
@@ -12,13 +13,13 @@ from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Wrench
 
 HTTP_PORT = 80
-"""Source: manual."""
+"""TCP port of the configuration page. Source: manual."""
 PAGE = "/netftapi2.xml"
-"""Source: manual."""
+"""Path of the configuration page. Source: manual."""
 PAGE_LIMIT = 65536
-"""Most bytes of an answer. Source: netft-cpp, which takes no more."""
+"""Maximum number of bytes in a page. Source: netft-cpp, which accepts no more."""
 _VALUE_LIMIT = 128
-"""Most characters of a value. Source: netft-cpp."""
+"""Maximum number of characters in a value. Source: netft-cpp."""
 
 FORCE_UNITS = {
     "lbf": 4.4482216152605,
@@ -28,10 +29,10 @@ FORCE_UNITS = {
     "kgf": 9.80665,
     "gf": 9.80665e-3,
 }
-"""N for one of each. Names: netft-cpp; the last one is the manual's."""
+"""Size of each force unit in N, by name. Source of the names: netft-cpp; the last one is from the manual."""
 FORCE_CODES = ("lbf", "N", "klbf", "kN", "kgf", "gf")
 TORQUE_CODES = ("lbf-in", "lbf-ft", "N-m", "N-mm", "kgf-cm", "kN-m")
-"""Units by their code, from 1 on, for a page without their names. Source: manual."""
+"""Torque units in the order of their codes, from 1 on, for a page without unit names. Source: manual."""
 TORQUE_UNITS = {
     "lbf-in": 0.1129848290276167,
     "lbf-ft": 1.3558179483314004,
@@ -43,61 +44,66 @@ TORQUE_UNITS = {
     "kg-cm": 0.0980665,
     "kN-m": 1000.0,
 }
-"""N·m for one of each. Names: netft-cpp."""
+"""Size of each torque unit in N·m, by name. Source of the names: netft-cpp."""
 FILTERS_HZ = (0.0, 838.0, 326.0, 152.0, 73.0, 35.0, 18.0, 8.0, 5.0, 1500.0, 2000.0, 2500.0, 3000.0)
-"""Cut-off of each filter by its number, `setuserfilter`; 0 is no filter. Source: ROS driver net_ft_driver.
+"""Cut-off of each filter, Hz, by the filter number, `setuserfilter`; 0 means unfiltered. Source: ROS driver
+net_ft_driver.
 
-Assumed: one pole each; the shape is published nowhere.
+Assumed: each filter has one pole; the filter shape is not published.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """Facts of a Net F/T from its page."""
+    """Properties of a Net F/T as reported by its page."""
 
     product: str
     scales: Wrench
-    """N or N·m for one count."""
+    """Scale of each axis, N or N·m per count."""
     ratings: Wrench | None
-    """Calibrated range, N and N·m; None where the page tells none that can be read."""
+    """Calibrated range of each axis, N and N·m; None if the page has none or it cannot be read."""
     streams: bool
-    """Whether RDT is switched on."""
+    """Whether the raw data transfer (RDT) is enabled."""
     period: float | None
-    """Between two records, s; None where the page does not tell the rate."""
+    """Time between two records, s; None if the page does not report the rate."""
     delay: float
-    """Delay of its filter at low frequencies, s."""
+    """Delay of the filter at low frequencies, s."""
     internal_rate_hz: float | None
-    """Internal samples a second; None where the page does not tell them."""
+    """Number of internal samples per second; None if the page does not report it."""
 
 
 def filter_weight(cutoff_hz: float) -> float:
-    """Weight of a new sample in a filter of one pole at the internal rate; 1 without a filter. Mark: assumed."""
+    """Return the weight of a new sample in a one-pole filter at the internal rate; 1 for a cut-off of 0, which
+    means unfiltered. Mark: assumed.
+    """
     return 1.0 if not cutoff_hz else 1.0 - math.exp(-2.0 * math.pi * cutoff_hz / INTERNAL_RATE_HZ)
 
 
 def filter_delay(number: int) -> float:
-    """Delay of a filter at low frequencies, s; 0 for a number that is none. Mark: assumed."""
+    """Return the delay of the filter with this number at low frequencies, s; 0 for an unknown number. Mark: assumed."""
     weight = filter_weight(FILTERS_HZ[number] if 0 <= number < len(FILTERS_HZ) else 0.0)
     return (1.0 - weight) / weight / INTERNAL_RATE_HZ
 
 
 def parse_page(page: bytes) -> Configuration:
-    """Parse a configuration page. Raises RemoteProtocolError, in one line, for an invalid page or impossible values."""
+    """Parse a configuration page. Raises RemoteProtocolError, with a one-line message, if the page or one of its
+    values is invalid.
+    """
     if len(page) > PAGE_LIMIT:
         raise RemoteProtocolError(f"the page has more than {PAGE_LIMIT} bytes")
     text = page.decode("ascii", "replace")
     if "<!DOCTYPE" in text.upper() or "<netft" not in text:
-        raise RemoteProtocolError("the page is not one of a Net F/T")
+        raise RemoteProtocolError("the page is not from a Net F/T")
     force = _unit(text, "cfgfu", FORCE_UNITS, FORCE_CODES)
     torque = _unit(text, "cfgtu", TORQUE_UNITS, TORQUE_CODES)
-    per_force, per_torque = (_number(_needed(text, name), name) for name in ("cfgcpf", "cfgcpt"))
+    per_force, per_torque = (_number(_required(text, name), name) for name in ("cfgcpf", "cfgcpt"))
     units: Wrench = (force, force, force, torque, torque, torque)
     scales: Wrench = (*(force / per_force,) * 3, *(torque / per_torque,) * 3)
     rate, number = _value(text, "comrdtrate"), _value(text, "setuserfilter")
-    told = _value(text, "runrate") or _value(text, "setrate")
-    internal = _number(told, "runrate") if told else None
+    rate_text = _value(text, "runrate") or _value(text, "setrate")
+    internal = _number(rate_text, "runrate") if rate_text else None
     return Configuration(
-        " ".join((_needed(text, "prodname"), _value(text, "cfgnam") or "")).strip(),
+        " ".join((_required(text, "prodname"), _value(text, "cfgnam") or "")).strip(),
         scales,
         _ratings(text, units),
         (_value(text, "comrdte") or "Enabled") not in ("Disabled", "0"),
@@ -112,22 +118,24 @@ def _period(rate_hz: float, internal_rate_hz: float) -> float:
 
 
 def _value(text: str, name: str) -> str | None:
-    """Text of a tag that is there once; None for one that is not there. Raises RemoteProtocolError for two of it."""
-    found = re.findall(rf"<{name}>([^<]*)</{name}>", text)
-    if len(found) > 1:
-        raise RemoteProtocolError(f"the page tells {name} {len(found)} times")
-    if not found:
+    """Return the text of a tag that may occur once; None if the tag is absent. Raises RemoteProtocolError if the
+    tag is repeated.
+    """
+    values = re.findall(rf"<{name}>([^<]*)</{name}>", text)
+    if len(values) > 1:
+        raise RemoteProtocolError(f"the page contains {name} {len(values)} times")
+    if not values:
         return None
-    value = str(found[0]).strip()
+    value = str(values[0]).strip()
     if len(value) > _VALUE_LIMIT or not value.isprintable():
-        raise RemoteProtocolError(f"the page tells {name} as something that is no value")
+        raise RemoteProtocolError(f"the page has an invalid value for {name}")
     return value
 
 
-def _needed(text: str, name: str) -> str:
+def _required(text: str, name: str) -> str:
     value = _value(text, name)
     if not value:
-        raise RemoteProtocolError(f"the page does not tell {name}")
+        raise RemoteProtocolError(f"the page does not contain {name}")
     return value
 
 
@@ -137,29 +145,33 @@ def _number(text: str, name: str) -> float:
     except ValueError:
         value = math.nan
     if not 1e-9 < value < 1e15:
-        raise RemoteProtocolError(f"the page tells {name} as {text!r}, and that is not a number above 0")
+        raise RemoteProtocolError(f"the page has {name} = {text!r}, which is not a number above 0")
     return value
 
 
 def _unit(text: str, code_tag: str, units: dict[str, float], codes: tuple[str, ...]) -> float:
-    """Return the unit that a page gives by name, in the tag `s…`, or only by its code."""
+    """Return the size of a unit in SI. The page gives the unit by its name, in the tag `s` + `code_tag`, or only by
+    its code.
+    """
     unit, code = _value(text, f"s{code_tag}"), _value(text, code_tag)
     if not unit and code:
         unit = codes[int(code) - 1] if code in tuple("123456") else f"of code {code}"
     if not unit:
-        raise RemoteProtocolError(f"the page does not tell s{code_tag}")
+        raise RemoteProtocolError(f"the page does not contain s{code_tag}")
     if unit not in units:
-        raise RemoteProtocolError(f"the page tells the unit {unit!r}; known: {', '.join(units)}")
+        raise RemoteProtocolError(f"the page has the unknown unit {unit!r}; known: {', '.join(units)}")
     return units[unit]
 
 
 def _ratings(text: str, units: Wrench) -> Wrench | None:
-    """Full scales, with semicolons, commas or blanks between; None where they cannot be read."""
+    """Parse the full scales, which are separated by semicolons, commas or blanks; None if they cannot be read."""
     try:
-        found = [_number(part, "cfgmr") for part in re.split(r"[;,\s]+", _needed(text, "cfgmr").strip(";, "))]
+        ratings = [
+            _number(part, "cfgmr") for part in re.split(r"[;,\s]+", _required(text, "cfgmr").strip(";, "))
+        ]
     except RemoteProtocolError:
         return None
-    if len(found) != len(units):
+    if len(ratings) != len(units):
         return None
-    fx, fy, fz, tx, ty, tz = (a * b for a, b in zip(found, units, strict=True))
+    fx, fy, fz, tx, ty, tz = (a * b for a, b in zip(ratings, units, strict=True))
     return fx, fy, fz, tx, ty, tz

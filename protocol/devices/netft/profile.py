@@ -1,4 +1,4 @@
-"""Settings of a client about its Net F/T."""
+"""Settings of the client of a Net F/T."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ _PRESETS: Mapping[str, Mapping[str, Preset]] = {
     "netbox": {"internal_rate_hz": Preset(INTERNAL_RATE_HZ, Mark.OBSERVED)},
     "axia": {"internal_rate_hz": Preset(AXIA_RATES_HZ[-1], Mark.ASSUMED)},
 }
-"""Defaults by the family."""
+"""Default settings of each family."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,37 +32,41 @@ class NetFtClientProfile:
     http_port: int = setting(
         HTTP_PORT,
         Mark.OBSERVED,
-        "port of its configuration page, where the URL does not name it",
+        "port of its configuration page, if the URL does not name one",
         between(1, 65535),
     )
     page_timeout_s: float = setting(
-        1.0, Mark.OBSERVED, "wait for one answer of the page, as netft-cpp does", above(0.0), unit="s"
+        1.0, Mark.OBSERVED, "timeout of one response of the page, as in netft-cpp", above(0.0), unit="s"
     )
     page_patience_s: float = setting(
-        15.0, Mark.CHOSEN, "patience with a page that does not come: a boot and more", above(0.0), unit="s"
+        15.0, Mark.CHOSEN, "timeout of an unreachable page: longer than a boot", above(0.0), unit="s"
     )
     silence_s: float = setting(
-        0.1, Mark.OBSERVED, "silence after which the stream is asked for again", above(0.0), unit="s"
+        0.1,
+        Mark.OBSERVED,
+        "time without a record after which the stream is requested again",
+        above(0.0),
+        unit="s",
     )
-    starts: int = setting(10, Mark.OBSERVED, "requests for a stream before it is given up", at_least(1))
+    starts: int = setting(10, Mark.OBSERVED, "requests for a stream before the session fails", at_least(1))
     family: Literal["netbox", "axia"] = setting(
-        "netbox", Mark.CHOSEN, "whose status word it sends: of a Net Box, or of an Ethernet Axia"
+        "netbox", Mark.CHOSEN, "device whose status word it sends: a Net Box or an Ethernet Axia"
     )
     internal_rate_hz: float = setting(
         None,
         Mark.OBSERVED,
-        "internal samples a second, which give the age of a record. By the family: 7000 of a Net Box; 488, 976, 1953, "
-        "3906 or 7812 of an Axia, by its setting",
+        "internal samples per second, which give the age of a record. By the family: 7000 of a "
+        "Net Box; 488, 976, 1953, 3906 or 7812 of an Axia, by its setting",
         above(0.0),
         unit="Hz",
     )
     zero_s: float = setting(
-        0.1, Mark.CHOSEN, "time of which the mean makes a zero", between(0.0, 10.0), unit="s"
+        0.1, Mark.CHOSEN, "duration over which a zero is averaged", between(0.0, 10.0), unit="s"
     )
 
     @property
     def presets(self) -> Mapping[str, Preset]:
-        """Defaults that depend on the family."""
+        """Default values of the settings that depend on the family."""
         return _PRESETS[self.family]
 
     def __post_init__(self) -> None:

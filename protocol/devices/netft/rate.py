@@ -1,6 +1,6 @@
-"""Watches at the begin of a stream whether its internal samples come at the rate that the client was given.
+"""Check, at the start of a stream, that the internal samples arrive at the configured rate.
 
-The age of a force hangs on this rate: a Net Box takes 7000 samples a second, an Axia another number.
+The age of a force depends on this rate. A Net Box takes 7000 samples per second, an Axia takes another number.
 """
 
 from collections import deque
@@ -8,33 +8,39 @@ from collections import deque
 from protocol.devices.netft.records import AXIA_RATES_HZ, INTERNAL_RATE_HZ
 
 KNOWN_RATES_HZ = (INTERNAL_RATE_HZ, *AXIA_RATES_HZ)
-"""Source: manuals of the Net Box and of the Ethernet Axia."""
+"""Known internal sample rates, Hz. Source: manuals of the Net Box and of the Ethernet Axia."""
 WINDOW_S = 0.2
-"""Chosen: length of a look at the stream."""
+"""Duration of a measurement window, s. Chosen."""
 WINDOWS = 3
-"""Chosen: looks in a row that agree before another rate is believed; a computer that is late makes some that differ."""
+"""Number of consecutive windows that must agree before a different rate is accepted. Chosen: a delayed computer
+produces some windows that do not agree.
+"""
 APART = 0.05
-"""Chosen: part by which another rate differs; the known ones are 11 % apart at least."""
+"""Relative difference from which a rate counts as a different rate. Chosen: the known rates differ by at least 11 %."""
 _NEAR = 0.03
-"""Chosen: part within which measured rates agree, and one is taken for a known one."""
+"""Relative difference within which measured rates agree with each other and with a known rate. Chosen."""
 
 
 class RateWatch:
-    """Looks at the first samples of a stream, then no more."""
+    """Measurement of the rate of the first samples of a stream."""
 
     def __init__(self, rate_hz: float) -> None:
         self._rate = rate_hz
         self._measured: deque[float] | None = None
-        """Other rates of the newest looks; None while it does not look."""
+        """Rates measured in the newest windows that deviate from the configured rate, Hz; None while no measurement
+        is in progress.
+        """
         self._since = (0, 0.0)
-        """Sample and time, s, at which the present look began."""
+        """Sequence number and arrival time, s, of the sample with which the current window started."""
 
     def begin(self, sequence: int, at: float) -> None:
-        """Begin a stream with this sample, received at this time, s."""
+        """Begin the measurement with a sample that arrived at time `at`, s."""
         self._measured, self._since = deque(maxlen=WINDOWS), (sequence, at)
 
     def take(self, sequence: int, at: float) -> float | None:
-        """Look at a sample and its arrival, s; the rate where it is another, Hz."""
+        """Use a sample that arrived at time `at`, s. Return the measured rate, Hz, if it differs from the
+        configured rate.
+        """
         begin, began_at = self._since
         if self._measured is None or at - began_at < WINDOW_S:
             return None
@@ -51,6 +57,8 @@ class RateWatch:
 
 
 def nearest_known(rate_hz: float) -> float:
-    """Return the known rate that measures as this one, Hz, or this rate rounded to a whole number."""
+    """Return the known rate that matches a measured rate, Hz; if none matches, the measured rate rounded to an
+    integer.
+    """
     nearest = min(KNOWN_RATES_HZ, key=lambda known: abs(known - rate_hz))
     return nearest if abs(nearest / rate_hz - 1.0) < _NEAR else round(rate_hz)

@@ -1,7 +1,7 @@
-"""Datagrams of an ATI Net F/T's raw data transfer (RDT): requests of 8 bytes, records of 36, high byte first.
+"""Datagrams of an ATI Net F/T's raw data transfer (RDT): requests of 8 bytes and records of 36 bytes, big-endian.
 
 Sources: ATI manuals 9620-05-NET FT, 9610-05-Ethernet Axia-09 and 9620-05-C-Ethernet Axia-02; the clients netft-cpp
-and NetFT, read for facts only.
+and NetFT, consulted for facts only.
 """
 
 import struct
@@ -12,24 +12,26 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.fields import Field, Layout, bit_words
+from protocol.fields import Field, Layout, describe_bits
 from protocol.marks import Mark
 from protocol.wrench import AXES
 
 HEADER = 0x1234
-"""Source: manual."""
+"""Number with which every request begins. Source: manual."""
 INTERNAL_RATE_HZ = 7000
-"""Internal samples a second of a Net Box. Source: manual."""
+"""Number of internal samples per second of a Net Box. Source: manual."""
 AXIA_RATES_HZ = (488, 976, 1953, 3906, 7812)
-"""Internal samples a second of an Axia, by its setting `setadcrate`. Source: manual; net_ft_driver's Axia interface."""
+"""Numbers of internal samples per second that an Axia supports, in the order of its setting `setadcrate`. Source:
+manual; net_ft_driver's Axia interface.
+"""
 WRAP = 1 << 32
-"""Both sequence numbers begin again at 0 behind this many. Source: manual of the Axia."""
+"""Modulus of both sequence numbers. Source: manual of the Axia."""
 BUFFER_LIMIT = 40
-"""Most records in one datagram. Source: clients."""
+"""Maximum number of records in one datagram. Source: clients."""
 
 
 class Command(IntEnum):
-    """Commands of a request. Source: manual."""
+    """Command in a request. Source: manual."""
 
     STOP = 0x0000
     START = 0x0002
@@ -40,20 +42,22 @@ class Command(IntEnum):
 
 
 EXTENDED_BIT = 0x8000
-"""In the command of an extended request."""
+"""Bit that marks the command of an extended request."""
 
 SUMMARY = 1 << 31
-"""Status bit: some error."""
+"""Status bit: summary, which is set for any error."""
 SATURATED = 1 << 17
-"""Status bit: a gage is at the end of its range, or the converter fails; the counts are no longer valid."""
+"""Status bit: a gage is saturated, or the converter has failed; the counts are no longer valid."""
 MONITOR = 1 << 16
-"""Status bit: a threshold was passed; latched."""
+"""Status bit: a threshold was exceeded. The bit is latched."""
 OUT_OF_RANGE = 1 << 30
-"""Status bit of an Axia: the load is more than its ratings bear together."""
+"""Status bit of an Axia: the combined load exceeds its ratings."""
 BUSY = 1 << 3
-"""Status bit of an Axia: it stores or changes a setting. No error, though the summary bit may come with it."""
+"""Status bit of an Axia: the sensor stores or changes a setting. This is not an error, although the summary bit may
+be set with it.
+"""
 SIMULATED = 1 << 28
-"""Status bit of an Axia: a simulated error. No error."""
+"""Status bit of an Axia: a simulated error, which is not an error."""
 _NETBOX_BITS = {
     30: "CPU or memory fault",
     29: "digital board",
@@ -85,7 +89,7 @@ _NETBOX_BITS = {
     2: "temperature",
     1: "HTTP",
 }
-"""Meaning of each bit but the summary, of a Net Box. Source: netft-cpp."""
+"""Meaning of each status bit of a Net Box except the summary bit. Source: netft-cpp."""
 _AXIA_BITS = {
     30: "force or torque out of range",
     29: "calibration checksum",
@@ -99,34 +103,36 @@ _AXIA_BITS = {
     1: "supply voltage out of range",
     0: "temperature out of range",
 }
-"""The same of an Axia. Source: manuals 9610-05-Ethernet Axia-09, tables 4.7 and 4.9, and 9620-05-C-02, table 5.7."""
+"""Meaning of each status bit of an Axia. Source: manuals 9610-05-Ethernet Axia-09, tables 4.7 and 4.9, and
+9620-05-C-02, table 5.7.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """A family of sensors that speak RDT: its samples, and its status word."""
+    """A family of sensors that support RDT, with its sample rate and its status bits."""
 
     rate_hz: int
-    """Most internal samples a second."""
+    """Maximum number of internal samples per second."""
     bits: Mapping[int, str]
-    """Meaning of each bit but the summary."""
+    """Meaning of each status bit except the summary bit."""
     harmless: int
-    """Bits that are no errors."""
+    """Status bits that are not errors."""
     summarised: int
-    """Those of them that the summary bit may come with."""
+    """Harmless bits with which the summary bit may be set."""
     saturated: int
-    """Bits of a load that is too large; the counts are no longer valid."""
+    """Status bits of an excessive load; the counts are no longer valid."""
     overloaded: int
-    """Status at the end of a gage."""
+    """Status word of a sensor with a saturated gage."""
     unplugged: int
-    """Status without a transducer. Mark: assumed."""
+    """Status word without a transducer. Mark: assumed."""
 
     def words(self, status: int) -> str:
-        """Describe the bits of a status, without the summary; empty for none."""
-        return bit_words(status, self.bits)
+        """Describe the bits of a status except the summary bit; empty if no other bit is set."""
+        return describe_bits(status, self.bits)
 
     def is_warning(self, status: int) -> bool:
-        """Whether the record may be used all the same: the status has bits that are no errors, and no others."""
+        """Return whether the status contains at least one harmless bit and no error; the record can then be used."""
         rest = status & ~SUMMARY if status & self.summarised else status
         return bool(rest) and not rest & ~self.harmless
 
@@ -150,29 +156,29 @@ AXIA = Family(
     SUMMARY | 1 << 2,
 )
 FAMILIES: Mapping[str, Family] = {"netbox": NETBOX, "axia": AXIA}
-"""By the name of the setting `family`."""
+"""Sensor families by the value of the setting `family`."""
 
 
 _REQUEST = (
     Field("header", 0, "H", Mark.OBSERVED, "1234"),
-    Field("command", 2, "H", Mark.OBSERVED, "high bit: names where the records shall go"),
+    Field("command", 2, "H", Mark.OBSERVED, "high bit: names the destination of the records"),
     Field("count", 4, "I", Mark.OBSERVED, "records to send; 0: until a stop"),
 )
 REQUEST = Layout("a request", 8, ">", _REQUEST)
 EXTENDED = Layout("an extended request", 14, ">", _REQUEST)
-"""A request that names the address and the port to which the records shall go, in its last six bytes."""
+"""Layout of a request that names the destination address and port of the records in its last six bytes."""
 RECORD = Layout(
     "a record",
     36,
     ">",
     (
-        Field("rdt_sequence", 0, "I", Mark.OBSERVED, "place in this stream"),
+        Field("rdt_sequence", 0, "I", Mark.OBSERVED, "sequence number in this stream"),
         Field("ft_sequence", 4, "I", Mark.OBSERVED, "number of the internal sample"),
         Field("status", 8, "I", Mark.OBSERVED, bits=_NETBOX_BITS),
         *(Field(axis, 12 + 4 * place, "i", Mark.OBSERVED, unit="counts") for place, axis in enumerate(AXES)),
     ),
 )
-"""Its counts, divided by the page's counts per unit, are forces and torques."""
+"""Layout of a record. Its counts, divided by the counts per unit from the page, are forces and torques."""
 RECORD_SIZE = RECORD.size
 
 
@@ -181,30 +187,30 @@ class Request(NamedTuple):
 
     command: int
     records: int = 0
-    """Records to send; 0: until a stop."""
+    """Number of records to send; 0 means until a stop."""
     extended: bool = False
-    """Whether it names where the records shall go."""
+    """Whether the request names the destination of the records."""
 
 
 class Record(NamedTuple):
     """One record."""
 
     rdt_sequence: int
-    """Its place in this stream, 1 for the first."""
+    """Sequence number in this stream; the first record has 1."""
     ft_sequence: int
-    """Number of the internal sample, 0 at power-up."""
+    """Sequence number of the internal sample, counted from 0 at power-up."""
     status: int
     counts: tuple[int, int, int, int, int, int]
-    """fx fy fz tx ty tz; divided by the page's counts per unit they are forces and torques."""
+    """Counts of fx fy fz tx ty tz. Divided by the counts per unit from the page, they are forces and torques."""
 
 
 def encode_request(command: Command, count: int = 0) -> bytes:
-    """Encode a request. Raises LocalProtocolError for a count that does not fit."""
+    """Encode a request. Raises LocalProtocolError if the count does not fit."""
     return REQUEST.pack_row(HEADER, command, count)
 
 
 def decode_request(data: bytes) -> Request:
-    """Decode a request. Raises RemoteProtocolError for another length or header."""
+    """Decode a request. Raises RemoteProtocolError if the length or the header is wrong."""
     extended = len(data) == EXTENDED.size
     if not extended and len(data) != REQUEST.size:
         raise RemoteProtocolError(f"a request has {REQUEST.size} or {EXTENDED.size} bytes, got {len(data)}")
@@ -217,7 +223,7 @@ def decode_request(data: bytes) -> Request:
 
 
 def encode_record(record: Record) -> bytes:
-    """Encode a record. Raises LocalProtocolError for values that do not fit."""
+    """Encode a record. Raises LocalProtocolError if a value does not fit."""
     try:
         return pack_record(record[0], record[1], record[2], *record[3])
     except struct.error as error:
@@ -225,7 +231,7 @@ def encode_record(record: Record) -> bytes:
 
 
 def decode_record(data: bytes) -> Record:
-    """Decode a record. Raises RemoteProtocolError for another length."""
+    """Decode a record. Raises RemoteProtocolError if the length is wrong."""
     if len(data) != RECORD_SIZE:
         raise RemoteProtocolError(f"{RECORD.name} has {RECORD_SIZE} bytes, got {len(data)}")
     rdt, ft, status, fx, fy, fz, tx, ty, tz = unpack_record(data)
@@ -233,12 +239,14 @@ def decode_record(data: bytes) -> Record:
 
 
 pack_record, unpack_record = RECORD.struct.pack, RECORD.struct.unpack
-"""Records come 7000 times a second: by the table's struct itself, and by names of this module."""
+"""Functions that pack and unpack a record: methods of the layout's own struct, for speed, because records arrive
+7000 times per second.
+"""
 
 
 @lru_cache(maxsize=64)
 def output_step(rate_hz: float, internal_rate_hz: float = INTERNAL_RATE_HZ) -> int:
-    """Return the number of internal samples between records at a requested rate, Hz. Mark: assumed, rounded so that
-    the rate is never lower.
+    """Return the number of internal samples between two records at a requested rate, Hz. Mark: assumed; it is
+    rounded so that the actual rate is never lower.
     """
-    return max(1, int(internal_rate_hz / rate_hz + 1e-6))  # a millionth keeps rounding from one step less
+    return max(1, int(internal_rate_hz / rate_hz + 1e-6))  # the millionth prevents rounding to one step less

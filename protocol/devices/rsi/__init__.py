@@ -1,4 +1,4 @@
-"""KUKA's Robot Sensor Interface: telegrams, angles, the client's end. Source: project specification of RSI."""
+"""KUKA Robot Sensor Interface (RSI): telegrams, angles, and the client. Source: project specification of RSI."""
 
 from protocol.devices.rsi.client import RsiClient
 from protocol.devices.rsi.describe import describe

@@ -1,9 +1,11 @@
-"""Axes and poses of KUKA's arms, by the sizes of each model.
+"""Kinematics of KUKA arms, from the dimensions of each model.
 
-A KUKA counts A1, A4 and A6 against the right hand. A2 is -90° with the upper arm upright, and A3 is 90° with the
-forearm at a right angle to it. With all axes of the wrist at zero and the forearm level, the tool's x axis points down.
+On a KUKA, A1, A4 and A6 are counted against the right-hand rule. A2 is -90° with the upper arm upright, and A3 is
+90° with the forearm at a right angle to the upper arm. With all wrist axes at zero and the forearm level, the
+tool's x axis points down.
 
-Observed: sizes, ranges, speeds and directions are those of kuka_kr16_support in ros-industrial/kuka_experimental.
+Observed: the dimensions, ranges, speeds and directions are from kuka_kr16_support in
+ros-industrial/kuka_experimental.
 """
 
 import math
@@ -16,20 +18,20 @@ from protocol.geometry import Pose, Vector
 from protocol.kinematics import Arm, Joints
 
 HOME: Joints = (0.0, -90.0, 90.0, 0.0, 90.0, 0.0)
-"""Chosen: the axes next to which those of the start are looked for, degrees."""
+"""Axes near which the nearest posture is chosen by default, degrees. Chosen."""
 _TURNED = (-1.0, 1.0, 1.0, -1.0, 1.0, -1.0)
 _AHEAD_DEG = (0.0, 90.0, -90.0, 0.0, 0.0, 180.0)
-"""An angle of `Arm` is the axis, turned round where that is -1, and so much more."""
+"""Offset of each angle of `Arm` from the KUKA axis, degrees, after the axis is negated where `_TURNED` is -1."""
 _SMALL_DEG = 1e-4
-"""Chosen: turn of an axis for the lever arm of a force."""
+"""Rotation of an axis with which the lever arm of a force is determined, degrees. Chosen."""
 
 _ROUNDING_DEG = 1e-9
-"""Angle beyond the end of a range that counts as inside."""
+"""Tolerance at the ends of a range, degrees. An angle within this tolerance counts as inside."""
 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """Sizes of an arm: an `ArmSize`."""
+    """Dimensions of an arm. It implements `ArmSize`."""
 
     axis_2_ahead_mm: float
     axis_2_height_mm: float
@@ -72,14 +74,14 @@ MODELS: Mapping[str, Model] = {
         axis_speeds_deg_s=(156.0, 156.0, 156.0, 330.0, 330.0, 615.0),
     )
 }
-"""Arms by name."""
+"""Known arms by name."""
 
 
 class KukaArm:
-    """Axes in degrees, as KUKA counts them, for poses of the tool, and back."""
+    """Converter between axes in KUKA's convention, degrees, and poses of the tool."""
 
     def __init__(self, model: str, tool_length: float) -> None:
-        """`tool_length` is the distance from the flange to the tool centre point, m."""
+        """Create a converter. `tool_length` is the distance from the flange to the tool centre point, m."""
         self.model = MODELS[model]
         self._arm = Arm(self.model, tool_length, self.model.axis_2_ahead_mm / 1e3)
         self.reach = tool_length + 1e-3 * (
@@ -88,32 +90,34 @@ class KukaArm:
             + math.hypot(self.model.elbow_offset_mm, self.model.forearm_mm)
             + self.model.wrist_to_flange_mm
         )
-        """No tool is farther from an axis than this, m."""
+        """Upper limit of the distance of the tool from any axis, m."""
 
     def pose(self, axes: Joints) -> Pose:
-        """Where the tool is with these axes."""
+        """Return the pose of the tool for these axes."""
         return self._arm.pose(_from_kuka(axes))
 
     def holding(self, pose: Pose, near: Joints = HOME) -> Joints | None:
-        """Return the axes, nearest to the given ones, that hold a pose; None if no axes do."""
+        """Return the axes nearest to `near` that hold the tool in a pose; None if no axes do."""
         joints = self._arm.nearest(pose.position, pose.quaternion, _from_kuka(near))
         return None if joints is None else _to_kuka(joints)
 
     def allows(self, axes: Joints) -> bool:
-        """Whether each axis stands inside its range."""
+        """Return whether each axis is inside its range."""
         ranges = zip(self.model.lowest_deg, axes, self.model.highest_deg, strict=True)
         return all(low - _ROUNDING_DEG <= axis <= high + _ROUNDING_DEG for low, axis, high in ranges)
 
     def torques(self, axes: Joints, force: Vector) -> tuple[float, ...]:
-        """Torque that a force on the tool centre point, base frame, N, exerts on each axis, N·m: by Jᵀ·F."""
+        """Return the torque on each axis, N·m, caused by a force on the tool centre point, N, in the base frame: τ
+        = Jᵀ·F.
+        """
         at = self.pose(axes).position
         torques = []
         for index in range(len(axes)):
             a, b, c, d, e, f = (
                 axis + (_SMALL_DEG if number == index else 0.0) for number, axis in enumerate(axes)
             )
-            moved = self.pose((a, b, c, d, e, f)).position
-            work = sum(part * (to - was) for part, to, was in zip(force, moved, at, strict=True))
+            position = self.pose((a, b, c, d, e, f)).position
+            work = sum(part * (to - was) for part, to, was in zip(force, position, at, strict=True))
             torques.append(work / math.radians(_SMALL_DEG))
         return tuple(torques)
 

@@ -1,12 +1,13 @@
-"""The client's end: each telegram of the robot is answered once, with the correction that the newest set point needs.
+"""RSI client: answers each telegram of the robot once, with the correction for the newest set point.
 
-A correction is the way from where the robot would be without it, in the base frame: X Y Z in mm, and angles A B C in
-degrees whose turn comes after the robot's own, R = R(A B C)·R₀. In absolute mode an answer carries the whole
-correction, in relative mode its change since the answer that the robot has taken last.
+A correction is the offset from the robot's uncorrected pose, in the base frame: X Y Z in mm, and angles A B C in
+degrees whose rotation is applied after the robot's own rotation, R = R(A B C)·R₀. In absolute mode, an answer
+carries the entire correction. In relative mode, it carries the change since the last answer that the robot
+accepted.
 
-Its count of late answers tells which ones it has taken. So those after a lost answer make good for it, little by
-little, and the set point and the robot stay together. A telegram that comes again, or behind a later one, gets no
-answer: its cycle is over, and an increment must not count twice.
+The robot's count of late answers shows which answers it has accepted. After a lost answer, the next answers
+compensate for the loss gradually, so that the set point and the robot stay together. A repeated telegram, or one
+that arrives after a later one, gets no answer: its cycle is over, and an increment must not be applied twice.
 
 Source: project specification of RSI, sections 3, 5 and 9.
 """
@@ -37,49 +38,51 @@ from protocol.kinematics import Joints
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
 
 DECIMALS = 6
-"""Observed: decimals of every number that public clients send."""
+"""Number of decimals in an answer. Observed: public clients send this number."""
 STANDING_MM = 0.05
-"""Chosen: a difference between actual and set position below it is none when a session begins."""
+"""Largest difference between actual and set position that counts as zero when a session starts, mm. Chosen."""
 STANDING_DEG = 0.01
-"""Chosen: the same of their turn, and of each axis where the axes are corrected."""
-_RENUMBERED = Trouble("its clock jumped", "see which program sends to this port")
+"""Largest difference between actual and set rotation that counts as zero when a session starts, degrees. Chosen. If
+the axes are corrected, it also applies to each axis.
+"""
+_RENUMBERED = Trouble("its clock jumped", "check which program sends to this port")
 
 
-class _Answered(NamedTuple):
-    """The answer that was given last."""
+class _LastAnswer(NamedTuple):
+    """The last answer sent."""
 
     ipoc: int
     late: int | None
     before: Correction
-    """Correction of the robot if it has not taken this answer."""
+    """Current correction of the robot if it did not accept this answer."""
     axes_before: Joints
-    """That of its axes, where they are corrected."""
+    """Current correction of the axes if the robot did not accept this answer and the axes are corrected."""
 
 
 class RsiClient:
-    """A `StreamClient` for a controller that opens the conversation."""
+    """`StreamClient` for a controller that sends first."""
 
     def __init__(self, link: RsiLink) -> None:
         self._link = link
         self._events: deque[StreamEvent] = deque()
         self._out: list[bytes] = []
         self._unanswered: deque[int] = deque()
-        """Clocks of the telegrams that were told and not answered yet."""
+        """Clocks (IPOC) of the telegrams that were reported and have not been answered yet."""
         self._continuity, self._response = Continuity(link), Response(link)
         self._axes_offset: Joints = NO_TURN
-        """Correction of the axes that the newest telegram shows, where they are corrected."""
-        self._answered: _Answered | None = None
+        """Difference between actual and set axes in the newest telegram, degrees, if the axes are corrected."""
+        self._last_answer: _LastAnswer | None = None
         self._total: Correction = NO_CORRECTION
-        """Correction that the robot has, as far as is known."""
-        self._aim: Correction = NO_CORRECTION
-        """Correction that the newest set point asked for."""
-        self._began: tuple[Pose, Correction] | None = None
-        """Pose and correction at which the movement began; None outside of one."""
+        """Current correction of the robot, as far as it is known."""
+        self._target: Correction = NO_CORRECTION
+        """Correction for the newest set point."""
+        self._start: tuple[Pose, Correction] | None = None
+        """Pose and correction at which the movement began; None outside a movement."""
         self._garbled = self._limited = False
         self._axes: AxisChannel | None = AxisChannel(link) if link.correction == "axes" else None
         self._tags = axis_tags(link.axis_tag) if self._axes else pose_tags(link.correction_tag)
 
-    # --- as an endpoint
+    # --- Endpoint
 
     def receive(self, data: Sequence[bytes], now: float) -> None:
         for datagram in data:
@@ -87,11 +90,11 @@ class RsiClient:
                 telegram = read_telegram(datagram, self._axes is not None)
             except RemoteProtocolError as error:
                 if not self._garbled:
-                    self._tell("garbled", f"a telegram is not understood: {error}")
+                    self._notice("garbled", f"invalid telegram: {error}")
                 self._garbled = True
                 continue
             self._garbled = False
-            self._take(telegram, arrived_at(datagram, now))
+            self._process_telegram(telegram, arrived_at(datagram, now))
 
     def next_event(self) -> StreamEvent | None:
         return self._events.popleft() if self._events else None
@@ -104,76 +107,78 @@ class RsiClient:
         return None
 
     def handle_deadline(self, now: float) -> None:
-        """There is none: the robot drives the cycle."""
+        """Do nothing: this client has no deadline, because the robot drives the cycle."""
 
     # --- movements
 
     def begin(self, pose: Pose) -> None:
         offset = self._response.offset
         if self._response.strayed and offset is not None:
-            self._set(offset, self._axes_offset)  # as it did not come along, continue from where it is
-        self._began, self._aim = (pose, self._total), self._total
+            self._set(
+                offset, self._axes_offset
+            )  # the robot did not follow: continue from its actual position
+        self._start, self._target = (pose, self._total), self._total
         self._limited = False
         self._response.begin_movement()
 
     def end(self) -> None:
-        self._began = None
+        self._start = None
 
     def target(self, pose: Pose, now: float) -> None:
-        if not self._in_time():
+        if not self._is_in_time():
             return
-        total, before = self._total, self._aim
-        self._aim = total
-        if self._began is not None and not self._response.halted:
-            self._aim = correction_for(pose, self._began, total)
-        bounded = clamp(self._aim, self._link)
-        if not self._limited and math.dist(bounded, self._aim) > 1e-9:
+        total, before = self._total, self._target
+        self._target = total
+        if self._start is not None and not self._response.halted:
+            self._target = correction_for(pose, self._start, total)
+        bounded = clamp(self._target, self._link)
+        if not self._limited and math.dist(bounded, self._target) > 1e-9:
             self._limited = True
-            self._tell(
+            self._notice(
                 "correction",
                 f"the correction stays within {self._link.limit_mm:g} mm and {self._link.limit_deg:g}° of the robot's "
                 "program; begin nearer, or raise limit_mm, limit_deg and POSCORR's limits",
             )
-        change = tuple([to - was for to, was in zip(self._aim, before, strict=True)])
+        change = tuple([to - was for to, was in zip(self._target, before, strict=True)])
         self._answer(step_towards(bounded, total, change, self._link))
 
     def hold(self, now: float) -> None:
-        if self._in_time():
+        if self._is_in_time():
             self._answer(self._total)
 
-    def _in_time(self) -> bool:
-        """Whether the telegram that was told first of those without an answer is one of the present cycle."""
+    def _is_in_time(self) -> bool:
+        """Return whether the oldest unanswered telegram belongs to the current cycle and may be answered."""
         ipoc = self._unanswered.popleft()
         return (
-            not self._response.ran_away
+            not self._response.has_run_away
             and ipoc == self._continuity.newest
-            and (self._answered is None or self._answered.ipoc != ipoc)
+            and (self._last_answer is None or self._last_answer.ipoc != ipoc)
         )
 
     # --- telegrams
 
-    def _take(self, telegram: RobotTelegram, at: float) -> None:
-        """Place a telegram in the stream, report it, and see whether the robot has taken the answer before."""
+    def _process_telegram(self, telegram: RobotTelegram, at: float) -> None:
+        """Classify a telegram, report it, and determine whether the robot accepted the previous answer."""
         newest = self._continuity.newest
         arrival, sequence, cycles = self._continuity.place(telegram, at, self._total)
         if arrival is Arrival.STRAY:
-            self._tell("numbers", f"a telegram of clock {telegram.ipoc} behind {newest} is not heeded")
+            self._notice("numbers", f"a telegram of clock {telegram.ipoc} after {newest} is ignored")
         if arrival is Arrival.OLD:
             self._report(telegram, at, sequence)
         if arrival in (Arrival.STRAY, Arrival.STRAY_AGAIN, Arrival.OLD):
             return
         if self._axes is not None:
-            self._learn(telegram, self._axes)
+            self._store_axes(telegram, self._axes)
         if arrival in (Arrival.RESTARTED, Arrival.RESUMED):
             self._begin_session(telegram, arrival is Arrival.RESTARTED)
         else:
-            self._settle(telegram, cycles)
-        if text := self._response.observe(telegram.offset, self._total, self._began is not None):
-            self._tell("correction", text)
+            self._check_accepted(telegram, cycles)
+        if text := self._response.observe(telegram.offset, self._total, self._start is not None):
+            self._notice("correction", text)
         self._report(telegram, at, sequence, _RENUMBERED if arrival is Arrival.RENUMBERED else NO_TROUBLE)
 
-    def _learn(self, telegram: RobotTelegram, channel: AxisChannel) -> None:
-        """Note where the axes are and would be."""
+    def _store_axes(self, telegram: RobotTelegram, channel: AxisChannel) -> None:
+        """Store the actual axes and the axes set by the program."""
         if telegram.planned is not None and telegram.planned_axes is not None:
             channel.learn(Programmed(telegram.planned, telegram.planned_axes))
             if telegram.axes is not None:
@@ -193,8 +198,10 @@ class RsiClient:
         )
 
     def _begin_session(self, telegram: RobotTelegram, restarted: bool) -> None:
-        """Begin a session after the robot's program restarted or was silent: its correction is the reported one."""
-        self._answered = None
+        """Begin a session after the robot's program restarted or was silent. The reported correction becomes the
+        current one.
+        """
+        self._last_answer = None
         self._response.begin_session(restarted)
         offset = telegram.offset or NO_CORRECTION
         turns = (*offset[3:], *(self._axes_offset if self._axes is not None else ()))
@@ -202,18 +209,20 @@ class RsiClient:
             self._set(offset, self._axes_offset)
         else:
             self._set(NO_CORRECTION, NO_TURN)
-        if self._began is not None:
-            self._began = None
+        if self._start is not None:
+            self._start = None
             why = (
-                "its program has restarted, or moves by itself"
+                "its program restarted, or moves by itself"
                 if restarted
                 else f"it sent nothing for {SESSION_MS / 1e3:g} s"
             )
-            self._events.append(StreamLost(f"{why}: the correction of before no longer holds"))
+            self._events.append(StreamLost(f"{why}: the previous correction is no longer valid"))
 
-    def _settle(self, telegram: RobotTelegram, cycles: int) -> None:
-        """See from the count of late answers whether the last one was taken: all cycles between were late then."""
-        answered, self._answered = self._answered, None
+    def _check_accepted(self, telegram: RobotTelegram, cycles: int) -> None:
+        """Determine from the count of late answers whether the robot accepted the last answer. If it did not, all
+        cycles since that answer count as late.
+        """
+        answered, self._last_answer = self._last_answer, None
         if answered is None or answered.late is None or telegram.late is None:
             return
         if telegram.late - answered.late < cycles:
@@ -225,7 +234,7 @@ class RsiClient:
             self._axes.total = answered.axes_before
 
     def _set(self, correction: Correction, axes: Joints) -> None:
-        """Set the robot's present correction."""
+        """Set the current correction of the robot and of its axes."""
         self._total = correction
         if self._axes is not None:
             self._axes.total = axes
@@ -234,7 +243,7 @@ class RsiClient:
     # --- answers
 
     def _answer(self, correction: Correction) -> None:
-        """Answer the newest telegram."""
+        """Answer the newest telegram with a step to this correction."""
         ipoc, before, channel = self._continuity.newest, self._total, self._axes
         assert ipoc is not None
         had, values = before, correction
@@ -244,7 +253,7 @@ class RsiClient:
                 values, correction, refusal = channel.follow(before, correction)
                 if refusal and not self._limited:
                     self._limited = True
-                    self._tell("correction", refusal)
+                    self._notice("correction", refusal)
         relative = self._link.mode == "relative"
         if relative:
             values = tuple([to - was for to, was in zip(values, had, strict=True)])
@@ -257,9 +266,9 @@ class RsiClient:
         else:
             axes_before, channel.total = channel.total, (a, b, c, d, e, f)
             self._total = correction
-        self._answered = _Answered(ipoc, self._continuity.late, before, axes_before)
+        self._last_answer = _LastAnswer(ipoc, self._continuity.late, before, axes_before)
         telegram = Telegram(SENSOR, self._link.sentype, dict(zip(self._tags, texts, strict=True)), ipoc)
         self._out.append(encode(telegram))
 
-    def _tell(self, kind: str, text: str) -> None:
+    def _notice(self, kind: str, text: str) -> None:
         self._events.append(StreamNotice(kind, text))

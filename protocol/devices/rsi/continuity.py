@@ -1,4 +1,6 @@
-"""Whether a telegram continues the session of those before: by its clock, its count of late answers, its set pose."""
+"""Classification of telegrams: whether one continues the session, by its clock, its count of late answers, and its
+set pose.
+"""
 
 import math
 from enum import Enum, auto
@@ -12,61 +14,68 @@ from protocol.kinematics import Joints
 from protocol.numbering import AHEAD_MAX, NewNumbers
 
 SESSION_MS = 1000
-"""Chosen: a clock that jumps by more, either way, is that of a restarted program."""
+"""Largest jump of the clock within a program, in either direction, ms. Chosen. A larger jump means that the program
+was restarted.
+"""
 PLANNED_MM = 0.1
-"""Chosen: a set position that moves by more is that of a program that was restarted, or that moves by itself."""
+"""Largest change of the set position between two telegrams of one session, mm. Chosen. A larger change means that
+the program was restarted, or moves by itself.
+"""
 PLANNED_DEG = 0.02
-"""Chosen: the same of a set axis, where the axes are corrected."""
+"""Largest change of a set axis between two telegrams of one session, degrees, if the axes are corrected. Chosen. A
+larger change means that the program was restarted, or moves by itself.
+"""
 
 
 class Arrival(Enum):
-    """What a telegram is to those before."""
+    """Relation of a telegram to the previous ones."""
 
     NEXT = auto()
     RENUMBERED = auto()
-    """The next one, of a clock that jumped."""
+    """The next telegram, but its clock has jumped."""
     RESTARTED = auto()
-    """The first of a program that was restarted, or moves by itself."""
+    """The first telegram of a program that was restarted or moves by itself."""
     RESUMED = auto()
-    """The first after a silence, or at all."""
+    """The first telegram of all, or the first after a silence."""
     OLD = auto()
-    """It was held up, or came again."""
+    """The telegram was delayed or repeated."""
     STRAY = auto()
-    """Of a clock from elsewhere, the first of such ones."""
+    """The first in a series of telegrams with an unrelated clock."""
     STRAY_AGAIN = auto()
 
 
 class Place(NamedTuple):
-    """The place of a telegram in the stream."""
+    """Classification and position of a telegram in the stream."""
 
     arrival: Arrival
     sequence: int
-    """Its number in the stream, in cycles."""
+    """Sequence number in the stream, in cycles."""
     cycles: int
-    """Cycles since the telegram before."""
+    """Number of cycles since the previous telegram."""
 
 
 class Continuity:
-    """Knows the newest telegram of a robot, and places the next one."""
+    """Tracker of the newest telegram of a robot. It classifies the next telegram."""
 
     def __init__(self, link: RsiLink) -> None:
         self._link = link
         self.newest: int | None = None
-        """Clock of the newest telegram, ms."""
+        """Clock (IPOC) of the newest telegram, ms."""
         self.late: int | None = None
-        """Its count of late answers."""
+        """Count of late answers in the newest telegram."""
         self._strays = NewNumbers(link.cycle_ms * 1e-3, link.cycle_ms)
-        """Telegrams whose clocks do not follow; they are not answered."""
+        """Telegrams with clocks that do not continue the session. They are not answered."""
         self._sequence = 0
         self._received_at = -math.inf
         self._planned: Pose | None = None
-        """Set position of the newest telegram with one."""
+        """Set position in the newest telegram that contains one."""
         self._planned_axes: Joints | None = None
-        """Set axes of the newest telegram with them."""
+        """Set axes in the newest telegram that contains them."""
 
     def place(self, telegram: RobotTelegram, at: float, total: Correction) -> Place:
-        """Place a telegram that came at a time, s, of a robot with this correction. It is the newest then, unless it is
-        old or stray.
+        """Classify a telegram that arrived at time `at`, s. `total` is the current correction of the robot.
+
+        The telegram becomes the newest unless it is old or stray.
         """
         arrival, cycles = self._judge(telegram, at, total)
         if arrival in (Arrival.OLD, Arrival.STRAY, Arrival.STRAY_AGAIN):
@@ -79,7 +88,7 @@ class Continuity:
         return Place(arrival, self._sequence, cycles)
 
     def _judge(self, telegram: RobotTelegram, at: float, total: Correction) -> tuple[Arrival, int]:
-        """Classify a telegram and count the cycles since the newest."""
+        """Classify a telegram and count the cycles since the newest one."""
         since_ms, cycle = (at - self._received_at) * 1e3, self._link.cycle_ms
         silent = at - self._received_at > SESSION_MS / 1e3
         if self.newest is None:
@@ -99,12 +108,12 @@ class Continuity:
         return Arrival.RESUMED if silent else Arrival.NEXT, cycles
 
     def _is_corrected(self, telegram: RobotTelegram, total: Correction) -> bool:
-        """Whether the robot is where its correction brought it, so that only the numbers are others."""
+        """Return whether the robot is at its corrected position, which means that only the clock has changed."""
         offset = telegram.offset
         return offset is not None and math.dist(offset[:3], total[:3]) <= self._link.stray_mm
 
     def _is_restarted(self, telegram: RobotTelegram) -> bool:
-        """Whether the count of late answers has restarted, or the set position is another."""
+        """Return whether the count of late answers has restarted, or the set position has changed."""
         if telegram.late is not None and self.late is not None and telegram.late < self.late:
             return True
         if telegram.planned_axes is not None and self._planned_axes is not None:

@@ -1,4 +1,6 @@
-"""Corrections of a pose: X Y Z in mm, and angles A B C in degrees whose turn comes after the robot's own."""
+"""Corrections of a pose: X Y Z in mm, and angles A B C in degrees whose rotation is applied after the robot's own
+rotation.
+"""
 
 import math
 
@@ -7,20 +9,21 @@ from protocol.devices.rsi.profile import RsiLink
 from protocol.geometry import Pose, angles_of, from_angles, inverse, product
 
 Correction = tuple[float, ...]
-"""X Y Z in mm, A B C in degrees."""
+"""Correction: X Y Z in mm, A B C in degrees."""
 NO_CORRECTION: Correction = (0.0,) * 6
 
 
 def offset_between(actual: Pose, planned: Pose) -> Correction:
-    """Return the correction between two poses."""
+    """Return the correction that leads from the planned to the actual pose."""
     x, y, z = ((there - here) * 1e3 for there, here in zip(actual.position, planned.position, strict=True))
     return (x, y, z, *angles_of(product(actual.quaternion, inverse(planned.quaternion))))
 
 
 def correction_for(pose: Pose, origin: tuple[Pose, Correction], near: Correction) -> Correction:
-    """Return the correction that brings the robot to a pose, given a pose and its correction as `origin`.
+    """Return the correction that brings the robot to a pose. `origin` is a pose together with the correction that
+    leads to it.
 
-    Its angles are those next to `near`.
+    Of all equivalent angles, the ones nearest to `near` are returned.
     """
     (position, quaternion), (x0, y0, z0, a0, b0, c0) = origin
     (x, y, z), (u, v, w) = pose.position, position
@@ -31,7 +34,7 @@ def correction_for(pose: Pose, origin: tuple[Pose, Correction], near: Correction
 
 
 def clamp(correction: Correction, link: RsiLink) -> Correction:
-    """Limit a correction to the range of the link."""
+    """Limit a correction to the range configured for the link."""
     most, most_deg = link.limit_mm, link.limit_deg
     return (
         *[max(-most, min(most, value)) for value in correction[:3]],
@@ -40,7 +43,9 @@ def clamp(correction: Correction, link: RsiLink) -> Correction:
 
 
 def step_towards(goal: Correction, here: Correction, change: Correction, link: RsiLink) -> Correction:
-    """As much of the way as one cycle allows: the `change` of the set point, and a little of what the robot lags."""
+    """Return the correction after one cycle: a step from `here` towards `goal`. The step may be as long as the set
+    point's `change` plus what is allowed for catching up, but no faster than the robot's maximum speed.
+    """
     x, y, z, a, b, c = [to - at for to, at in zip(goal, here, strict=True)]
     u, v, w, d, e, f = change
     cycle = link.cycle_ms / 1e3

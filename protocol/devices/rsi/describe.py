@@ -1,4 +1,4 @@
-"""Captured telegrams of either direction put into words, for people to read."""
+"""Textual description of captured RSI telegrams of either direction."""
 
 import re
 
@@ -11,10 +11,10 @@ _BLANK = b" \t\r\n"
 
 
 def describe(raw: bytes) -> list[dict[str, object]]:
-    """Telegrams, and everything else, in a capture of either direction or of both, in order, as plain values.
+    """Describe the telegrams and all other bytes in a capture of one or both directions, in order, as plain values.
 
     Every item has `offset`, `size` and `kind` ("telegram" or "noise"). A telegram adds `root`, `direction`, `type`,
-    `ipoc`, `fields` with units and `problems`. Never raises for what the bytes are.
+    `ipoc`, `fields` with units, and `problems`. Never raises, regardless of the bytes.
     """
     items: list[dict[str, object]] = []
     at = 0
@@ -68,11 +68,9 @@ def _field(tag: str, text: str) -> dict[str, object]:
 def _problems(telegram: Telegram) -> list[str]:
     problems = [] if telegram.type else ["the root has no Type"]
     if telegram.root == ROBOT and "RIst.X" not in telegram.values:
-        problems.append("it tells no RIst: enter DEF_RIst into the controller's configuration")
+        problems.append("RIst is missing: add DEF_RIst to the controller's configuration")
     if telegram.root == SENSOR and not telegram.values:
-        problems.append(
-            f"it carries nothing but {CLOCK}: every channel keeps its value or falls to 0, by HOLDON"
-        )
+        problems.append(f"it contains only {CLOCK}: every channel keeps its value or falls to 0, by HOLDON")
     return problems
 
 

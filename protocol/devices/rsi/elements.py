@@ -1,7 +1,7 @@
-"""Elements of telegrams as a usual configuration of the controller names them: meaning and units, by name.
+"""Meaning and units of the telegram elements in a common configuration of the controller, by name.
 
-An element's numbers are its attributes: X Y Z A B C of a pose, A1 … A6 of axes. Decoding does not need this table, for
-a configuration may name any channel; monitor, `decode` and the client's own tags come from it.
+An element's numbers are its attributes: X Y Z A B C of a pose, A1 … A6 of axes. Decoding does not need this table,
+because a configuration may use any name. The monitor, `decode` and the client's own tags use it.
 """
 
 from collections.abc import Mapping
@@ -9,30 +9,30 @@ from enum import Enum
 from typing import NamedTuple
 
 POSE_AXES = ("X", "Y", "Z", "A", "B", "C")
-"""Attributes of a Cartesian value in the vendor's order: mm, then degrees."""
+"""Attributes of a Cartesian value in the vendor's order; the first three are in mm, the others in degrees."""
 AXES = ("A1", "A2", "A3", "A4", "A5", "A6")
-"""Attributes of a value of the robot's axes."""
+"""Attributes of a value for the robot's axes."""
 
 
 class Content(Enum):
-    """Content of an element."""
+    """Kind of values that an element contains."""
 
     POSE = "pose"
     """X Y Z in mm, A B C in degrees."""
     ANGLES = "angles"
-    """Degrees."""
+    """Angles in degrees."""
     NUMBER = "number"
     TEXT = "text"
 
 
 class Element(NamedTuple):
-    """One element."""
+    """Meaning and contents of an element."""
 
     meaning: str
     content: Content = Content.NUMBER
 
     def unit(self, attribute: str) -> str:
-        """Return the unit of the number in an attribute; empty without any."""
+        """Return the unit of the number in an attribute; empty if it has no unit."""
         if self.content is Content.POSE and attribute in POSE_AXES:
             return "mm" if attribute in POSE_AXES[:3] else "°"
         return "°" if self.content is Content.ANGLES else ""
@@ -41,7 +41,7 @@ class Element(NamedTuple):
 ELEMENTS: Mapping[str, Element] = {
     "RIst": Element("actual pose of the tool", Content.POSE),
     "RSol": Element("set pose, without correction", Content.POSE),
-    "RKorr": Element("Cartesian correction: added, or the whole of it, by the mode of RSI_ON", Content.POSE),
+    "RKorr": Element("Cartesian correction: increment or total, by the mode of RSI_ON", Content.POSE),
     "AIPos": Element("actual axes", Content.ANGLES),
     "ASPos": Element("set axes", Content.ANGLES),
     "EIPos": Element("actual external axes"),
@@ -58,16 +58,16 @@ ELEMENTS: Mapping[str, Element] = {
     "EStr": Element("message for the controller's panel", Content.TEXT),
     "ProgStatus": Element("state of the program: 3 runs, 4 stopped"),
 }
-"""By name; the names of corrections and of further channels are those of a usual configuration."""
+"""Known elements by name. The names of the corrections and of further channels are from a common configuration."""
 CHANNEL = Element("channel of the configuration")
-"""Every other one."""
+"""Description of any element that is not in `ELEMENTS`."""
 
 
 def pose_tags(element: str) -> tuple[str, ...]:
-    """Tags of a Cartesian element, as `RIst` or `RKorr`, in the vendor's order."""
+    """Return the tags of a Cartesian element, such as `RIst` or `RKorr`, in the vendor's order."""
     return tuple(f"{element}.{axis}" for axis in POSE_AXES)
 
 
 def axis_tags(element: str) -> tuple[str, ...]:
-    """Tags of an element of the robot's axes, as `AIPos` or `AK`, axis 1 first."""
+    """Return the tags of an element of the robot's axes, such as `AIPos` or `AK`, from axis 1 on."""
     return tuple(f"{element}.{axis}" for axis in AXES)

@@ -1,4 +1,4 @@
-"""The Ethernet configuration of a controller, an XML file on its disk, as its ETHERNET object reads it.
+"""Parser of the Ethernet configuration of a controller, the XML file that its ETHERNET object reads.
 
 Source: project specification of RSI, section 2.
 """
@@ -8,56 +8,60 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 ELEMENTS_MOST = 128
-"""Chosen: elements of a direction. An ETHERNET object has 64 channels, and each DEF_ has no channel."""
+"""Maximum number of elements per direction. Chosen. An ETHERNET object has 64 channels; DEF_ elements use no
+channel.
+"""
 _DEFINED = "DEF_"
 _LONGEST = 40
-"""Chosen: characters of a tag, a name or an address."""
+"""Maximum number of characters in a tag, a name or an address. Chosen."""
 
 
 class Received(NamedTuple):
-    """An element that the controller takes from an answer."""
+    """Settings of an answer's element that the controller reads."""
 
     channel: str
-    """INDX: output of the ETHERNET object, 1 to 64, or INTERNAL."""
+    """Output of the ETHERNET object, 1 to 64, or INTERNAL (INDX)."""
     holds: bool
-    """It keeps its value in a cycle without an answer, else it falls to 0. Assumed: it keeps where HOLDON is absent."""
+    """Whether the element keeps its value in a cycle without an answer (HOLDON); otherwise the value becomes 0.
+    Assumed default: it keeps the value.
+    """
 
 
 class EthernetFile(NamedTuple):
-    """What a controller's Ethernet configuration says of its wire."""
+    """Communication settings in a controller's Ethernet configuration."""
 
     host: str
-    """Address that it sends to; empty where it names none."""
+    """Address to which the controller sends; empty if it is not set."""
     port: str
     sentype: str
     sends_alone: bool
-    """ONLYSEND: it takes no answers."""
+    """Whether the controller reads no answers (ONLYSEND)."""
     sends: tuple[str, ...]
-    """Tags of its telegrams as they are on the wire, without `DEF_`."""
+    """Tags in the controller's telegrams as on the wire, without `DEF_`."""
     receives: Mapping[str, Received]
-    """Elements of an answer by tag."""
+    """Elements that the controller reads in an answer, by tag."""
 
 
 class _NoDoctype(ElementTree.TreeBuilder):
-    """A tree without a document type, whose entities could grow without end."""
+    """Tree builder that rejects document types, because their entities could expand without limit."""
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        """Raise ValueError."""
+        """Raise ValueError for any document type."""
         raise ValueError(f"it has a document type, {name[:20]!r}; remove it")
 
 
 def read_ethernet_file(data: bytes) -> EthernetFile:
-    """Read the contents of a file. Raises ValueError with the reason for an invalid one."""
+    """Parse the contents of an Ethernet configuration file. Raises ValueError with the reason if they are invalid."""
     try:
         root = ElementTree.fromstring(data, ElementTree.XMLParser(target=_NoDoctype()))
     except (ElementTree.ParseError, LookupError) as error:
-        raise ValueError(f"no XML that can be read: {error}") from None
+        raise ValueError(f"invalid XML: {error}") from None
     if root.tag != "ROOT" or root.find("CONFIG") is None:
-        raise ValueError("its root must be ROOT with a CONFIG in it, as of an Ethernet configuration of RSI")
+        raise ValueError("its root must be ROOT with a CONFIG in it, as in an Ethernet configuration of RSI")
     holds: dict[str, Received] = {}
     sent, received = (root.findall(f"{name}/ELEMENTS/ELEMENT") for name in ("SEND", "RECEIVE"))
     if max(len(sent), len(received)) > ELEMENTS_MOST:
-        raise ValueError(f"more than {ELEMENTS_MOST} elements of a direction")
+        raise ValueError(f"more than {ELEMENTS_MOST} elements in one direction")
     for element in received:
         tag = _tag(element)
         hold = element.get("HOLDON", "1").strip()
@@ -66,11 +70,11 @@ def read_ethernet_file(data: bytes) -> EthernetFile:
         if tag in holds:
             raise ValueError(f"{tag!r} is in RECEIVE twice")
         holds[tag] = Received(element.get("INDX", "").strip(), hold == "1")
-    only = _word("ONLYSEND", root.findtext("CONFIG/ONLYSEND", "FALSE")).upper()
+    only = _plain_text("ONLYSEND", root.findtext("CONFIG/ONLYSEND", "FALSE")).upper()
     if only not in ("TRUE", "FALSE"):
         raise ValueError(f"ONLYSEND must be TRUE or FALSE, got {only!r}")
     host, port, sentype = (
-        _word(name, root.findtext(f"CONFIG/{name}", "")) for name in ("IP_NUMBER", "PORT", "SENTYPE")
+        _plain_text(name, root.findtext(f"CONFIG/{name}", "")) for name in ("IP_NUMBER", "PORT", "SENTYPE")
     )
     return EthernetFile(
         host,
@@ -83,15 +87,15 @@ def read_ethernet_file(data: bytes) -> EthernetFile:
 
 
 def _tag(element: ElementTree.Element) -> str:
-    tag = _word("TAG", element.get("TAG", ""))
+    tag = _plain_text("TAG", element.get("TAG", ""))
     if not tag:
         raise ValueError("an ELEMENT has no TAG")
     return tag.removeprefix(_DEFINED)
 
 
-def _word(name: str, text: str) -> str:
-    """Return a value without surrounding space. Raises ValueError for one that is long or cannot be printed."""
+def _plain_text(name: str, text: str) -> str:
+    """Return a value without surrounding white space. Raises ValueError if it is too long or not printable."""
     text = text.strip()
     if len(text) > _LONGEST or not text.isprintable():
-        raise ValueError(f"{name} is no plain word: {text[:_LONGEST]!r}")
+        raise ValueError(f"{name} is not a plain word: {text[:_LONGEST]!r}")
     return text

@@ -1,4 +1,4 @@
-"""Contents of a robot's telegram, as its client reads them."""
+"""Contents of a robot's telegram in the form that the client uses."""
 
 import math
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ _STATUS = "ProgStatus.R"
 _ACTUAL, _SET, _LATE = pose_tags("RIst"), pose_tags("RSol"), "Delay.D"
 _ACTUAL_AXES, _SET_AXES = axis_tags("AIPos"), axis_tags("ASPos")
 NO_POSE = Pose((math.nan,) * 3, (1.0, 0.0, 0.0, 0.0))
-"""Pose of a telegram whose position is not numeric; nothing moves with it."""
+"""Pose of a telegram whose position is not numeric. The robot is not moved to it."""
 
 
 class RobotTelegram(NamedTuple):
@@ -28,36 +28,34 @@ class RobotTelegram(NamedTuple):
     planned: Pose | None
     """Set position, without any correction; None if the telegram has none."""
     late: int | None
-    """Answers that came late or not at all, since the program began; None if the telegram has no count."""
+    """Number of answers that were late or missing since the program started; None if the telegram has no count."""
     status: float | None
     axes: Joints | None = None
     """Actual axes, degrees; None if they are missing or not numeric."""
     planned_axes: Joints | None = None
-    """Set axes, without any correction."""
+    """Set axes, without any correction, degrees; None if they are missing or not numeric."""
     missing: str = ""
-    """Missing element that a correction of the axes needs; empty if none is missing."""
+    """Name of a missing element that a correction of the axes needs; empty if none is missing."""
 
     @property
     def offset(self) -> Correction | None:
-        """Actual less set position; None where one of them is not known."""
+        """Difference between actual and set position; None if one of them is unknown."""
         return (
             None if self.planned is None or self.pose is NO_POSE else offset_between(self.pose, self.planned)
         )
 
 
 def read_telegram(raw: bytes, needs_axes: bool) -> RobotTelegram:
-    """Read a telegram of the robot; a position that is not a number is reported as invalid.
+    """Parse a telegram of the robot. A position that is not numeric becomes `NO_POSE`.
 
-    Raises RemoteProtocolError for one without a position or a clock.
+    Raises RemoteProtocolError if the position or the clock is missing.
     """
     telegram = decode(raw)
     values = telegram.values
     if telegram.root != ROBOT:
-        raise RemoteProtocolError(f"it is a {telegram.root} telegram, not one of a robot")
+        raise RemoteProtocolError(f"it is a {telegram.root} telegram, not one from a robot")
     if not all(map(values.__contains__, _ACTUAL)):
-        raise RemoteProtocolError(
-            "it has no RIst; enter DEF_RIst into the controller's Ethernet configuration"
-        )
+        raise RemoteProtocolError("it has no RIst; add DEF_RIst to the controller's Ethernet configuration")
     pose, planned = _pose(values, _ACTUAL), _pose(values, _SET)
     late = number(values[_LATE]) if _LATE in values else None
     status = number(values[_STATUS]) if _STATUS in values else None
@@ -71,26 +69,28 @@ def read_telegram(raw: bytes, needs_axes: bool) -> RobotTelegram:
 
 
 def _axes(values: Mapping[str, str], tags: tuple[str, ...]) -> Joints | None:
-    """Return the axes in these values, degrees; None if one is not a number."""
+    """Parse the values of these tags as axes, degrees; None if a value is missing or not a number."""
     try:
-        found = numbers(values, tags)
+        axes = numbers(values, tags)
     except RemoteProtocolError:
         return None
-    if found is None:
+    if axes is None:
         return None
-    a, b, c, d, e, f = found
+    a, b, c, d, e, f = axes
     return a, b, c, d, e, f
 
 
 def _pose(values: Mapping[str, str], tags: tuple[str, ...]) -> Pose | None:
-    """Return the pose in these values; None if one is missing or not a number."""
+    """Parse the values of these tags as a pose; None if a value is missing or not a number."""
     texts = tuple([values.get(tag) for tag in tags])
     return None if None in texts else _pose_in(texts)
 
 
 @lru_cache(maxsize=4)
 def _pose_in(texts: tuple[str, ...]) -> Pose | None:
-    """Return the pose in X Y Z A B C; None if one is not a number. A set position stays the same for long."""
+    """Parse X Y Z A B C as a pose; None if a value is not a number. The result is cached, because a set position
+    rarely changes.
+    """
     try:
         return pose_of([*map(number, texts)])
     except RemoteProtocolError:

@@ -1,10 +1,10 @@
-"""Telegrams of KUKA's Robot Sensor Interface: one XML document a datagram, and the numbers in it.
+"""Telegrams of KUKA's Robot Sensor Interface: one XML document per datagram, and the numbers in it.
 
-A telegram is a root with a type, elements, and the controller's clock, IPOC, as its last element. A value is named as
-the Ethernet configuration of the controller names it: `RKorr.X` is the attribute X of the element RKorr, `DiO` is the
-text of the element DiO.
+A telegram is a root element with a type. It contains elements, the last of which is the controller's clock, IPOC.
+Values are named as in the Ethernet configuration of the controller: `RKorr.X` is the attribute X of the element
+RKorr, `DiO` is the text of the element DiO.
 
-Source: project specification of RSI, sections 2 and 3. Marks stand beside what was assumed.
+Source: project specification of RSI, sections 2 and 3. Marks indicate assumptions.
 """
 
 import math
@@ -17,69 +17,74 @@ from xml.etree import ElementTree
 from protocol.endpoint import RemoteProtocolError
 
 LARGEST_BYTES = 8192
-"""Chosen: longest telegram that is read. A robot's has 250 … 600 bytes (observed); all 64 channels fit, too."""
+"""Maximum number of bytes in a telegram. Chosen: a robot's telegram has 250 … 600 bytes (observed), and all 64
+channels fit, too.
+"""
 LARGEST_IPOC = 2**63 - 1
-"""Derived: all public clients keep the clock in 64 bits with a sign."""
+"""Largest value of the clock. Derived: all public clients store the clock as a signed 64-bit integer."""
 LARGEST_NUMBER = 1e9
-"""Chosen: a value beyond it is no position, angle or correction."""
+"""Largest magnitude of a number. Chosen: no position, angle or correction is larger."""
 ROBOT, SENSOR = "Rob", "Sen"
-"""Roots: from the robot, and to it."""
+"""Names of the root element in a telegram from the robot and in an answer."""
 ROOT_TYPES = ("Type", "TYPE")
-"""Spellings of the root's attribute; both were observed: in the vendor's client library, and in others' simulators."""
+"""Spellings of the root's type attribute. Both were observed: one in the vendor's client library, the other in
+third-party simulators.
+"""
 CLOCK = "IPOC"
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?")
 _CLOCK = re.compile(r"[0-9]{1,19}")
 _LONGEST_NUMBER = 64
-"""Chosen: characters of a number that is read."""
+"""Maximum number of characters in a number. Chosen."""
 _SPECIAL = re.compile('[&<"]')
 _ATTRIBUTE, _ELEMENT = '"([!#-%(-;=?-~]*)"', ">([!#-%'-;=?-~]+)<"
-"""Texts that need no more than to be cut out: of printable ASCII, without space, markup or quotes."""
+"""Patterns of texts that need no unescaping: printable ASCII, without space, markup or quotes."""
 _FORMS_MAX = 64
-"""Chosen: forms of telegrams that are kept. A robot and its client have one each."""
+"""Maximum number of telegram forms that are cached. Chosen: a robot and its client have one form each."""
 
 
 class Telegram(NamedTuple):
-    """A telegram of either direction."""
+    """A telegram in either direction."""
 
     root: str
-    """`Rob` or `Sen`."""
+    """Name of the root element, `Rob` or `Sen`."""
     type: str
-    """Name in the root: KUKA, or the SENTYPE of the controller's configuration."""
+    """Type in the root element: KUKA, or the SENTYPE of the controller's configuration."""
     values: Mapping[str, str]
     """Texts by tag, in the order of the telegram, without IPOC."""
     ipoc: int
-    """Clock of the controller, ms; an answer repeats that of the telegram that it answers."""
+    """Clock of the controller, ms. An answer repeats the clock of the telegram that it answers."""
 
 
 class _Form(NamedTuple):
-    """All telegrams that differ in their texts alone."""
+    """Form common to all telegrams that differ only in their texts."""
 
     root: str
     tags: tuple[str, ...]
     pattern: re.Pattern[str]
-    """With a group for type, each value and clock."""
+    """Pattern with a group for the type, for each value, and for the clock."""
 
 
-_known: list[_Form] = []
-"""Forms of the vendor's kind that were read."""
+_forms: list[_Form] = []
+"""Cached forms of the parsed telegrams that were in the vendor's format."""
 
 
 def encode(telegram: Telegram, type_attribute: str = ROOT_TYPES[0]) -> bytes:
-    """Encode the telegram in the vendor's form: one line, tags of one element side by side, IPOC last.
+    """Encode the telegram in the vendor's format: one line, tags of one element next to each other, IPOC last.
 
-    Observed: the vendor's own client library (kuka_external_control_sdk) finds each number by its place in that form.
+    Observed: the vendor's own client library (kuka_external_control_sdk) locates each number by its position in
+    this format.
     """
     form = _form(telegram.root, type_attribute, tuple(telegram.values))
     texts = (telegram.type, *telegram.values.values())
     if _SPECIAL.search("".join(texts)):
-        texts = tuple(map(_escaped, texts))
+        texts = tuple(map(_escape, texts))
     return (form % (*texts, telegram.ipoc)).encode()
 
 
 @lru_cache(maxsize=_FORMS_MAX)
 def _form(root: str, type_attribute: str, tags: tuple[str, ...]) -> str:
-    """Return the vendor's form of a telegram with these tags, with a place for each text: a side sends one form all the
-    time.
+    """Return a telegram with these tags in the vendor's format, with a placeholder for each text. The result is
+    cached, because each side always sends the same form.
     """
     parts = [f'<{root} {type_attribute}="%s">']
     inside = ""
@@ -102,49 +107,50 @@ def _form(root: str, type_attribute: str, tags: tuple[str, ...]) -> str:
 
 
 def decode(raw: bytes) -> Telegram:
-    """Decode the telegram in a datagram, in any order and with any white space (assumed of the controller, too).
+    """Decode the telegram in a datagram. Tags may be in any order and with any white space (assumed for the
+    controller, too).
 
-    Raises RemoteProtocolError for one that is too long, not well-formed, or has no clock. A document type, an entity
-    and a prolog are refused before they are read.
+    Raises RemoteProtocolError if the telegram is too long, is not well-formed, or has no clock. A document type, an
+    entity or a prolog is rejected before parsing.
     """
     if len(raw) > LARGEST_BYTES:
         raise RemoteProtocolError(f"a telegram of {len(raw)} bytes is longer than {LARGEST_BYTES}")
     try:
         text = raw.decode()
     except UnicodeDecodeError as error:
-        raise RemoteProtocolError(f"no telegram: byte {error.start} is no text in UTF-8") from None
-    for form in _known:
-        if found := form.pattern.fullmatch(text):
-            kind, *values, clock = found.groups()
+        raise RemoteProtocolError(f"not a telegram: byte {error.start} is not valid UTF-8") from None
+    for form in _forms:
+        if match := form.pattern.fullmatch(text):
+            kind, *values, clock = match.groups()
             return Telegram(form.root, kind, dict(zip(form.tags, values, strict=True)), _ipoc(clock))
-    telegram = _parsed(text)
-    _learn(telegram, raw)
+    telegram = _parse(text)
+    _cache_form(telegram, raw)
     return telegram
 
 
-def _learn(telegram: Telegram, raw: bytes) -> None:
-    """Keep the form of a telegram that is in the vendor's: others of it are read by that alone."""
+def _cache_form(telegram: Telegram, raw: bytes) -> None:
+    """Cache the form of a telegram in the vendor's format, so that similar telegrams need no XML parser."""
     tags = tuple(telegram.values)
     for attribute in ROOT_TYPES:
-        if len(_known) < _FORMS_MAX and encode(telegram, attribute) == raw:
+        if len(_forms) < _FORMS_MAX and encode(telegram, attribute) == raw:
             text = re.escape(_form(telegram.root, attribute, tags))
             for place, group in (('"%s"', _ATTRIBUTE), (">%s<", _ELEMENT), (">%d<", _ELEMENT), ("%%", "%")):
                 text = text.replace(place, group)
             form = _Form(telegram.root, tags, re.compile(text))
-            if form not in _known:
-                _known.append(form)
+            if form not in _forms:
+                _forms.append(form)
 
 
-def _parsed(text: str) -> Telegram:
-    """Parse a telegram of any form."""
+def _parse(text: str) -> Telegram:
+    """Parse a telegram of any form with the XML parser."""
     if "<!" in text or "<?" in text:
-        raise RemoteProtocolError("a telegram has neither a prolog nor a document type")
+        raise RemoteProtocolError("a telegram must not have a prolog or a document type")
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
-        raise RemoteProtocolError(f"no telegram: {error}") from None
+        raise RemoteProtocolError(f"not a telegram: {error}") from None
     if root.tag not in (ROBOT, SENSOR):
-        raise RemoteProtocolError(f"no telegram: the root is {root.tag[:20]!r}, not {ROBOT} or {SENSOR}")
+        raise RemoteProtocolError(f"not a telegram: the root is {root.tag[:20]!r}, not {ROBOT} or {SENSOR}")
     values: dict[str, str] = {}
     for element in root:
         if element.attrib or not (element.text or "").strip():
@@ -164,7 +170,9 @@ def _ipoc(clock: str) -> int:
 
 
 def number(text: str) -> float:
-    """Parse a number. Raises RemoteProtocolError for anything else, such as NaN, and for one that is too large."""
+    """Parse a number. Raises RemoteProtocolError for any other text, such as NaN, and for a number that is too
+    large.
+    """
     if len(text) > _LONGEST_NUMBER or not _NUMBER.fullmatch(text):
         raise RemoteProtocolError(f"{text[:24]!r} is not a number")
     value = float(text)
@@ -174,19 +182,23 @@ def number(text: str) -> float:
 
 
 def numbers(values: Mapping[str, str], tags: Iterable[str]) -> list[float] | None:
-    """Parse the numbers of these tags; None if one is missing. Raises RemoteProtocolError as `number` does."""
+    """Parse the numbers of these tags; None if one is missing. Raises RemoteProtocolError if a text is not a valid
+    number.
+    """
     texts = [values.get(tag) for tag in tags]
-    found = [text for text in texts if text is not None]
-    return [number(text) for text in found] if len(found) == len(texts) else None
+    present = [text for text in texts if text is not None]
+    return [number(text) for text in present] if len(present) == len(texts) else None
 
 
 def fixed(value: float, decimals: int) -> str:
-    """Format a number as both sides do: fixed point, no plus, no exponent, and no minus before zero."""
+    """Format a number in the format that both sides use: fixed point, without a plus, an exponent, or a minus
+    before zero.
+    """
     if not math.isfinite(value):
         raise ValueError(f"{value} cannot be sent")
     text = f"{value:.{decimals}f}"
     return text[1:] if text.startswith("-") and not text.strip("-0.") else text
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     return text.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")

@@ -1,1 +1,3 @@
-"""Universal Robots' RTDE, and what stands beside it: the dashboard's lines and programs on the script port."""
+"""Universal Robots' RTDE and the related interfaces: the dashboard server, the script port, and the primary and
+real-time interfaces.
+"""

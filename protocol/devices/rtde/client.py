@@ -1,7 +1,8 @@
-"""The bridge's client of a controller: a `StreamClient` over its three wires.
+"""Client of a controller: a `StreamClient` over the controller's three connections.
 
-It asks the dashboard whether the robot is ready, agrees on recipes, uploads our program and waits until that plays.
-From then on each data packet becomes a report, and is answered at once with one input package.
+It asks the dashboard whether the robot is ready, negotiates recipes, uploads the bridge's program and waits until
+the program is playing. From then on, each data packet becomes a report and is answered at once with one input
+package.
 """
 
 from enum import Enum, auto
@@ -14,7 +15,7 @@ from protocol.devices.rtde.data_packet import (
     STATES,
     Values,
     describe_strange_types,
-    find_misplacement,
+    find_pose_mismatch,
     find_slow,
     find_trouble,
     read_force,
@@ -36,66 +37,70 @@ from protocol.outbox import Mailbox
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice, pose_fault
 
 ANSWER_S = 1.0
-"""How long the controller may take for an answer. Source: the time-out of UR's own Python client."""
+"""Time limit for a response of the controller, s. Source: the time-out of UR's own Python client."""
 PLAY_S = 5.0
-"""How long the program may take to play. Source: ur_rtde's time-out."""
+"""Time limit from the upload until the program is playing, s. Source: ur_rtde's time-out."""
 TRIES = 5
-"""Chosen: how often registers that are in use are asked for; a controller may keep those of a lost client a while."""
+"""Number of requests for registers that are in use. Chosen: a controller may reserve the registers of a lost client
+for a while.
+"""
 AGAIN_S = 0.2
-"""Chosen: time between two of these tries."""
+"""Time between two requests for registers that are in use, s. Chosen."""
 SETTLE_LOOKAHEADS = 5.0
-"""Chosen: for so many lookahead times behind a movement the arm is let come to its set point; 1 % of a lag is left."""
+"""Time for the arm to reach its set point after a movement, as a multiple of the lookahead time. Chosen: 1 % of the
+lag remains.
+"""
 _SEQUENCE_MAX = 2**31 - 1
 _FIRST_MAX = 2**30
-"""The first sequence number is at most this, so that it stands far from the end of its register."""
+"""Upper limit of the first sequence number, chosen to be far from the end of the register's range."""
 
 
 class _Stage(Enum):
     DASHBOARD = auto()
     VERSION = auto()
     CONTROLLER = auto()
-    """The version of its software is asked, by a client that only looks."""
+    """The software version is requested. Only a client that does not control the robot has this stage."""
     OUTPUTS = auto()
     INPUTS = auto()
     WAITING = auto()
-    """The registers are in use; they are asked for again."""
+    """The registers are in use and will be requested again."""
     START = auto()
     FIRST = auto()
-    """No data packet has come yet."""
+    """No data packet has arrived yet."""
     UPLOADED = auto()
-    """The program does not play yet."""
+    """The program is not playing yet."""
     STREAMING = auto()
     LOST = auto()
 
 
-_PORT = "look at the address, the cable and the port"
+_PORT = "check the address, the cable and the port"
 _LATE = {
     _Stage.DASHBOARD: Trouble(
-        "its dashboard does not answer", "look at the cable and the port, or set dashboard_port to 0"
+        "its dashboard does not respond", "check the cable and the port, or set dashboard_port to 0"
     ),
-    _Stage.VERSION: Trouble("it does not answer over RTDE", _PORT),
-    _Stage.CONTROLLER: Trouble("it does not answer over RTDE", _PORT),
-    _Stage.OUTPUTS: Trouble("it does not answer over RTDE", _PORT),
-    _Stage.INPUTS: Trouble("it does not answer over RTDE", _PORT),
-    _Stage.START: Trouble("it does not start to send", "look at its log"),
-    _Stage.FIRST: Trouble("it sends no data", "look at its log"),
+    _Stage.VERSION: Trouble("it does not respond over RTDE", _PORT),
+    _Stage.CONTROLLER: Trouble("it does not respond over RTDE", _PORT),
+    _Stage.OUTPUTS: Trouble("it does not respond over RTDE", _PORT),
+    _Stage.INPUTS: Trouble("it does not respond over RTDE", _PORT),
+    _Stage.START: Trouble("it does not start sending", "check its log"),
+    _Stage.FIRST: Trouble("it sends no data", "check its log"),
     _Stage.UPLOADED: Trouble(
-        "the program does not play", "look at its log, and whether it is in remote control"
+        "the program is not playing", "check its log, and whether it is in remote control"
     ),
 }
-"""Words for a stage that takes too long."""
+"""Trouble to report for each stage that has timed out."""
 
 
 class RtdeClient(Mailbox[Piece, StreamEvent]):
-    """A controller's client; see `protocol.robot.StreamClient`."""
+    """Client of a controller: a `protocol.robot.StreamClient`."""
 
     def __init__(self, profile: ClientProfile, now: float, looks: bool = False) -> None:
-        """Create a client; one that only `looks` reports: it uploads no program and writes no input.
+        """Create a client. With `looks`, it only reports: it uploads no program and writes no input.
 
-        It requests the registers of a run, to detect another client that holds them; closing the connection frees
-        them.
+        It requests the registers that a run needs, to detect another client that holds them. Closing the connection
+        releases the registers.
         """
-        self._profile, self._looks = profile, looks
+        self._profile, self._read_only = profile, looks
         self._reader = Reader()
         super().__init__()
         self._now = now
@@ -107,17 +112,17 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
         self._outputs: Recipe | None = None
         self._inputs: Recipe | None = None
         self._pose = (0.0,) * 6
-        """In the last input package."""
+        """Pose in the last input package."""
         self._sequence = 0
         self._clock = PacketClock(profile)
         self._movement = Movement()
-        self._gone = False
-        """Our program was stopped; it is uploaded once."""
+        self._was_stopped = False
+        """Whether the bridge's program was stopped. The program is uploaded only once."""
         self._stage = _Stage.DASHBOARD
         if not profile.dashboard_port:
             self._negotiate(now)
 
-    # --- as an endpoint
+    # --- Endpoint
 
     def receive(self, data: Pieces, now: float) -> None:
         self._now = now
@@ -125,31 +130,31 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
             if self._stage is _Stage.LOST:
                 return
             if piece.port is Port.DASHBOARD:
-                self._take_lines(piece.data, now)
+                self._process_lines(piece.data, now)
             elif piece.port is Port.RTDE:
                 self._reader.feed(piece.data)
-                self._take_packets(now)
+                self._process_packets(now)
 
     def handle_deadline(self, now: float) -> None:
         if self._due is None or now < self._due:
             return
         self._now = now
         if self._stage is _Stage.LOST:
-            self._lose(self._lost)
+            self._fail(self._lost)
         elif self._stage is _Stage.WAITING:
             self._ask_inputs(now)
         elif self._stage is _Stage.STREAMING:
             self._due = None
             if self._movement.moving:
                 self._movement.latched = True
-                silent = f"nothing came for {self._profile.silent_ms:g} ms"
-                self._events.append(StreamLost(silent, "look at its cable, then begin again"))
+                silent = f"nothing received for {self._profile.silent_ms:g} ms"
+                self._events.append(StreamLost(silent, "check its cable, then start again"))
         elif self._stage in _LATE:
             rest = self._reader.waiting
-            strange = Trouble(f"it speaks no RTDE: {rest} bytes came that are no packet", _PORT)
-            self._lose(strange if rest else _LATE[self._stage])
+            strange = Trouble(f"it does not speak RTDE: {rest} bytes received that are not a packet", _PORT)
+            self._fail(strange if rest else _LATE[self._stage])
 
-    # --- as a stream's client
+    # --- StreamClient
 
     def begin(self, pose: Pose) -> None:
         self._movement.begin()
@@ -168,7 +173,7 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
             self._send(Command.IDLE)
 
     def end(self) -> None:
-        """End the movement: without a fault the arm reaches its set point, else it brakes at once."""
+        """End the movement. Without a fault, the arm continues to its set point; otherwise it brakes at once."""
         packages = round(SETTLE_LOOKAHEADS * self._profile.lookahead_s / self._profile.cycle_s)
         if not self._movement.end(packages):
             self._send(Command.STOP)
@@ -178,7 +183,7 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
         self._send(Command.SERVO)
 
     def farewell(self) -> Pieces:
-        """Pieces that end the program, to be sent before the wires are closed."""
+        """Return the data that ends the program. It must be sent before the connections are closed."""
         if self._inputs is None or self._stage is _Stage.LOST:
             return ()
         self._out = []
@@ -186,14 +191,14 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
         self._out.append(Piece(Port.RTDE, packets.encode(Kind.PAUSE)))
         return self.data_to_send(0.0)
 
-    # --- the way to the stream
+    # --- connection set-up
 
-    def _take_lines(self, data: bytes, now: float) -> None:
+    def _process_lines(self, data: bytes, now: float) -> None:
         for line in self._dashboard.feed(data):
             if self._stage is not _Stage.DASHBOARD:
                 continue
             if trouble := self._dashboard.take(line):
-                self._lose(trouble)
+                self._fail(trouble)
             elif question := self._dashboard.question:
                 self._out.append(Piece(Port.DASHBOARD, f"{question}\n".encode()))
                 self._due = now + ANSWER_S
@@ -201,43 +206,43 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
                 self._negotiate(now)
 
     def _negotiate(self, now: float) -> None:
-        self._ask(_Stage.VERSION, packets.version_request(), now)
+        self._request(_Stage.VERSION, packets.version_request(), now)
 
-    def _ask(self, stage: _Stage, packet: bytes, now: float, patience: float = ANSWER_S) -> None:
+    def _request(self, stage: _Stage, packet: bytes, now: float, patience: float = ANSWER_S) -> None:
         self._stage, self._due = stage, now + patience
         self._out.append(Piece(Port.RTDE, packet))
 
     def _ask_outputs(self, now: float) -> None:
         rate = 1.0 / self._profile.cycle_s
-        self._ask(_Stage.OUTPUTS, packets.outputs_request(OUTPUT_NAMES, rate), now)
+        self._request(_Stage.OUTPUTS, packets.outputs_request(OUTPUT_NAMES, rate), now)
 
     def _ask_inputs(self, now: float) -> None:
-        self._ask(_Stage.INPUTS, packets.inputs_request(INPUT_NAMES), now)
+        self._request(_Stage.INPUTS, packets.inputs_request(INPUT_NAMES), now)
 
-    def _take_packets(self, now: float) -> None:
+    def _process_packets(self, now: float) -> None:
         while self._stage is not _Stage.LOST:
             try:
                 packet = self._reader.next_packet()
                 if packet is None:
                     return
-                self._take_packet(packet, now)
+                self._process_packet(packet, now)
             except RemoteProtocolError as error:
-                self._lose(Trouble(f"it speaks no RTDE: {error}"))
+                self._fail(Trouble(f"it does not speak RTDE: {error}"))
 
-    def _take_packet(self, packet: Packet, now: float) -> None:
+    def _process_packet(self, packet: Packet, now: float) -> None:
         stage, kind, payload = self._stage, packet.kind, packet.payload
         if kind == Kind.TEXT:
-            words = packets.read_text(payload)
-            self._events.append(StreamNotice("controller", f"{words.source}: {words.message}"))
+            message = packets.read_text(payload)
+            self._events.append(StreamNotice("controller", f"{message.source}: {message.message}"))
         elif kind == Kind.DATA:
             if stage in (_Stage.FIRST, _Stage.UPLOADED, _Stage.STREAMING):
-                self._take_data(payload, now)
+                self._process_data(payload, now)
         elif kind == Kind.VERSION and stage is _Stage.VERSION:
             if not packets.read_accepted(payload):
-                self._lose(Trouble("it does not speak version 2 of RTDE", "update its software"))
+                self._fail(Trouble("it does not speak version 2 of RTDE", "update its software"))
                 return
-            if self._looks:
-                self._ask(_Stage.CONTROLLER, packets.encode(Kind.CONTROLLER_VERSION), now)
+            if self._read_only:
+                self._request(_Stage.CONTROLLER, packets.encode(Kind.CONTROLLER_VERSION), now)
             else:
                 self._ask_outputs(now)
         elif kind == Kind.CONTROLLER_VERSION and stage is _Stage.CONTROLLER:
@@ -249,45 +254,47 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
             if self._outputs is not None:
                 self._ask_inputs(now)
         elif kind == Kind.INPUTS and stage is _Stage.INPUTS:
-            self._take_inputs(packets.read_types(payload), now)
+            self._process_inputs(packets.read_types(payload), now)
         elif kind == Kind.START and stage is _Stage.START:
             if not packets.read_accepted(payload):
-                self._lose(Trouble("it refuses to start its data", "look at its log"))
+                self._fail(Trouble("it refuses to start its data", "check its log"))
                 return
             self._stage, self._due = _Stage.FIRST, now + ANSWER_S
 
-    def _take_inputs(self, answer: packets.Types, now: float) -> None:
+    def _process_inputs(self, answer: packets.Types, now: float) -> None:
         if IN_USE in answer.types:
             self._tries -= 1
             if not self._tries:
-                self._lose(Trouble("another client holds its input registers from 24 on", "close that one"))
+                self._fail(
+                    Trouble("another client holds its input registers from 24 on", "close the other client")
+                )
                 return
             self._stage, self._due = _Stage.WAITING, now + AGAIN_S
             return
         recipe = self._recipe(INPUT_NAMES, answer)
         if recipe is not None:
-            self._inputs = None if self._looks else recipe
-            self._ask(_Stage.START, packets.encode(Kind.START), now)
+            self._inputs = None if self._read_only else recipe
+            self._request(_Stage.START, packets.encode(Kind.START), now)
 
     def _recipe(self, names: tuple[str, ...], answer: packets.Types) -> Recipe | None:
-        """Return the recipe that the controller accepted; None if it refused, which ends the connection."""
+        """Return the recipe that the controller accepted; None if it refused, in which case the session ends."""
         missing = [name for name, kind in zip(names, answer.types, strict=False) if kind == NOT_FOUND]
         if missing:
-            self._lose(Trouble(f"its software has no {missing[0]}", "update it"))
+            self._fail(Trouble(f"its software has no {missing[0]}", "update it"))
             return None
         if not answer.recipe or answer.types != EXPECTED[names]:
-            self._lose(Trouble(describe_strange_types(names, answer), "update it"))
+            self._fail(Trouble(describe_strange_types(names, answer), "update it"))
             return None
         return Recipe(answer.recipe, names, answer.types)
 
     # --- data packets
 
-    def _take_data(self, payload: bytes, now: float) -> None:
+    def _process_data(self, payload: bytes, now: float) -> None:
         assert self._outputs is not None, "there is no data without a recipe"
         values = self._outputs.unpack(payload)
         stage, self._due = self._stage, now + self._profile.silent_ms / 1000.0
         self._clock.take(values[0])
-        if self._looks:
+        if self._read_only:
             self._stage = _Stage.STREAMING
             self._events.append(ReportReceived(self._report(values, now)))
             return
@@ -298,7 +305,7 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
             self._events.append(ReportReceived(report))
             return
         if stage is _Stage.FIRST:
-            # Our program tells this number when it starts. An older program's state may still stand in the registers.
+            # The bridge's program reports this number when it starts. Until then, the registers may hold an old state.
             self._sequence = int(min(abs(self._clock.stamp or 0.0), _FIRST_MAX) * 1e3) % _FIRST_MAX + 1
         self._send(Command.IDLE)
         if stage is _Stage.FIRST:
@@ -314,7 +321,7 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
             self._stage = _Stage.STREAMING
             return
         elif now >= self._play_by:
-            self._lose(find_trouble(values, False) or _LATE[_Stage.UPLOADED])
+            self._fail(find_trouble(values, False) or _LATE[_Stage.UPLOADED])
             return
         self._due = min(self._play_by, now + ANSWER_S)
 
@@ -325,26 +332,27 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
         at = self._clock.sent_at(now) - profile.report_age_cycles * profile.cycle_s
         pose = read_pose(values)
         if wrong := pose_fault(pose):
-            told = f"it reports {wrong}"
-            trouble = trouble._replace(fact=f"{trouble.fact}; {told}" if trouble else told)
+            fault = f"it reports {wrong}"
+            trouble = trouble._replace(fact=f"{trouble.fact}; {fault}" if trouble else fault)
         elif not (active or trouble):
-            trouble = find_misplacement(values)
+            trouble = find_pose_mismatch(values)
         force = read_force(values)
         return RobotReport(self._clock.number, pose, at, now, trouble.fact, (), force, trouble.remedy)
 
     def _find_trouble(self, values: Values, active: bool) -> Trouble:
-        """Reason for which nothing can be ordered, by a packet and those before."""
-        self._gone = self._gone or values[STATES] == Runtime.STOPPED
+        """Return the reason why no order can be given, derived from this packet and the previous ones."""
+        self._was_stopped = self._was_stopped or values[STATES] == Runtime.STOPPED
         waiting = (self._sequence - int(values[STATES + 5])) % _SEQUENCE_MAX
-        if self._looks:
+        if self._read_only:
             trouble = find_stop(values[STATES + 1], int(values[STATES + 2])) or find_slow(values[-1])
         else:
             trouble = find_trouble(values, active)
-        if self._gone and not trouble and not self._looks:
-            trouble = Trouble("our program was stopped, and another may play", "begin again")
+        if self._was_stopped and not trouble and not self._read_only:
+            trouble = Trouble("our program was stopped, and another one may be playing", "begin again")
         if active and not trouble and waiting > self._profile.hold_cycles:
             trouble = Trouble(
-                "our program takes no targets", "see whether another client's program plays, and begin again"
+                "our program accepts no targets",
+                "check whether another client's program is playing, and start again",
             )
         return trouble
 
@@ -357,7 +365,7 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
         )
         self._out.append(Piece(Port.RTDE, package))
 
-    def _lose(self, trouble: Trouble) -> None:
-        """End; the reason is told again and again, for those that begin to wait later."""
+    def _fail(self, trouble: Trouble) -> None:
+        """End the session. The reason is reported repeatedly, for callers that start to wait later."""
         self._stage, self._due, self._lost = _Stage.LOST, self._now + ANSWER_S / 2.0, trouble
         self._events.append(StreamLost(*trouble))

@@ -1,4 +1,4 @@
-"""Lines of the dashboard server: a command, and one line for an answer.
+"""Text protocol of the dashboard server: one line per command and one line per response.
 
 Source: ur_rtde 1.6.5, `dashboard_client.cpp`; Universal Robots' C++ client library,
 `dashboard_client_implementation_g5.cpp`.
@@ -11,23 +11,23 @@ from protocol.endpoint import NO_TROUBLE, Trouble
 
 GREETING = "Connected: Universal Robots Dashboard Server"
 LINE_MAX = 1024
-"""Chosen: a longer line is none of a dashboard."""
+"""Maximum number of bytes in a line. Chosen: a longer line does not come from a dashboard server."""
 
 REMOTE, MODE, SAFETY = "is in remote control", "robotmode", "safetystatus"
 QUESTIONS = (REMOTE, SAFETY, MODE)
-"""Asked by our client before it uploads a program. Safety comes before the mode: an emergency stop takes the power too,
-and powering on is no remedy of it.
+"""Requests that the client sends before it uploads a program, in order. The safety status comes before the robot
+mode: an emergency stop also removes power, and powering on would not clear it.
 """
 _READY: Mapping[str, tuple[str, str]] = {
     MODE: ("Robotmode: RUNNING", "power it on and release its brakes"),
-    SAFETY: ("Safetystatus: NORMAL", "see the stop's cause, release it, and begin again"),
+    SAFETY: ("Safetystatus: NORMAL", "find the cause of the stop, release it, and start again"),
 }
 
 
 def find_refusal(question: str, answer: str) -> Trouble:
-    """Trouble for an answer that forbids a program to start.
+    """Return the trouble if a response prevents the start of a program.
 
-    A CB3 has no remote control and does not understand the question.
+    A CB3 has no remote control and does not know the command that asks for it.
     """
     if question == REMOTE:
         local = answer.strip().lower() == "false"
@@ -43,13 +43,13 @@ def find_refusal(question: str, answer: str) -> Trouble:
 
 
 class Lines:
-    """Cuts bytes into lines. A line that is too long is given in pieces."""
+    """Splitter of bytes into lines. A line that is too long is returned in pieces."""
 
     def __init__(self) -> None:
         self._rest = bytearray()
 
     def feed(self, data: bytes) -> list[str]:
-        """Return the lines completed by these bytes, without their ends."""
+        """Process received bytes and return the lines that they complete, without their line ends."""
         self._rest += data
         *lines, rest = bytes(self._rest).split(b"\n")
         if len(rest) > LINE_MAX:
@@ -59,7 +59,7 @@ class Lines:
 
 
 class Questioning:
-    """The questions of our client, one after the other, behind the greeting."""
+    """Sequence of the client's requests, which are sent one after the other after the server's welcome line."""
 
     def __init__(self) -> None:
         self.feed = Lines().feed
@@ -68,14 +68,16 @@ class Questioning:
 
     @property
     def question(self) -> str:
-        """The next question; empty behind the last answer."""
+        """Next request to send; empty after the last response."""
         return self._questions[0] if self._questions else ""
 
     def take(self, line: str) -> Trouble:
-        """Trouble for a line that forbids a program to start, or that no dashboard says."""
+        """Process a line. Return the trouble if the line prevents the start of a program or does not come from a
+        dashboard server.
+        """
         if self._greeted:
             return find_refusal(self._questions.popleft(), line)
         self._greeted = True
         if line.startswith(GREETING.partition(":")[0]):
             return NO_TROUBLE
-        return Trouble("no dashboard answers on its port", "look at the port, or set dashboard_port to 0")
+        return Trouble("no dashboard server on its port", "check the port, or set dashboard_port to 0")

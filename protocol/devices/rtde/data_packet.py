@@ -1,4 +1,4 @@
-"""Data packets as the client asks for them: its variables, and what their values say of the robot."""
+"""Data packets with the client's recipe: their variables, and the state of the robot derived from the values."""
 
 import math
 
@@ -25,7 +25,7 @@ OUTPUT_NAMES = (
     "output_int_register_26",
     "speed_scaling",
 )
-"""Output recipe of the client."""
+"""Names of the variables in the client's output recipe."""
 EXPECTED = {
     OUTPUT_NAMES: (
         "DOUBLE",
@@ -38,88 +38,90 @@ EXPECTED = {
     ),
     INPUT_NAMES: (*("DOUBLE",) * 9, "INT32", "INT32"),
 }
-"""Types of the client's variables, by its lists of names."""
+"""Types of the client's variables, by the tuple of their names."""
 _SPEED, _TARGET, STATES = 7, 19, 25
-"""Places of `actual_TCP_speed`, `target_TCP_pose` and `runtime_state` among the values; the pose stands from 1 on."""
-_FORCE = slice(13, 16)
-"""Place of the force of `actual_TCP_force`."""
-APART_M, APART_RAD = 1e-3, math.radians(1.0)
-"""Chosen: an arm that stands farther from its own target reports another pose than was ordered; a few times what its
-joints give way by when the tool presses.
+"""Indices of `actual_TCP_speed`, `target_TCP_pose` and `runtime_state` among the values. `actual_TCP_pose` starts
+at index 1.
 """
-STANDS_M_S = 1e-3
-"""Chosen: an arm whose tool is slower stands."""
+_FORCE = slice(13, 16)
+"""Indices of the force in `actual_TCP_force` among the values."""
+APART_M, APART_RAD = 1e-3, math.radians(1.0)
+"""Largest difference between the arm's pose and its target, m and rad. Chosen: a multiple of the joint deflection
+when the tool presses. An arm farther away reports another pose than the ordered one.
+"""
+STATIONARY_M_S = 1e-3
+"""Tool speed up to which an arm counts as stationary, m/s. Chosen."""
 FULL_SPEED = 0.995
-"""Chosen: below, the speed slider is down."""
+"""Speed scaling below which the speed slider counts as reduced. Chosen."""
 Values = tuple[float, ...]
 
 
 def describe_strange_types(names: tuple[str, ...], answer: packets.Types) -> str:
-    """Words for an answer to a list of variables that is not as its maker's guide has it."""
+    """Describe a response to a list of variables whose types differ from the vendor's guide."""
     for name, kind, expected in zip(names, answer.types, EXPECTED[names], strict=False):
         if kind != expected:
-            return f"it says that {name} is of type {kind[:24]!r}, and its maker's guide says {expected}"
-    return f"it answers {len(names)} variables with {len(answer.types)} types and recipe {answer.recipe}"
+            return f"it reports {name} as type {kind[:24]!r}, but the vendor's guide says {expected}"
+    return f"it answers a request for {len(names)} variables with {len(answer.types)} types and recipe {answer.recipe}"
 
 
 def read_pose(values: Values) -> Pose:
-    """Return the pose of a packet; NaN where one of its numbers is."""
+    """Return the pose in a packet. Its position is NaN if one of the pose's numbers is not finite."""
     if all(map(math.isfinite, values[1:7])):
         return pose_of(values[1:7])
     return Pose((math.nan,) * 3, (1.0, 0.0, 0.0, 0.0))
 
 
 def read_force(values: Values) -> Vector | None:
-    """Return the robot's own force, N; None from an arm without a force estimate, which reports zeros."""
+    """Return the force estimated by the robot, N; None if the arm has no force estimate and therefore reports zeros."""
     a, b, c = force = values[_FORCE]
     return (a, b, c) if math.isfinite(a + b + c) and any(force) else None
 
 
 _WHY_STOPPED = (
-    "see at the pendant whether an operator, another client or the watchdog ended it, and begin again"
+    "check at the pendant whether an operator, another client or the watchdog ended it, and start again"
 )
 
 
 def find_slow(scaling: float) -> Trouble:
-    """Report a speed slider below full speed."""
+    """Return the trouble if the speed slider is below full speed."""
     if scaling >= FULL_SPEED:
         return NO_TROUBLE
-    return Trouble(f"its speed slider stands at {100.0 * scaling:.0f} %", "put it to 100 %")
+    return Trouble(f"its speed slider is at {100.0 * scaling:.0f} %", "set it to 100 %")
 
 
 def find_trouble(values: Values, moving: bool) -> Trouble:
-    """Reason for which nothing can be ordered."""
+    """Return the reason why no order can be given."""
     if stop := find_stop(values[STATES + 1], int(values[STATES + 2])):
         return stop
     runtime, _, _, _, state, _, _, scaling = values[STATES:]
     if runtime != Runtime.PLAYING:
-        remedy = _WHY_STOPPED if runtime == Runtime.STOPPED else "begin again"
+        remedy = _WHY_STOPPED if runtime == Runtime.STOPPED else "start again"
         return Trouble(f"our program is {name_of(Runtime, runtime)}", remedy)
     if state == State.REFUSED:
         return Trouble(
-            "no joints near the present ones hold the pose that was ordered",
-            "choose another place, or turn the tool less",
+            "no joints near the current ones reach the ordered pose",
+            "choose another position, or rotate the tool less",
         )
     if moving and state == State.STARVED:
         return Trouble(
             "our program had no new target for too long and has braked",
-            "look at the network, and begin again",
+            "check the network, and start again",
         )
     if state == State.ENDED:
-        return Trouble("our program has ended", "begin again")
+        return Trouble("our program has ended", "start again")
     return find_slow(scaling)
 
 
-def find_misplacement(values: Values) -> Trouble:
-    """Return the reason for which no movement may begin at the reported pose of a standing arm."""
+def find_pose_mismatch(values: Values) -> Trouble:
+    """Return the reason why no movement may begin at the reported pose of a stationary arm."""
     actual, target = values[1:7], values[_TARGET : _TARGET + 6]
-    if not math.hypot(*values[_SPEED : _SPEED + 3]) <= STANDS_M_S:
+    if not math.hypot(*values[_SPEED : _SPEED + 3]) <= STATIONARY_M_S:
         return NO_TROUBLE
     off = math.dist(actual[:3], target[:3])
     turned = angle_between(turn_by(actual[3:]), turn_by(target[3:]))
     if off <= APART_M and turned <= APART_RAD:
         return NO_TROUBLE
     return Trouble(
-        f"it tells to stand {off * 1e3:.1f} mm and {math.degrees(turned):.1f}° from its own target",
-        "look at its tool centre point and payload, and begin again",
+        f"it reports a pose {off * 1e3:.1f} mm and {math.degrees(turned):.1f}° from its own target",
+        "check its tool centre point and payload, and start again",
     )

@@ -1,4 +1,4 @@
-"""Captured bytes of a controller's wires put into words, for people to read."""
+"""Textual description of bytes captured from a controller's connections."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -24,11 +24,11 @@ _TEXT = frozenset(range(0x20, 0x7F)) | {0x09, 0x0A, 0x0D}
 
 
 def describe(raw: bytes) -> list[dict[str, Any]]:
-    """Packets of RTDE, of the primary and the real-time interface, lines of text, and everything else, as plain values.
+    """Describe packets of RTDE, of the primary and the real-time interface, lines of text, and all other bytes.
 
-    Bytes may be of either direction or of both. Data packets can be read only behind the agreement on their recipe.
-    Every item has `offset`, `size` and `kind` ("packet", "text" or "noise"). A packet adds `op`, `fields` with units
-    and `problems`. Never raises for what the bytes are.
+    The bytes may be from one or both directions. Data packets can be decoded only after the negotiation of their
+    recipe. Every item has `offset`, `size` and `kind` ("packet", "text" or "noise"). A packet adds `op`, `fields`
+    with units, and `problems`. Never raises, regardless of the bytes.
     """
     reader = _Reading()
     items: list[dict[str, Any]] = []
@@ -53,7 +53,9 @@ def describe(raw: bytes) -> list[dict[str, Any]]:
 
 
 def _begins_packet(raw: bytes, at: int) -> bool:
-    """Whether a whole packet stands here. Text cannot: a packet's first byte is seldom a character."""
+    """Return whether a complete packet starts here. Text is not mistaken for a packet, because its first two bytes
+    would give a size that is too large.
+    """
     if at + HEADER.size > len(raw):
         return False
     size, kind = HEADER.unpack_from(raw, at)
@@ -67,18 +69,18 @@ def _other(at: int, raw: bytes) -> dict[str, Any]:
     item: dict[str, Any] = {"offset": at, "size": len(raw)}
     if set(raw) <= _TEXT:
         return {**item, "kind": "text", "meaning": "dashboard or script", "text": raw.decode("ascii")}
-    cut = "no packet, or one that is damaged or cut off"
+    cut = "not a packet, or a damaged or truncated one"
     return {**item, "kind": "noise", "meaning": cut, "bytes": raw.hex(" ").upper()}
 
 
 class _Reading:
-    """Reads packets one by one, and remembers which variables were agreed on."""
+    """Decoder of single packets that keeps track of the negotiated variables."""
 
     def __init__(self) -> None:
-        self._asked: dict[Kind, tuple[str, ...]] = {}
-        """Names of the last list of either kind."""
+        self._requested: dict[Kind, tuple[str, ...]] = {}
+        """Names in the last list of outputs and in the last list of inputs."""
         self._recipes: dict[int, list[Recipe]] = {}
-        """Recipes by their numbers, of both directions; the newest last."""
+        """Recipes by their numbers, for both directions, the newest last."""
 
     def packet(self, at: int, kind: Kind, payload: bytes) -> dict[str, Any]:
         """Describe a packet."""
@@ -104,12 +106,12 @@ class _Reading:
         version = packets.read_version_request(payload)
         fields += packets.VERSION_REQUEST.describe(payload)
         if version != packets.PROTOCOL_VERSION:
-            problems.append("only version 2 is known here")
+            problems.append("only version 2 is supported")
 
     def controller_version(self, payload: bytes, fields: list[dict[str, Any]], problems: list[str]) -> None:
         if payload:
-            words = ".".join(map(str, packets.read_controller_version(payload)))
-            fields.append(_field("version", words, words))
+            version = ".".join(map(str, packets.read_controller_version(payload)))
+            fields.append(_field("version", version, version))
 
     def answer(self, payload: bytes, fields: list[dict[str, Any]], problems: list[str]) -> None:
         if not payload:
@@ -120,24 +122,24 @@ class _Reading:
             problems.append("the controller refuses")
 
     def text(self, payload: bytes, fields: list[dict[str, Any]], problems: list[str]) -> None:
-        words = packets.read_text(payload)
-        fields.append(_field("message", words.message, words.message))
-        fields.append(_field("source", words.source, words.source))
-        fields.append(_field("level", words.level, name_of(Level, words.level)))
+        message = packets.read_text(payload)
+        fields.append(_field("message", message.message, message.message))
+        fields.append(_field("source", message.source, message.source))
+        fields.append(_field("level", message.level, name_of(Level, message.level)))
 
     def outputs(self, payload: bytes, fields: list[dict[str, Any]], problems: list[str]) -> None:
         if self._is_answer(payload):
-            self._take_types(Kind.OUTPUTS, payload, fields, problems)
+            self._process_types(Kind.OUTPUTS, payload, fields, problems)
             return
         _, names = packets.read_outputs_request(payload)
         fields += packets.OUTPUTS_HEAD.describe(payload)
-        self._take_names(Kind.OUTPUTS, names, fields, problems)
+        self._process_names(Kind.OUTPUTS, names, fields, problems)
 
     def inputs(self, payload: bytes, fields: list[dict[str, Any]], problems: list[str]) -> None:
         if self._is_answer(payload):
-            self._take_types(Kind.INPUTS, payload, fields, problems)
+            self._process_types(Kind.INPUTS, payload, fields, problems)
         else:
-            self._take_names(Kind.INPUTS, packets.split_names(payload), fields, problems)
+            self._process_names(Kind.INPUTS, packets.split_names(payload), fields, problems)
 
     def data(self, payload: bytes, fields: list[dict[str, Any]], problems: list[str]) -> None:
         if not payload:
@@ -149,37 +151,37 @@ class _Reading:
                     fields.append(_variable(name, value))
                 return
         fields.append(_field("recipe", payload[0], payload[0]))
-        problems.append("the agreement on its recipe is not in the capture, or has another length")
+        problems.append("the negotiation of its recipe is not in the capture, or has another length")
 
     @staticmethod
     def _is_answer(payload: bytes) -> bool:
-        """Return whether a list is an answer: it holds only types, whereas names are in lower case."""
+        """Return whether a list is a response. A response contains only types, whereas names are in lower case."""
         rest = payload[1:]
         return bool(rest) and rest.upper() == rest
 
-    def _take_names(
+    def _process_names(
         self, kind: Kind, names: tuple[str, ...], fields: list[dict[str, Any]], problems: list[str]
     ) -> None:
-        self._asked[kind] = names
+        self._requested[kind] = names
         table = OUTPUTS if kind is Kind.OUTPUTS else INPUTS
         fields.extend(_field("name", name, name) for name in names)
-        problems.extend(f"no variable is called {name!r}" for name in names if name not in table)
+        problems.extend(f"unknown variable {name!r}" for name in names if name not in table)
 
-    def _take_types(
+    def _process_types(
         self, kind: Kind, payload: bytes, fields: list[dict[str, Any]], problems: list[str]
     ) -> None:
         answer: Types = packets.read_types(payload)
         fields.append(_field("recipe", answer.recipe, answer.recipe))
-        names = self._asked.get(kind, ())
-        for number, found in enumerate(answer.types):
+        names = self._requested.get(kind, ())
+        for number, type_name in enumerate(answer.types):
             name = names[number] if number < len(names) else f"variable {number + 1}"
-            fields.append(_field(name, found, found))
-            if found in (NOT_FOUND, IN_USE):
-                problems.append(f"{name}: {'not found' if found == NOT_FOUND else 'in use'}")
+            fields.append(_field(name, type_name, type_name))
+            if type_name in (NOT_FOUND, IN_USE):
+                problems.append(f"{name}: {'not found' if type_name == NOT_FOUND else 'in use'}")
         if answer.recipe and len(names) == len(answer.types):
             try:
                 recipe = Recipe(answer.recipe, names, answer.types)
-                recipe.size  # noqa: B018 - an unknown type shows here
+                recipe.size  # noqa: B018 - raises for an unknown type
             except KeyError as error:
                 problems.append(f"unknown type {error.args[0]}")
                 return
@@ -207,11 +209,11 @@ _BITS = {"safety_status_bits": SafetyBits, "robot_status_bits": StatusBits}
 
 def _variable(name: str, value: Value) -> dict[str, Any]:
     variable = OUTPUTS.get(name) or INPUTS.get(name) or Variable("")
-    shown: Any = value
+    text: Any = value
     if not isinstance(value, tuple):
         if name in NAMED:
-            shown = name_of(NAMED[name], value)
+            text = name_of(NAMED[name], value)
         elif name in _BITS:
             bits = [bit.name or "" for bit in _BITS[name] if int(value) & bit]
-            shown = ", ".join(bits).lower().replace("_", " ")
-    return _field(name, value, shown, variable.unit, variable.meaning)
+            text = ", ".join(bits).lower().replace("_", " ")
+    return _field(name, value, text, variable.unit, variable.meaning)

@@ -1,4 +1,4 @@
-"""Packets of the primary and of the real-time interface put into words, for people to read."""
+"""Textual description of packets of the primary and the real-time interface."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -16,13 +16,14 @@ NAMED = {
     "runtime_state": Runtime,
     "level": ReportLevel,
 }
-"""Fields whose values have names."""
+"""Fields whose values have names, with the enumeration of these names."""
 
 
 def packet_size(raw: bytes, at: int) -> int:
-    """Length of a whole packet of one of these interfaces that begins here, bytes; 0 where none does.
+    """Return the length, in bytes, of a complete packet of the primary or real-time interface that starts here; 0
+    if none does.
 
-    A packet of RTDE begins with a length of its own in two bytes, which here are 0.
+    A packet of RTDE starts with its length in two bytes, which are 0 in packets of these interfaces.
     """
     if at + primary.HEADER.size > len(raw):
         return 0
@@ -35,7 +36,7 @@ def packet_size(raw: bytes, at: int) -> int:
 
 
 def describe_packet(packet: bytes) -> dict[str, Any]:
-    """Describe a complete packet as `op`, `fields` and `problems`."""
+    """Describe a complete packet by `op`, `fields` and `problems`."""
     fields, problems = list[dict[str, Any]](), list[str]()
     kind = packet[primary.HEADER.size - 1]
     if kind not in (PacketType.STATE, PacketType.MESSAGE):
@@ -61,7 +62,7 @@ def _describe_state(body: bytes, problems: list[str]) -> Iterator[dict[str, Any]
     for kind, data in primary.split(body):
         layout = next((layout for part, layout in primary.PARTS.items() if part == kind), None)
         if layout is None:
-            problems.append(f"a part of type {kind} and {len(data)} bytes is not known")
+            problems.append(f"unknown part of type {kind} and {len(data)} bytes")
         elif len(data) < layout.size:
             problems.append(f"{layout.name} needs {layout.size} bytes, got {len(data)}")
         else:
@@ -76,7 +77,7 @@ def _describe_message(message: primary.Message, problems: list[str]) -> Iterator
     yield _text("source", message.source, message.source)
     read = primary.read_body(message)
     if read is None:
-        problems.append(f"a message of kind {message.kind} is not known; {len(BODIES)} kinds are")
+        problems.append(f"unknown message kind {message.kind}; {len(BODIES)} kinds are known")
         return
     for field, raw in read.fields:
         yield _describe(field, raw)

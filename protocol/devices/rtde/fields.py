@@ -1,8 +1,8 @@
-"""Variables of RTDE with their types and units, and recipes: the variables of a data packet in order.
+"""Variables of RTDE with their types and units, and recipes, which list the variables of a data packet in order.
 
-Source: Universal Robots' RTDE guide; names and types also its C++ client library, `rtde/data_package.cpp`, and ur_rtde.
-Versions that no source here tells are the first ones of a line. SI units throughout.
-A pose is x y z and a rotation vector, of the tool centre point in the base frame.
+Source: Universal Robots' RTDE guide; for names and types also its C++ client library, `rtde/data_package.cpp`, and
+ur_rtde. Where no source gives a version, the first version of the product line is used. All units are SI. A pose is
+x y z and a rotation vector, of the tool centre point in the base frame.
 """
 
 import struct
@@ -16,10 +16,10 @@ from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.marks import Mark
 
 Value: TypeAlias = float | tuple[float, ...]
-"""Of a scalar type a number, of a vector its numbers."""
+"""Value of a variable: a number for a scalar type, a tuple of numbers for a vector."""
 
 NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
-"""In the place of a type: no such variable; held by another connection."""
+"""Texts that the controller reports instead of a type: the variable does not exist, or another connection holds it."""
 
 CODES: Mapping[str, tuple[int, str]] = {
     "BOOL": (1, "?"),
@@ -33,19 +33,19 @@ CODES: Mapping[str, tuple[int, str]] = {
     "VECTOR6INT32": (6, "i"),
     "VECTOR6UINT32": (6, "I"),
 }
-"""Number of values and `struct` character, by type."""
+"""Number of values and `struct` character of each type."""
 
 
 class Variable(NamedTuple):
-    """One output or input."""
+    """One output or input variable."""
 
     type: str
     unit: str = ""
     meaning: str = ""
     since: tuple[int, int, int] = (0, 0, 0)
-    """First version of an e-Series controller that has it."""
+    """First e-Series version that supports the variable."""
     since_cb3: tuple[int, int, int] = (0, 0, 0)
-    """The same of a CB3."""
+    """First CB3 version that supports the variable."""
     mark: Mark = Mark.OBSERVED
 
 
@@ -55,9 +55,9 @@ def _numbered(first: int, end: int, name: str, kind: str) -> Iterator[tuple[str,
 
 
 NEVER = (1000, 0, 0)
-"""No CB3 has it."""
+"""Version of a variable that no CB3 supports."""
 _E_SERIES = 5
-"""Major version of the first e-Series."""
+"""Major version of the first e-Series software."""
 
 
 def _joint(unit: str, meaning: str) -> Variable:
@@ -80,7 +80,7 @@ def _registers(direction: str) -> dict[str, Variable]:
 
 INPUTS: Mapping[str, Variable] = {
     **_registers("input"),
-    "speed_slider_mask": Variable("UINT32", "", "1: the fraction is obeyed"),
+    "speed_slider_mask": Variable("UINT32", "", "1: the fraction is applied"),
     "speed_slider_fraction": Variable("DOUBLE", "", "0 … 1"),
     "external_force_torque": Variable("VECTOR6D", "N, N·m", "wrench along the tool's axes", (3, 3, 0)),
     "standard_digital_output_mask": Variable("UINT8"),
@@ -94,66 +94,68 @@ INPUTS: Mapping[str, Variable] = {
     "standard_analog_output_0": Variable("DOUBLE"),
     "standard_analog_output_1": Variable("DOUBLE"),
 }
-"""Inputs by name."""
+"""Input variables by name."""
 
 _POSE, _SPEED = ("m, rad", "pose of the tool"), ("m/s, rad/s", "velocity of the tool, base axes")
 
 Number: TypeAlias = tuple[int, int, int]
 
 
-def _assumed(
+def _declare_assumed(
     kind: str, unit: str = "", meaning: str = "", since: Number = (0, 0, 0), cb3: Number = (0, 0, 0)
 ) -> Variable:
-    """Declare a variable whose first versions no public source states."""
+    """Declare a variable whose first versions are not given in any public source."""
     return Variable(kind, unit, meaning, since, cb3, Mark.ASSUMED)
 
 
 _FURTHER: Mapping[str, Variable] = {
-    "actual_current_window": _assumed("VECTOR6D", "A", "windows of the currents"),
-    "actual_configurable_digital_input_bits": _assumed("UINT64"),
-    "actual_configurable_digital_output_bits": _assumed("UINT64"),
-    "target_execution_time": _assumed("DOUBLE", "ms", "of the controller's cycle"),
-    "elbow_position": _assumed("VECTOR3D", "m", "of the elbow, base frame", (5, 0, 0), (3, 5, 0)),
-    "elbow_velocity": _assumed("VECTOR3D", "m/s", "of the elbow, base axes", (5, 0, 0), (3, 5, 0)),
-    "analog_io_types": _assumed("UINT32", "", "bits 0, 1: inputs, 2, 3: outputs; set: voltage"),
-    "io_current": _assumed("DOUBLE", "A", "of the I/O"),
-    "encoder0_raw": _assumed("INT32", "", "ticks"),
-    "encoder1_raw": _assumed("INT32", "", "ticks"),
-    "euromap67_input_bits": _assumed("UINT32"),
-    "euromap67_output_bits": _assumed("UINT32"),
-    "euromap67_24V_voltage": _assumed("DOUBLE", "V", ""),
-    "euromap67_24V_current": _assumed("DOUBLE", "A", ""),
-    "tool_mode": _assumed("UINT32", "", "253: running"),
-    "tool_analog_input_types": _assumed("UINT32", "", "bits 0, 1; set: voltage"),
-    "tool_analog_input0": _assumed("DOUBLE", "A or V", ""),
-    "tool_analog_input1": _assumed("DOUBLE", "A or V", ""),
-    "tool_output_voltage": _assumed("INT32", "V", "0, 12 or 24"),
-    "tool_output_current": _assumed("DOUBLE", "A", ""),
-    "tool_temperature": _assumed("DOUBLE", "°C", ""),
-    "tool_output_mode": _assumed("UINT8", "", "", (5, 2, 0), NEVER),
-    "tool_digital_output0_mode": _assumed("UINT8", "", "", (5, 2, 0), NEVER),
-    "tool_digital_output1_mode": _assumed("UINT8", "", "", (5, 2, 0), NEVER),
-    "joint_position_deviation_ratio": _assumed("DOUBLE", "", "largest deviation of a joint, of its limit"),
-    "collision_detection_ratio": _assumed("DOUBLE", "", "0 … 1", (5, 15, 0), NEVER),
-    "wrench_calc_from_currents": _assumed("VECTOR6D", "N, N·m", "base axes", (5, 9, 0), NEVER),
-    "script_control_line": _assumed("UINT32", "", "line of the script that moves the arm"),
-    "time_scale_source": _assumed("INT32", "", "the limit that slows the arm", (5, 17, 0), NEVER),
+    "actual_current_window": _declare_assumed("VECTOR6D", "A", "windows of the currents"),
+    "actual_configurable_digital_input_bits": _declare_assumed("UINT64"),
+    "actual_configurable_digital_output_bits": _declare_assumed("UINT64"),
+    "target_execution_time": _declare_assumed("DOUBLE", "ms", "of the controller's cycle"),
+    "elbow_position": _declare_assumed("VECTOR3D", "m", "of the elbow, base frame", (5, 0, 0), (3, 5, 0)),
+    "elbow_velocity": _declare_assumed("VECTOR3D", "m/s", "of the elbow, base axes", (5, 0, 0), (3, 5, 0)),
+    "analog_io_types": _declare_assumed("UINT32", "", "bits 0, 1: inputs, 2, 3: outputs; set: voltage"),
+    "io_current": _declare_assumed("DOUBLE", "A", "of the I/O"),
+    "encoder0_raw": _declare_assumed("INT32", "", "ticks"),
+    "encoder1_raw": _declare_assumed("INT32", "", "ticks"),
+    "euromap67_input_bits": _declare_assumed("UINT32"),
+    "euromap67_output_bits": _declare_assumed("UINT32"),
+    "euromap67_24V_voltage": _declare_assumed("DOUBLE", "V", ""),
+    "euromap67_24V_current": _declare_assumed("DOUBLE", "A", ""),
+    "tool_mode": _declare_assumed("UINT32", "", "253: running"),
+    "tool_analog_input_types": _declare_assumed("UINT32", "", "bits 0, 1; set: voltage"),
+    "tool_analog_input0": _declare_assumed("DOUBLE", "A or V", ""),
+    "tool_analog_input1": _declare_assumed("DOUBLE", "A or V", ""),
+    "tool_output_voltage": _declare_assumed("INT32", "V", "0, 12 or 24"),
+    "tool_output_current": _declare_assumed("DOUBLE", "A", ""),
+    "tool_temperature": _declare_assumed("DOUBLE", "°C", ""),
+    "tool_output_mode": _declare_assumed("UINT8", "", "", (5, 2, 0), NEVER),
+    "tool_digital_output0_mode": _declare_assumed("UINT8", "", "", (5, 2, 0), NEVER),
+    "tool_digital_output1_mode": _declare_assumed("UINT8", "", "", (5, 2, 0), NEVER),
+    "joint_position_deviation_ratio": _declare_assumed(
+        "DOUBLE", "", "largest deviation of a joint, of its limit"
+    ),
+    "collision_detection_ratio": _declare_assumed("DOUBLE", "", "0 … 1", (5, 15, 0), NEVER),
+    "wrench_calc_from_currents": _declare_assumed("VECTOR6D", "N, N·m", "base axes", (5, 9, 0), NEVER),
+    "script_control_line": _declare_assumed("UINT32", "", "line of the script that moves the arm"),
+    "time_scale_source": _declare_assumed("INT32", "", "the limit that slows the arm", (5, 17, 0), NEVER),
     "actual_robot_energy_consumed": Variable("DOUBLE", "J", "", (5, 23, 0), NEVER),
     "actual_robot_braking_energy_dissipated": Variable("DOUBLE", "J", "", (5, 23, 0), NEVER),
-    "target_gravity": _assumed("VECTOR3D", "m/s²", "", (5, 23, 0), NEVER),
-    "target_base_acceleration": _assumed("VECTOR6D", "m/s², rad/s²", "", (5, 23, 0), NEVER),
-    "target_base_wrench": _assumed("VECTOR6D", "N, N·m", "", (5, 23, 0), NEVER),
-    "control_step": _assumed("UINT64", "", "", (5, 23, 0), NEVER),
+    "target_gravity": _declare_assumed("VECTOR3D", "m/s²", "", (5, 23, 0), NEVER),
+    "target_base_acceleration": _declare_assumed("VECTOR6D", "m/s², rad/s²", "", (5, 23, 0), NEVER),
+    "target_base_wrench": _declare_assumed("VECTOR6D", "N, N·m", "", (5, 23, 0), NEVER),
+    "control_step": _declare_assumed("UINT64", "", "", (5, 23, 0), NEVER),
 }
-"""Outputs of the maker's C++ client library whose first versions are assumed, but for the energies."""
+"""Outputs in the vendor's C++ client library; their first versions are assumed, except for the energies."""
 
 OUTPUTS: Mapping[str, Variable] = {
     "timestamp": _double("s", "since the controller started"),
-    "target_q": _joint("rad", "joints that are wanted"),
-    "target_qd": _joint("rad/s", "velocities that are wanted"),
-    "target_qdd": _joint("rad/s²", "accelerations that are wanted"),
-    "target_current": _joint("A", "currents that are wanted"),
-    "target_moment": _joint("N·m", "moments that are wanted"),
+    "target_q": _joint("rad", "target joints"),
+    "target_qd": _joint("rad/s", "target velocities"),
+    "target_qdd": _joint("rad/s²", "target accelerations"),
+    "target_current": _joint("A", "target currents"),
+    "target_moment": _joint("N·m", "target moments"),
     "actual_q": _joint("rad", "joints"),
     "actual_qd": _joint("rad/s", "velocities"),
     "actual_current": _joint("A", "currents"),
@@ -197,16 +199,16 @@ OUTPUTS: Mapping[str, Variable] = {
     **_registers("output"),
     **{name: variable for name, variable in INPUTS.items() if "_register" in name},
 }
-"""Outputs by name; inputs that are registers can be read back."""
+"""Output variables by name. Input registers can be read back as outputs."""
 
 
 def type_of(table: Mapping[str, Variable], name: str, version: Sequence[int]) -> str:
-    """Return the type of a variable of a controller of this version, or `NOT_FOUND`."""
-    found = table.get(name)
-    if found is None:
+    """Return the type of a variable on a controller with this version, or `NOT_FOUND`."""
+    variable = table.get(name)
+    if variable is None:
         return NOT_FOUND
-    since = found.since if version[0] >= _E_SERIES else found.since_cb3
-    return found.type if tuple(version[:3]) >= since else NOT_FOUND
+    since = variable.since if version[0] >= _E_SERIES else variable.since_cb3
+    return variable.type if tuple(version[:3]) >= since else NOT_FOUND
 
 
 @dataclass(frozen=True)
@@ -214,10 +216,10 @@ class Recipe:
     """Variables of a data packet, in order."""
 
     number: int
-    """1 … 255; a data packet begins with it."""
+    """Number of the recipe, 1 … 255, with which a data packet starts."""
     names: tuple[str, ...]
     types: tuple[str, ...]
-    """One of `CODES` for each name."""
+    """Type of each variable, as named in `CODES`."""
 
     @cached_property
     def _layout(self) -> tuple[struct.Struct, tuple[int, ...]]:
@@ -228,13 +230,13 @@ class Recipe:
 
     @property
     def size(self) -> int:
-        """Bytes of a data packet's payload."""
+        """Size of a data packet's payload in bytes."""
         return self._layout[0].size
 
     def pack(self, *numbers: float) -> bytes:
-        """Pack a data packet from all its numbers, vectors laid out.
+        """Encode a data packet from all its numbers, with vectors flattened.
 
-        Raises LocalProtocolError for one that does not fit.
+        Raises LocalProtocolError if a number does not fit.
         """
         try:
             return encode(Kind.DATA, self._layout[0].pack(self.number, *numbers))
@@ -242,22 +244,22 @@ class Recipe:
             raise LocalProtocolError(f"recipe {self.number}: {error}") from error
 
     def unpack(self, payload: bytes) -> tuple[float, ...]:
-        """All numbers of a data packet, vectors laid out.
+        """Decode all numbers of a data packet, with vectors flattened.
 
-        Raises RemoteProtocolError for a packet of another recipe or length.
+        Raises RemoteProtocolError if the packet has another recipe or length.
         """
         layout = self._layout[0]
         if len(payload) != layout.size or payload[0] != self.number:
             raise RemoteProtocolError(
-                f"a data packet of {len(payload)} bytes is none of recipe {self.number}, {layout.size} bytes"
+                f"a data packet of {len(payload)} bytes does not match recipe {self.number} of {layout.size} bytes"
             )
         return layout.unpack(payload)[1:]
 
     def values(self, numbers: Sequence[float]) -> dict[str, Value]:
-        """Laid-out numbers as values by name."""
-        found: dict[str, Value] = {}
+        """Convert flattened numbers to values by name."""
+        values: dict[str, Value] = {}
         at = 0
         for name, count in zip(self.names, self._layout[1], strict=True):
-            found[name] = numbers[at] if count == 1 else tuple(numbers[at : at + count])
+            values[name] = numbers[at] if count == 1 else tuple(numbers[at : at + count])
             at += count
-        return found
+        return values

@@ -1,28 +1,28 @@
-"""What one movement has come to, as the client of a controller orders it."""
+"""State of one movement that the client of a controller has ordered."""
 
 from dataclasses import dataclass
 
 
 @dataclass(slots=True)
 class Movement:
-    """The movement that is under way, or the last one."""
+    """State of the current or the last movement."""
 
     moving: bool = False
     latched: bool = False
-    """A fault of this movement: nothing is ordered in it any more."""
+    """Whether a fault occurred in this movement. No further orders are then given in it."""
     given: bool = False
-    """A target was ordered in this movement."""
+    """Whether a target was ordered in this movement."""
     settling: int = 0
-    """Packages behind a movement in which the arm is let come to its last set point."""
+    """Number of packages for which the arm may still approach its last set point after a movement."""
 
     def begin(self) -> None:
-        """Another movement begins."""
+        """Begin a new movement."""
         self.moving, self.settling, self.latched, self.given = True, 0, False, False
 
     def end(self, packages: int) -> bool:
-        """End the movement.
+        """End the movement. Return whether the arm may continue to its set point, for `packages` packages.
 
-        Without a fault, let the arm reach its set point for this many packages; else return False.
+        It may not after a fault, or if no target was ordered.
         """
         self.moving = False
         if not self.given or self.latched:
@@ -31,17 +31,17 @@ class Movement:
         return True
 
     def settle(self) -> bool:
-        """Whether this package lets the arm come to its set point."""
+        """Count down one package after the movement. Return whether the arm may still approach its set point."""
         if not self.settling:
             return False
         self.settling -= 1
         return True
 
     def latch(self) -> None:
-        """Latch a reported fault."""
+        """Latch a fault: end all orders of this movement."""
         self.latched, self.settling = True, 0
 
     @property
     def active(self) -> bool:
-        """Whether the arm is on its way."""
+        """Whether the arm is moving, or approaching its last set point after a movement."""
         return self.moving or self.settling > 0

@@ -1,7 +1,8 @@
-"""Packets of the primary and the secondary interface: a controller's state ten times a second, and its messages.
+"""Packets of the primary and the secondary interface: a controller's state ten times per second, and its messages.
 
-Big-endian. A packet is its length, all of it, its type, and a body. The body of a state is a row of sub-packages of the
-same form. A message has a time, a source and a kind. Text has no length where it goes to the end of its packet.
+All numbers are big-endian. A packet consists of its total length, its type, and a body. The body of a state is a
+sequence of sub-packages in the same format. A message has a time, a source and a kind. A text that extends to the
+end of its packet has no length field.
 
 Source: Universal Robots' C++ client library, `primary/` with the frames of its parser's tests, and python-urx's
 `ursecmon.py` for joints, tool and cartesian data.
@@ -18,11 +19,11 @@ from protocol.fields import Field, Layout
 from protocol.marks import Mark
 
 HEADER = struct.Struct(">IB")
-"""Length of a packet or sub-package with its header, bytes, and its type."""
+"""Header of a packet or sub-package: its length including the header, in bytes, and its type."""
 LONGEST = 1 << 16
-"""Chosen: longest packet that is read, bytes; a state has about 1 400."""
+"""Maximum number of bytes in a packet. Chosen: a state has about 1 400."""
 STATE_PERIOD_S = 0.1
-"""Observed: states come at 10 Hz."""
+"""Time between two states, s. Observed: states are sent at 10 Hz."""
 
 
 class PacketType(IntEnum):
@@ -59,7 +60,7 @@ class MessageKind(IntEnum):
 
 
 class ReportLevel(IntEnum):
-    """Weight of an error code."""
+    """Severity of an error code."""
 
     INFO = 1
     WARNING = 2
@@ -71,27 +72,27 @@ class Message(NamedTuple):
     """A message without its packet's header."""
 
     time_ns: int
-    """Controller's clock, ns. Derived: of a frame of URSim it is 25.6 s then."""
+    """Time on the controller's clock, ns. Derived: with this unit, the time in a frame of URSim is 25.6 s."""
     source: int
     kind: int
-    """A `MessageKind`, or a number without a meaning."""
+    """Kind of the message: a `MessageKind`, or a number without a known meaning."""
     body: bytes
 
 
 NO_SOURCE = 255
-"""Assumed: the source of a message that no part of a program says, -1."""
+"""Source of a message that does not come from a part of a program, −1 as an unsigned byte. Assumed."""
 SUDDEN_CHANGE = 204
-"""Code of a protective stop for a leap of the target. Source: users of the maker's forum."""
+"""Code of a protective stop caused by a sudden change of the target. Source: users of the vendor's forum."""
 ORDERED = 209
-"""Code of a protective stop that a program orders. Source: tests of the C++ client library."""
+"""Code of a protective stop triggered by a program. Source: tests of the C++ client library."""
 NO_CODE = 0
-"""Assumed: of the other protective stops no code is known."""
+"""Code reported for all other protective stops. Assumed: their actual codes are unknown."""
 READ_ONLY = 210
-"""Code of the error of a text that comes in local control. Source: the C++ client library."""
+"""Code of the error that is reported when a program is sent in local control. Source: the C++ client library."""
 
 
 def _row(name: str, *columns: tuple[str, str, str]) -> Layout:
-    """Return the layout of consecutive fields, each with a name, a `struct` character and a unit."""
+    """Create a layout of consecutive fields from the name, `struct` character and unit of each field."""
     fields, at = list[Field](), 0
     for field, code, unit in columns:
         fields.append(Field(field, at, code, Mark.OBSERVED, unit=unit))
@@ -99,8 +100,8 @@ def _row(name: str, *columns: tuple[str, str, str]) -> Layout:
     return Layout(name, at, ">", tuple(fields))
 
 
-def _six(name: str, code: str, unit: str) -> tuple[tuple[str, str, str], ...]:
-    """One column for each joint, base first."""
+def _per_joint(name: str, code: str, unit: str) -> tuple[tuple[str, str, str], ...]:
+    """Return one column for each joint, starting at the base."""
     return tuple((f"{name}{joint}", code, unit) for joint in range(6))
 
 
@@ -178,8 +179,8 @@ _DH = ("theta", "a", "d", "alpha")
 _UNITS = {"theta": "rad", "a": "m", "d": "m", "alpha": "rad"}
 KINEMATICS = _row(
     "kinematics",
-    *_six("checksum", "I", ""),
-    *(column for name in _DH for column in _six(name, "d", _UNITS[name])),
+    *_per_joint("checksum", "I", ""),
+    *(column for name in _DH for column in _per_joint(name, "d", _UNITS[name])),
     ("calibration", "I", ""),
 )
 CONFIGURATION = _row(
@@ -195,7 +196,7 @@ CONFIGURATION = _row(
     ("tool_speed", "d", "m/s"),
     ("tool_acceleration", "d", "m/s²"),
     ("equivalent_radius", "d", "m"),
-    *(column for name in ("a", "d", "alpha", "theta") for column in _six(name, "d", _UNITS[name])),
+    *(column for name in ("a", "d", "alpha", "theta") for column in _per_joint(name, "d", _UNITS[name])),
     ("masterboard_version", "i", ""),
     ("box_type", "i", ""),
     ("robot_type", "i", ""),
@@ -225,7 +226,7 @@ PARTS = {
     Part.FORCE_MODE: FORCE_MODE,
     Part.ADDITIONAL: ADDITIONAL,
 }
-"""Layouts of the sub-packages of the newest version, in the order in which a state has them."""
+"""Layouts of the sub-packages of the newest version, in the order in which a state contains them."""
 _E_SERIES = 5
 _ADDED: Mapping[tuple[Part, str], tuple[int, int]] = {
     (Part.ROBOT_MODE, "target_speed_fraction_limit"): (3, 2),
@@ -234,28 +235,28 @@ _ADDED: Mapping[tuple[Part, str], tuple[int, int]] = {
     (Part.MASTERBOARD, "mode_selector"): (3, 2),
     (Part.MASTERBOARD, "reserved1"): (3, 5),
 }
-"""First version of a CB3 that sends a field and those behind it; every e-Series sends all.
+"""First CB3 version that sends a field and the fields after it. Every e-Series version sends all fields.
 
-Source: ROS's ur_modern_driver and its successor, `robot_mode.h` (bodies of 33, 41 and 42 bytes) and `master_board.h`
-(`V3_0__1`, `V3_2`); python-urx's `ursecmon.py` for cartesian data. Assumed: the last byte of the masterboard came with
-that of the mode.
+Source: ROS's ur_modern_driver and its successor, `robot_mode.h` (bodies of 33, 41 and 42 bytes) and
+`master_board.h` (`V3_0__1`, `V3_2`); python-urx's `ursecmon.py` for cartesian data. Assumed: the last byte of the
+masterboard was introduced together with the last byte of the robot mode.
 """
 _SINCE_3_2 = frozenset({Part.FORCE_MODE, Part.ADDITIONAL})
-"""Parts that no 3.0 or 3.1 sends. Source: python-urx, which reads them from 3.2 on."""
+"""Sub-packages that versions 3.0 and 3.1 do not send. Source: python-urx, which reads them from version 3.2 on."""
 
 
 @lru_cache(maxsize=16)
 def parts_of(version: tuple[int, ...]) -> Mapping[Part, Layout]:
-    """Layouts of a controller of this version."""
-    found = dict[Part, Layout]()
+    """Return the layouts of the sub-packages of a controller with this version."""
+    layouts = dict[Part, Layout]()
     for part, layout in PARTS.items():
         if version[0] >= _E_SERIES or version[:2] >= (3, 2) or part not in _SINCE_3_2:
-            found[part] = _cut(part, layout, version)
-    return found
+            layouts[part] = _truncate(part, layout, version)
+    return layouts
 
 
-def _cut(part: Part, layout: Layout, version: tuple[int, ...]) -> Layout:
-    """Return the layout with only the fields that a version has."""
+def _truncate(part: Part, layout: Layout, version: tuple[int, ...]) -> Layout:
+    """Return the layout with only the fields that this version sends."""
     for at, field in enumerate(layout.fields):
         since = _ADDED.get((part, field.name))
         if since is not None and version[0] < _E_SERIES and version[:2] < since:
@@ -264,19 +265,20 @@ def _cut(part: Part, layout: Layout, version: tuple[int, ...]) -> Layout:
 
 
 def encode(kind: int, body: bytes) -> bytes:
-    """Encode a packet, or a sub-package of one."""
+    """Encode a packet, or a sub-package of a state."""
     return HEADER.pack(HEADER.size + len(body), kind) + body
 
 
 def split(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Packets one by one, as type and body; of a state's body its sub-packages.
+    """Split data into packets, as pairs of type and body. If the data is the body of a state, return its
+    sub-packages.
 
-    Raises RemoteProtocolError for a length that cannot be.
+    Raises RemoteProtocolError if a length is invalid.
     """
     at = 0
     while at < len(data):
         if len(data) - at < HEADER.size:
-            raise RemoteProtocolError(f"{len(data) - at} bytes are less than a packet's header")
+            raise RemoteProtocolError(f"{len(data) - at} bytes are fewer than a packet's header")
         length, kind = HEADER.unpack_from(data, at)
         if not HEADER.size <= length <= min(LONGEST, len(data) - at):
             raise RemoteProtocolError(f"a packet of {length} bytes among {len(data) - at}")
@@ -290,11 +292,11 @@ _DATA = (("data_type", "I", ""), ("data", "I", ""))
 
 
 class Body(NamedTuple):
-    """The form of a message's body: two layouts with a short text between them, and a text to the end."""
+    """Format of a message's body: a layout, a short text, another layout, and a text up to the end."""
 
     before: Layout
     title: str = ""
-    """Name of the short text; empty for none."""
+    """Name of the short text; empty if there is none."""
     behind: Layout = Layout("", 0, ">", ())
     text: str = "text"
 
@@ -323,11 +325,11 @@ BODIES: Mapping[int, Body] = {
     MessageKind.KEY: Body(_row("key message", *_CODE), "title"),
     MessageKind.RUNTIME_EXCEPTION: Body(_row("runtime exception", ("line", "i", ""), ("column", "i", ""))),
 }
-"""Forms of the messages that are known. Source: the C++ client library; of a pop-up python-urx."""
+"""Body format of each known message. Source: the C++ client library; python-urx for a pop-up."""
 
 
 def encode_body(kind: MessageKind, *values: float, title: str = "", text: str = "") -> bytes:
-    """Encode the body of a message from a value for every field, in order."""
+    """Encode the body of a message from the values of all fields, in order."""
     form = BODIES[kind]
     count = len(form.before.fields)
     short = title.encode("ascii", "replace")[:255]
@@ -342,17 +344,17 @@ def encode_body(kind: MessageKind, *values: float, title: str = "", text: str = 
 
 
 class ReadBody(NamedTuple):
-    """A message's body, taken apart."""
+    """Decoded body of a message."""
 
     fields: tuple[tuple[Field, float], ...]
     texts: tuple[tuple[str, str], ...]
-    """Texts by their names."""
+    """Texts of the message by name."""
 
 
 def read_body(message: Message) -> ReadBody | None:
-    """Read the fields and texts of a message; None for one of an unknown kind.
+    """Decode the fields and texts of a message; None if its kind is unknown.
 
-    Raises RemoteProtocolError for a body that is too short.
+    Raises RemoteProtocolError if the body is too short.
     """
     form = BODIES.get(message.kind)
     if form is None:
@@ -364,7 +366,7 @@ def read_body(message: Message) -> ReadBody | None:
         rest = rest[layout.size :]
         if title:
             if not rest or len(rest) <= rest[0]:
-                raise RemoteProtocolError(f"the {title} of a message is cut off")
+                raise RemoteProtocolError(f"the {title} of a message is truncated")
             texts.append((title, rest[1 : 1 + rest[0]].decode("ascii", "replace")))
             rest = rest[1 + rest[0] :]
     texts.append((form.text, rest.decode("utf-8", "replace")))
@@ -378,7 +380,7 @@ def encode_message(message: Message) -> bytes:
 
 
 def read_message(body: bytes) -> Message:
-    """Read a message from its packet's body. Raises RemoteProtocolError for one that is too short."""
+    """Decode a message from the body of its packet. Raises RemoteProtocolError if the body is too short."""
     if len(body) < _MESSAGE.size:
         raise RemoteProtocolError(f"a message of {len(body)} bytes is shorter than its head")
     time_ns, source, kind = _MESSAGE.unpack_from(body)
@@ -386,30 +388,36 @@ def read_message(body: bytes) -> Message:
 
 
 def version_body(version: Sequence[int], built: str) -> bytes:
-    """Major, minor, bugfix and build of the controller's software, and the date of its making."""
+    """Encode the body of a version message: major, minor, bugfix and build number of the controller's software, and
+    its build date.
+    """
     return encode_body(MessageKind.VERSION, *version, title="URControl", text=built)
 
 
 def key_body(title: str, text: str) -> bytes:
-    """Encode a key, such as `PROGRAM_XXX_STARTED`, and a text, such as a program's name."""
+    """Encode the body of a key message: a key, such as `PROGRAM_XXX_STARTED`, and a text, such as the name of a
+    program.
+    """
     return encode_body(MessageKind.KEY, 0, 0, title=title, text=text)
 
 
 def runtime_exception_body(line: int, column: int, text: str) -> bytes:
-    """Encode the line and column of an error in a program, from 1, and its text."""
+    """Encode the body of a runtime exception: line and column of an error in a program, counted from 1, and its
+    text.
+    """
     return encode_body(MessageKind.RUNTIME_EXCEPTION, line, column, text=text)
 
 
 def safety_mode_body(mode: int) -> bytes:
-    """Encode the start of a safety mode, without a code."""
+    """Encode the body of a safety mode message that reports the start of a safety mode, without a code."""
     return encode_body(MessageKind.SAFETY_MODE, 0, 0, mode, 0, 0)
 
 
 def error_body(code: int, argument: int, level: ReportLevel, text: str = "") -> bytes:
-    """Encode an error C`code`A`argument`."""
+    """Encode the body of an error message, C`code`A`argument`."""
     return encode_body(MessageKind.ERROR_CODE, code, argument, level, 0, 0, text=text)
 
 
 def popup_body(title: str, text: str) -> bytes:
-    """Encode a pop-up that needs no answer."""
+    """Encode the body of a pop-up that needs no response."""
     return encode_body(MessageKind.POPUP, 0, False, False, False, False, title=title, text=text)

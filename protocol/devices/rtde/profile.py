@@ -1,4 +1,4 @@
-"""Settings of the bridge's client: how it reaches a controller, and how the controller's program servos."""
+"""Settings of the client: the connection to a controller, and the parameters of the controller's servo program."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -8,7 +8,7 @@ from protocol.marks import Mark, above, between, check_settings, setting
 
 @dataclass(frozen=True, slots=True)
 class ClientProfile:
-    """How the bridge talks to a controller of Universal Robots."""
+    """Settings for communication with a Universal Robots controller."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -20,13 +20,13 @@ class ClientProfile:
         unit="ms",
     )
     dashboard_port: int = setting(
-        29999, Mark.OBSERVED, "TCP port of the dashboard; 0 asks it nothing", between(0, 65535)
+        29999, Mark.OBSERVED, "TCP port of the dashboard; 0: the dashboard is not used", between(0, 65535)
     )
-    script_port: int = setting(30002, Mark.OBSERVED, "TCP port that takes programs", between(1, 65535))
+    script_port: int = setting(30002, Mark.OBSERVED, "TCP port that receives programs", between(1, 65535))
     lookahead_s: float = setting(
         0.03,
         Mark.OBSERVED,
-        "servoj's lookahead_time, about what a slow motion lags; a longer one is smoother",
+        "servoj's lookahead_time, approximately the lag of a slow motion; a longer one is smoother",
         between(0.03, 0.2),
         unit="s",
     )
@@ -36,14 +36,14 @@ class ClientProfile:
     hold_ms: float = setting(
         100.0,
         Mark.ASSUMED,
-        "the program brakes after so long without a new target",
+        "time without a new target after which the program brakes",
         between(10.0, 1000.0),
         unit="ms",
     )
     watchdog_hz: float = setting(
         10.0,
         Mark.ASSUMED,
-        "the controller stops the program when packages come more rarely",
+        "lowest rate of packets from this computer; below it the controller stops the program",
         between(1.0, 100.0),
         unit="Hz",
     )
@@ -53,14 +53,14 @@ class ClientProfile:
     joint_step_rad: float = setting(
         0.03,
         Mark.CHOSEN,
-        "the program refuses a pose for which a joint would go farther from one target to the next",
+        "largest change of a joint between two targets; the program refuses a pose that needs more",
         above(0.0, 0.3),
         unit="rad",
     )
     silent_ms: float = setting(
         100.0,
         Mark.CHOSEN,
-        "a movement ends after so long without a data packet",
+        "time without a data packet after which a movement ends",
         between(10.0, 1000.0),
         unit="ms",
     )
@@ -78,5 +78,5 @@ class ClientProfile:
 
     @property
     def hold_cycles(self) -> int:
-        """Cycles without a new target after which the program brakes."""
+        """Number of cycles without a new target after which the program brakes."""
         return max(1, round(self.hold_ms / self.cycle_ms))

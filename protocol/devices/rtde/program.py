@@ -1,7 +1,9 @@
-"""Our own program for the controller: it takes poses from input registers and servos to them.
+"""The bridge's program for the controller. It reads poses from input registers and moves the arm to them with
+servoj.
 
-Own design. It is uploaded as text to the script port, and lives on the registers from 24 on, which are for external
-clients: a fieldbus or ur_rtde on the lower ones is not disturbed. It has not run on a real controller yet.
+The program is this project's own design. It is uploaded as text to the script port. It uses the registers from 24
+on, which are reserved for external clients, so it does not disturb a fieldbus or ur_rtde on the lower registers. It
+has not been run on a real controller yet.
 """
 
 from enum import IntEnum
@@ -11,24 +13,28 @@ FORCE_NAME = "hil_ft"
 """Name of the program that enables `external_force_torque`."""
 
 POSE, TIME, LOOKAHEAD, GAIN = 24, 30, 31, 32
-"""First of six input double registers of the pose, then those of servoj's t, lookahead_time and gain."""
+"""Numbers of input double registers: the first of six registers for the pose, then the registers for servoj's t,
+lookahead_time and gain.
+"""
 COMMAND, SEQUENCE = 24, 25
-"""Input integer registers."""
+"""Numbers of the input integer registers for the command and the sequence number."""
 STATE, TAKEN, AGE = 24, 25, 26
-"""Output integer registers: state, last sequence number taken, cycles since then."""
+"""Numbers of the output integer registers for the state, the last accepted sequence number, and the cycles since
+then.
+"""
 
 INPUT_NAMES = (
     *(f"input_double_register_{number}" for number in range(POSE, GAIN + 1)),
     f"input_int_register_{COMMAND}",
     f"input_int_register_{SEQUENCE}",
 )
-"""Input recipe of the client: pose, t, lookahead, gain, command, sequence."""
+"""Names of the variables in the client's input recipe: pose, t, lookahead, gain, command, sequence."""
 WATCHED = f"input_int_register_{COMMAND}"
-"""The input whose packages keep the program's watchdog quiet."""
+"""Name of the input that the program's watchdog monitors."""
 
 
 class Command(IntEnum):
-    """Orders to the program."""
+    """Command to the program."""
 
     IDLE = 0
     SERVO = 1
@@ -37,25 +43,26 @@ class Command(IntEnum):
 
 
 class State(IntEnum):
-    """Reports of the program."""
+    """State that the program reports."""
 
     READY = 1
     SERVOING = 2
     STARVED = 3
-    """No new target for too long, or told to stop: it has braked."""
+    """The program has braked, because it got no new target for too long or a stop was commanded."""
     REFUSED = 4
-    """No joints near the present ones hold the pose that was asked for."""
+    """No joint angles near the present ones reach the requested pose."""
     ENDED = 5
 
 
 def program_text(
     hold_cycles: int, watchdog_hz: float, deceleration_m_s2: float, joint_step_rad: float
 ) -> str:
-    """Return the program's text for the script port.
+    """Return the text of the program for the script port.
 
-    Without a new target for `hold_cycles` it brakes, and continues with the next. Without any package for a period of
-    `watchdog_hz` the controller stops it. It refuses a pose that no joints within `joint_step_rad` of the last ones
-    hold: at the end of its reach an arm would else swing over to another posture.
+    Without a new target for `hold_cycles`, the program brakes, and continues with the next target. Without any
+    package for a period of `watchdog_hz`, the controller stops the program. The program refuses a pose that no
+    joint angles within `joint_step_rad` of the last ones reach; otherwise, an arm at the end of its reach would
+    flip to another posture.
     """
     return _PROGRAM.format(
         name=NAME,
@@ -69,9 +76,9 @@ def program_text(
 
 
 def force_program_text(hold: bool) -> str:
-    """Return the program that makes the controller use `external_force_torque` as its sensor.
+    """Return the text of a program that makes the controller use `external_force_torque` as its sensor.
 
-    With `hold` it runs until it is stopped. Source of the call: Universal Robots' C++ client library.
+    With `hold`, the program runs until it is stopped. Source of the call: Universal Robots' C++ client library.
     """
     rest = "  while True:\n    sync()\n  end\n" if hold else ""
     return f"def {FORCE_NAME}():\n  ft_rtde_input_enable(True, 0, [0,0,0], [0,0,0])\n{rest}end\n"

@@ -1,10 +1,11 @@
-"""Packets of the real-time interface: a controller's state in each of its cycles, without an agreement.
+"""Packets of the real-time interface: a controller's state in each of its cycles, without negotiation.
 
-Big-endian. A packet is its length, all of it, and doubles; two sets of bits are whole numbers of 64 bits. Newer
-versions add fields at the end, so that the length tells which there are.
+All numbers are big-endian. A packet consists of its total length and doubles; two sets of bits are 64-bit integers.
+Newer versions append fields, so the length identifies the fields that are present.
 
-Source: Universal Robots' manual of the interface, RealTime 5.9 and 5.10, with its note on the bits. Lengths by version:
-a user's table of the older manuals (UR5arm_ReubenPython2and3Class), and ROS's ur_modern_driver, `rt_state.h`.
+Source: Universal Robots' manual of the interface, RealTime 5.9 and 5.10, with its note on the bits. Lengths by
+version: a user's table of the older manuals (UR5arm_ReubenPython2and3Class), and ROS's ur_modern_driver,
+`rt_state.h`.
 """
 
 import struct
@@ -18,7 +19,7 @@ from protocol.fields import Field, Layout
 from protocol.marks import Mark
 
 HEADER = struct.Struct(">I")
-"""Length of a packet with its header, bytes."""
+"""Header of a packet: the length of the packet including its header, in bytes."""
 _BITS = ("actual_digital_input_bits", "actual_digital_output_bits")
 _E_SERIES = 5
 
@@ -27,10 +28,12 @@ class Group(NamedTuple):
     """Fields that a version has added."""
 
     since: Number
-    """First version of an e-Series controller that has them."""
+    """First e-Series version that sends these fields."""
     since_cb3: Number
     names: tuple[str, ...]
-    """Of the same outputs of RTDE; a number for as many doubles without a published meaning."""
+    """Names of the equivalent RTDE outputs. An integer represents this number of doubles without a published
+    meaning.
+    """
 
 
 GROUPS: tuple[Group, ...] = (
@@ -78,32 +81,34 @@ GROUPS: tuple[Group, ...] = (
     Group((5, 9, 0), (3, 14, 0), ("3",)),
     Group((5, 10, 0), NEVER, ("payload", "payload_cog", "payload_inertia")),
 )
-"""All fields in order."""
+"""All groups of fields, in order."""
 
 
 class RealtimeLayout(NamedTuple):
-    """The packet of a version."""
+    """Layout of the packets of one version."""
 
     layout: Layout
-    """Of the packet behind its header."""
+    """Layout of the fields after the header."""
     outputs: tuple[str, ...]
-    """Outputs of RTDE whose numbers follow each other; empty for a double without a meaning."""
+    """Name of the RTDE output of each number, in order; empty for a double without a meaning."""
 
     @property
     def size(self) -> int:
-        """Bytes of a packet with its header."""
+        """Size of a packet including its header, in bytes."""
         return HEADER.size + self.layout.size
 
     def encode(self, values: Sequence[float]) -> bytes:
-        """Encode a packet from a number for every field, in order.
+        """Encode a packet from the numbers for all fields, in order.
 
-        Raises LocalProtocolError for one that does not fit.
+        Raises LocalProtocolError if a number does not fit.
         """
         return HEADER.pack(self.size) + self.layout.pack_row(*values)
 
 
 def _columns(name: str, number: int) -> Iterator[tuple[str, str, str]]:
-    """Name, `struct` character and unit of each double of a field; `number` counts those without a meaning."""
+    """Return the name, `struct` character and unit of each double of a field. `number` counts the doubles without a
+    meaning.
+    """
     if name.isdigit():
         for at in range(int(name)):
             yield f"reserved{number + at}", "d", ""
@@ -127,7 +132,7 @@ def _build(groups: int) -> RealtimeLayout:
 
 
 def layout_of(version: Sequence[int]) -> RealtimeLayout:
-    """Return the packet layout of a controller of this version."""
+    """Return the packet layout of a controller with this version."""
     number = tuple(version[:3])
     e_series = version[0] >= _E_SERIES
     return _build(sum(number >= (group.since if e_series else group.since_cb3) for group in GROUPS) or 1)
@@ -136,12 +141,14 @@ def layout_of(version: Sequence[int]) -> RealtimeLayout:
 LAYOUTS: Mapping[int, RealtimeLayout] = {
     layout.size: layout for layout in (_build(count) for count in range(1, len(GROUPS) + 1))
 }
-"""Packets by their lengths."""
+"""Packet layouts by the length of the packet."""
 
 
 def decode(packet: bytes) -> dict[str, float]:
-    """Values by name of a whole packet. Raises RemoteProtocolError for a length of no version."""
+    """Decode a complete packet to values by name. Raises RemoteProtocolError if no version has packets of this
+    length.
+    """
     layout = LAYOUTS.get(len(packet))
     if layout is None or HEADER.unpack_from(packet)[0] != len(packet):
-        raise RemoteProtocolError(f"{len(packet)} bytes are no packet of the real-time interface")
+        raise RemoteProtocolError(f"{len(packet)} bytes are not a packet of the real-time interface")
     return layout.layout.unpack(packet[HEADER.size :])

@@ -1,4 +1,4 @@
-"""States of a controller as RTDE tells them, and as the dashboard names them.
+"""States of a controller as reported by RTDE, and their names at the dashboard.
 
 Source: Universal Robots' C++ client library, `ur/datatypes.h`, and its RTDE guide.
 """
@@ -7,7 +7,7 @@ from enum import IntEnum, IntFlag
 
 
 class RobotMode(IntEnum):
-    """`robot_mode`"""
+    """Mode of the robot, `robot_mode`."""
 
     NO_CONTROLLER = -1
     DISCONNECTED = 0
@@ -16,14 +16,14 @@ class RobotMode(IntEnum):
     POWER_OFF = 3
     POWER_ON = 4
     IDLE = 5
-    """Powered, brakes on."""
+    """The arm is powered and its brakes are applied."""
     BACKDRIVE = 6
     RUNNING = 7
     UPDATING_FIRMWARE = 8
 
 
 class SafetyMode(IntEnum):
-    """`safety_mode` and `safety_status`"""
+    """Safety mode of the robot, `safety_mode` and `safety_status`."""
 
     NORMAL = 1
     REDUCED = 2
@@ -44,11 +44,11 @@ STOPPED_MODES = (
     SafetyMode.VIOLATION,
     SafetyMode.FAULT,
 )
-"""Safety modes in which no arm moves."""
+"""Safety modes in which the arm cannot move."""
 
 
 class SafetyBits(IntFlag):
-    """`safety_status_bits`"""
+    """Bits of the safety status, `safety_status_bits`."""
 
     NORMAL = 1 << 0
     REDUCED = 1 << 1
@@ -61,18 +61,18 @@ class SafetyBits(IntFlag):
     VIOLATION = 1 << 8
     FAULT = 1 << 9
     STOPPED = 1 << 10
-    """Stopped due to safety. Assumed: set in every stop."""
+    """The arm is stopped for safety. Assumed: the bit is set in every stop."""
 
 
 class StatusBits(IntFlag):
-    """`robot_status_bits`"""
+    """Bits of the robot status, `robot_status_bits`."""
 
     POWER_ON = 1 << 0
     PROGRAM_RUNNING = 1 << 1
 
 
 class Runtime(IntEnum):
-    """`runtime_state`"""
+    """State of the program, `runtime_state`."""
 
     STOPPING = 0
     STOPPED = 1
@@ -98,9 +98,9 @@ BITS = {
     SafetyMode.VIOLATION: SafetyBits.VIOLATION | _STOP,
     SafetyMode.FAULT: SafetyBits.FAULT | _STOP,
 }
-"""Bits that go with a safety mode. Derived from their names."""
+"""Bits of the safety status that are set in each safety mode. Derived from their names."""
 
 
 def name_of(table: type[IntEnum], number: float) -> str:
-    """Return a state's name with spaces, or its number if it has no name."""
+    """Return the name of a state with spaces instead of underscores, or its number if it has no name."""
     return next((one.name.lower().replace("_", " ") for one in table if one == number), f"{number:g}")

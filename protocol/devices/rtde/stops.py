@@ -1,4 +1,4 @@
-"""Stops of a Universal Robot, from what its controller tells, in words."""
+"""Stop conditions of a Universal Robots arm, derived from the reported state."""
 
 from protocol.devices.rtde.states import RobotMode, SafetyBits, name_of
 from protocol.endpoint import NO_TROUBLE, Trouble
@@ -11,7 +11,7 @@ _STOPS = tuple(
             SafetyBits.ROBOT_EMERGENCY_STOPPED
             | SafetyBits.SYSTEM_EMERGENCY_STOPPED
             | SafetyBits.EMERGENCY_STOPPED,
-            Trouble("emergency stop", "release it, power the robot on, and begin again"),
+            Trouble("emergency stop", "release it, power the robot on, and start again"),
         ),
         (
             SafetyBits.VIOLATION | SafetyBits.FAULT,
@@ -19,17 +19,19 @@ _STOPS = tuple(
         ),
         (
             SafetyBits.PROTECTIVE_STOPPED,
-            Trouble("protective stop", "see its cause, unlock it after 5 s at the pendant, and begin again"),
+            Trouble("protective stop", "find its cause, unlock it after 5 s at the pendant, and start again"),
         ),
-        (SafetyBits.SAFEGUARD_STOPPED, Trouble("safeguard stop", "close the safeguard, and begin again")),
+        (SafetyBits.SAFEGUARD_STOPPED, Trouble("safeguard stop", "close the safeguard, and start again")),
         (SafetyBits.RECOVERY, Trouble("recovery mode", "move it back inside its safety limits by hand")),
     )
 )
-"""Bits of stops, the gravest first, in words. Plain numbers, for flags are slow to join."""
+"""Stop bits with their troubles, the most severe first. The bits are plain integers, because flags are slow to
+combine.
+"""
 
 
 def find_stop(mode: float, bits: int) -> Trouble:
-    """Reason for which the robot itself cannot move, from `robot_mode` and `safety_status_bits`."""
+    """Return the reason why the robot itself cannot move, derived from `robot_mode` and `safety_status_bits`."""
     for stop, trouble in _STOPS:
         if bits & stop:
             return trouble
@@ -38,5 +40,5 @@ def find_stop(mode: float, bits: int) -> Trouble:
             f"it is in the mode {name_of(RobotMode, mode)!r}", "power it on and release its brakes"
         )
     if not bits & _RUNS:
-        return Trouble("it is stopped for safety", "see the pendant, and begin again")
+        return Trouble("it is stopped for safety", "check the pendant, and start again")
     return NO_TROUBLE

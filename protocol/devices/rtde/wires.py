@@ -1,4 +1,4 @@
-"""The wires of one controller as one: pieces of bytes, each with the port that it goes over."""
+"""The connections of one controller, combined into one stream of bytes that name their port."""
 
 from collections.abc import Sequence
 from enum import StrEnum
@@ -6,32 +6,32 @@ from typing import NamedTuple, TypeAlias
 
 
 class Port(StrEnum):
-    """The service behind a TCP port."""
+    """Service on a TCP port of the controller."""
 
     RTDE = "rtde"
     DASHBOARD = "dashboard"
     SCRIPT = "script"
-    """Takes programs and tells nothing; a client of one interface may use it."""
+    """Script port: accepts programs and sends nothing. A client of one interface may use it."""
     PRIMARY = "primary"
-    """The primary interface: takes programs, tells the state and messages."""
+    """Primary interface: accepts programs, and sends the state and messages."""
     READ_ONLY = "read-only"
-    """The same without programs."""
+    """Primary interface that accepts no programs."""
     SECONDARY = "secondary"
-    """The secondary interface: takes programs, tells the state."""
+    """Secondary interface: accepts programs, and sends the state."""
     SECONDARY_READ_ONLY = "secondary-read-only"
-    """The same without programs."""
+    """Secondary interface that accepts no programs."""
     REALTIME = "realtime"
-    """The real-time interface: takes programs, tells the state in each cycle."""
+    """Real-time interface: accepts programs, and sends the state in each cycle."""
     REALTIME_READ_ONLY = "realtime-read-only"
-    """The same without programs."""
+    """Real-time interface that accepts no programs."""
 
 
 CLIENT_PORTS = (Port.RTDE, Port.DASHBOARD, Port.SCRIPT)
-"""Ports that our client uses."""
+"""Ports that the client of this package uses."""
 
 
 class Piece(NamedTuple):
-    """Bytes of one wire."""
+    """Bytes sent or received on one connection."""
 
     port: Port
     data: bytes

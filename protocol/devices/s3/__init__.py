@@ -1,1 +1,1 @@
-"""The computer link of the ABB S3: link layer (ADLP), application layer (ARAP) and its times."""
+"""Computer link of the ABB S3: link layer (ADLP), application layer (ARAP) and timing."""

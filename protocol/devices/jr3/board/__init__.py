@@ -1,4 +1,4 @@
-"""The JR3 DSP receiver board: its memory, its commands, and the seam through which both are reached."""
+"""JR3 DSP receiver board: its memory, its commands, and the interface for access to both."""
 
 from protocol.devices.jr3.board.commands import COMMANDS, CommandCode, CommandInfo, command_info
 from protocol.devices.jr3.board.memory_map import (

@@ -1,6 +1,7 @@
-"""The board's commands, what they take and how long. Source: JR3 manual 5907E.
+"""Commands of the board, with their arguments and durations. Source: JR3 manual 5907E.
 
-The host writes command_word2 and command_word1 first and command_word0 last; the board answers there.
+The host writes command_word2 and command_word1 first and command_word0 last. The board reports the result in
+command_word0.
 """
 
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from protocol.marks import Mark
 
 
 class CommandCode(IntEnum):
-    """Upper byte of command_word0, as it stands in the word."""
+    """Command code in the upper byte of command_word0, already shifted."""
 
     MEMORY_READ = 0x0100
     MEMORY_WRITE = 0x0200
@@ -28,22 +29,24 @@ class CommandCode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class CommandInfo:
-    """One command of the table."""
+    """Properties of one command."""
 
     code: CommandCode
     name: str
     takes: str
-    """Words in and out, w1 and w2 being command_word1 and command_word2."""
+    """Input and output words, as text; w1 and w2 are command_word1 and command_word2."""
     typical: float
-    """Time from command_word0 written to command_word0 cleared, s."""
+    """Typical time from writing command_word0 until the board clears it, s."""
     maximum: float
-    """The same at worst, s; equal to `typical` where the manual has one figure."""
+    """Maximum time from writing command_word0 until the board clears it, s; equal to `typical` if the manual gives
+    one value.
+    """
     argument_mask: int = 0
-    """Bits of command_word0 that are an argument."""
+    """Bits of command_word0 that hold an argument."""
     per_link: float = 0.0
-    """Further time for each link of the transform in use, s."""
+    """Additional time for each link of the active transform, s."""
     busy: bool = False
-    """Whether the board computes no data meanwhile."""
+    """Whether the board stops computing data while it executes the command."""
     mark: Mark = Mark.OBSERVED
 
 
@@ -75,7 +78,9 @@ COMMANDS: dict[CommandCode, CommandInfo] = {
 
 
 def command_info(word0: int) -> tuple[CommandInfo, int] | None:
-    """Command and its argument in a command_word0 (0…65535); None for a word that is no command."""
+    """Return the command and its argument in a command_word0 (0 … 65535); None if the command or its argument is
+    invalid.
+    """
     code = word0 & 0xFF00
     if code not in COMMANDS:
         return None

@@ -1,4 +1,4 @@
-"""The named words of the receiver board's memory: one table for client, emulator and monitor.
+"""Named words of the receiver board's memory: one table for client, emulator and monitor.
 
 Source: JR3 manual 5907E, and the public header of Linux's jr3_pci driver.
 """
@@ -12,11 +12,11 @@ from protocol.marks import Mark
 from protocol.wrench import AXES
 
 SLOTS = 16
-"""Slots of offsets, of load envelopes and of transforms."""
+"""Number of slots each for offsets, load envelopes and transforms."""
 SLOT_WORDS = 16
-"""Words from one slot of load envelopes or transforms to the next; a long one runs on into the next slots."""
+"""Number of words in one slot for load envelopes or transforms. A longer entry extends into the next slots."""
 FILTERS = 7
-"""filter0, which does not filter, to filter6."""
+"""Number of filters: filter0, which is unfiltered, to filter6."""
 VECTORS = ("v1", "v2")
 CHANNELS = 16
 
@@ -34,20 +34,20 @@ class Register:
     meaning: str
     unit: str = ""
     scale: float = 1.0
-    """Value of one raw unit in `unit`."""
+    """Size of one raw unit, expressed in `unit`."""
     settable: bool = False
-    """Whether the board obeys what a host writes here."""
+    """Whether the board reacts to a value that a host writes here."""
     mark: Mark = Mark.OBSERVED
 
     def element(self, index: int) -> str:
-        """Name of one word: `filter2.fx`, `copyright[3]`, `errors`."""
+        """Return the name of one word: `filter2.fx`, `copyright[3]`, `errors`."""
         if self.count == 1:
             return self.name
         names = _ELEMENTS.get(self.count)
         return f"{self.name}.{names[index]}" if names else f"{self.name}[{index}]"
 
     def values(self, words: Sequence[int]) -> tuple[int, ...]:
-        """Raw words of this register as numbers with their sign."""
+        """Convert the raw words of this register to signed or unsigned numbers."""
         return tuple(map(to_signed, words)) if self.signed else tuple(words)
 
 
@@ -83,7 +83,7 @@ _TABLE = (
     ),
     Register("offsets", 0x88, 6, True, "subtracted from the data", _COUNTS, settable=True),
     Register("offset_num", 0x8E, 1, True, "slot of offsets in use"),
-    Register("vect_axes", 0x8F, 1, False, "what the vectors are made of"),
+    Register("vect_axes", 0x8F, 1, False, "components of the vectors"),
     *(
         Register(f"filter{n}", 0x90 + 8 * n, 8, True, "filtered data" if n else "unfiltered data", _COUNTS)
         for n in range(FILTERS)
@@ -105,7 +105,7 @@ _TABLE = (
     Register("error_count", 0xEE, 1, False, "samples received badly"),
     Register("count_x", 0xEF, 1, False, "rounds in which the processor had nothing to do"),
     Register("warnings", 0xF0, 1, False, "bits of near saturation"),
-    Register("errors", 0xF1, 1, False, "bits of what is wrong", settable=True),
+    Register("errors", 0xF1, 1, False, "error bits", settable=True),
     Register("threshold_bits", 0xF2, 1, False, "bits set by the load envelope", settable=True),
     Register("last_crc", 0xF3, 1, True, "remainder of the calibration's check, 0 = good"),
     Register("eeprom_ver", 0xF4, 1, True, "version of the sensor's memory"),
@@ -131,7 +131,7 @@ _TABLE = (
 )
 
 REGISTERS: dict[str, Register] = {register.name: register for register in _TABLE}
-"""Every named word or array by name, in order of address."""
+"""All named words and arrays by name, in order of address."""
 
 _BY_ADDRESS = {
     register.address + index: (register, index) for register in _TABLE for index in range(register.count)
@@ -139,24 +139,26 @@ _BY_ADDRESS = {
 
 
 def register_at(address: int) -> tuple[Register, int] | None:
-    """Register that holds a word, and which word of it; None for a word without a name."""
+    """Return the register that contains the word at an address, and the index of the word in that register; None
+    for a word without a name.
+    """
     return _BY_ADDRESS.get(address)
 
 
 def check_range(address: int, count: int) -> None:
-    """Raise RemoteProtocolError when a burst leaves the memory, or is none."""
+    """Raise RemoteProtocolError if a burst is empty or exceeds the memory."""
     if count < 1 or address < 0 or address + count > MEMORY_WORDS:
         raise RemoteProtocolError(
-            f"{count} words from {address:#06x} are not within the board's memory 0x0000 … {MEMORY_WORDS - 1:#06x}"
+            f"{count} words from {address:#06x} are not inside the board's memory 0x0000 … {MEMORY_WORDS - 1:#06x}"
         )
 
 
 INSTRUCTIONS = 0x4000
-"""Instructions that the board's processor has room for. Source: Linux's jr3_pci driver."""
+"""Capacity of the board processor's program memory, in instructions. Source: Linux's jr3_pci driver."""
 
 
 def check_instructions(address: int, words: Sequence[int]) -> None:
-    """Raise RemoteProtocolError for halves of instructions without their other, and outside the program's memory."""
+    """Raise RemoteProtocolError if an instruction is incomplete or outside the program memory."""
     if len(words) % 2 or address < 0 or address + len(words) // 2 > INSTRUCTIONS:
         raise RemoteProtocolError(
             f"{len(words)} half instructions from {address:#06x} are not within the program's memory "
@@ -165,12 +167,12 @@ def check_instructions(address: int, words: Sequence[int]) -> None:
 
 
 def describe(address: int, words: Sequence[int]) -> list[dict[str, object]]:
-    """Every named word of a burst as name, raw value, value in its unit, mark and meaning: for people to read."""
+    """Describe every named word of a burst for display: name, raw value, value in its unit, mark and meaning."""
     rows: list[dict[str, object]] = []
     for offset, word in enumerate(words):
-        if (found := _BY_ADDRESS.get(address + offset)) is None:
+        if (entry := _BY_ADDRESS.get(address + offset)) is None:
             continue
-        register, index = found
+        register, index = entry
         raw = to_signed(word) if register.signed else word
         rows.append(
             {

@@ -1,30 +1,34 @@
-"""Access to a board's memory, the same in every way: emulator, network, a real board on a bus."""
+"""Interface for access to a board's memory, identical for an emulator, a network connection and a real board on a
+bus.
+"""
 
 from collections.abc import Sequence
 from typing import Protocol
 
 
 class Registers(Protocol):
-    """A board's memory as 16-bit words. `now` is in seconds on the caller's clock and never runs backwards."""
+    """A board's memory as 16-bit words. `now` is in seconds on the caller's clock and never decreases."""
 
     def read(self, address: int, count: int, now: float) -> tuple[int, ...]:
-        """Words 0…65535 of one moment. Raises RemoteProtocolError outside the memory."""
+        """Read consecutive words, 0 … 65535, as one snapshot. Raises RemoteProtocolError outside the memory."""
 
     def burst(self, address: int, count: int, now: float) -> bytes:
-        """Read the same words as a wire carries them, `pack_words` of `read`: for a client that reads repeatedly."""
+        """Return the result of `read` in wire format, as encoded by `pack_words`, for a client that reads
+        repeatedly.
+        """
 
     def write(self, address: int, words: Sequence[int], now: float) -> None:
-        """Write words in order of address; a number beyond 16 bits wraps.
+        """Write words in order of address. A number beyond 16 bits wraps around.
 
         Raises RemoteProtocolError outside the memory.
         """
 
     def reset(self, now: float) -> None:
-        """Restart the board's processor as its reset line does."""
+        """Restart the board's processor, as its reset line does."""
 
     def load(self, address: int, words: Sequence[int], now: float) -> None:
-        """Write instructions from this one on, the low and the high half of each in turn; without words, pull the
-        reset line of a processor whose instructions follow.
+        """Write instructions from the one with number `address` on. `words` alternates between the low and the high
+        half of each instruction. Without words, reset the processor before its instructions are written.
 
-        Raises RemoteProtocolError for halves without their other, and outside the program's memory.
+        Raises RemoteProtocolError if an instruction is incomplete or outside the program memory.
         """

@@ -1,6 +1,6 @@
-"""Transforms and load envelopes as they lie in their slots.
+"""Transforms and load envelopes, in the format in which the board's slots store them.
 
-Source: JR3 manual 5907E; the order of words after the public header of Linux's jr3_pci driver.
+Source: JR3 manual 5907E. The order of the words is as in the public header of Linux's jr3_pci driver.
 """
 
 from collections.abc import Sequence
@@ -11,14 +11,14 @@ from protocol.devices.jr3.board.words import from_signed, to_signed
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 TURN_COUNTS = 32768
-"""Amount of a rotation that means 180°."""
+"""Rotation by 180°, in raw units."""
 _HEAD = 3
 _THRESHOLD_WORDS = 3
 _SIGNED = range(-32768, 32768)
 
 
 class LinkType(IntEnum):
-    """Effect of one link of a transform on the frame in which the wrench is told."""
+    """Effect of one link of a transform on the frame in which the wrench is reported."""
 
     END = 0
     TRANSLATE_X = 1
@@ -36,13 +36,15 @@ class Link:
 
     type: LinkType
     amount: int
-    """Signed: lengths in the board's unit, rotations with 32768 ≙ 180°; NEGATE negates unless it is 0."""
+    """Signed amount: a length in the board's unit, or a rotation where 32768 ≙ 180°. NEGATE negates unless the
+    amount is 0.
+    """
 
 
 def encode_transform(links: Sequence[Link]) -> tuple[int, ...]:
-    """Words of a transform, end mark included: 2 n + 1 of them.
+    """Encode a transform and its end mark as 2 n + 1 words for n links.
 
-    Raises LocalProtocolError for an END among the links or an amount that is no signed word.
+    Raises LocalProtocolError if END is among the links, or an amount does not fit into a signed word.
     """
     words: list[int] = []
     for link in links:
@@ -53,9 +55,9 @@ def encode_transform(links: Sequence[Link]) -> tuple[int, ...]:
 
 
 def decode_transform(words: Sequence[int]) -> tuple[Link, ...]:
-    """Links up to the end mark; what follows it is ignored.
+    """Decode the links before the end mark. Words after the end mark are ignored.
 
-    Raises RemoteProtocolError for an unknown type and when no end mark comes.
+    Raises RemoteProtocolError if a link type is unknown or the end mark is missing.
     """
     links: list[Link] = []
     for at in range(0, len(words), 2):
@@ -64,7 +66,7 @@ def decode_transform(words: Sequence[int]) -> tuple[Link, ...]:
         if words[at] > LinkType.NEGATE or at + 1 == len(words):
             break
         links.append(Link(LinkType(words[at]), to_signed(words[at + 1])))
-    raise RemoteProtocolError(f"transform has no end mark after {len(links)} good links")
+    raise RemoteProtocolError(f"transform has no end mark after {len(links)} valid links")
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,25 +75,25 @@ class Threshold:
 
     data_address: int
     threshold: int
-    """Signed counts, met counts as reached."""
+    """Threshold in signed counts. It is reached when the counts are equal to it."""
     bit_pattern: int
-    """Bits of threshold_bits that it sets."""
+    """Bits of threshold_bits that this threshold sets."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoadEnvelope:
-    """Comparisons that the board makes at a quarter of the filter's rate."""
+    """Set of comparisons that the board performs at a quarter of the filter's rate."""
 
     latch_bits: int = 0
-    """Bits that stay set until the host resets them."""
+    """Bits that remain set until the host resets them."""
     at_least: tuple[Threshold, ...] = ()
     at_most: tuple[Threshold, ...] = ()
 
 
 def encode_envelope(envelope: LoadEnvelope) -> tuple[int, ...]:
-    """Words of a load envelope; with more than four thresholds it runs on into the next slot.
+    """Encode a load envelope. With more than four thresholds, it extends into the next slot.
 
-    Raises LocalProtocolError for a threshold that is no signed word.
+    Raises LocalProtocolError if a threshold does not fit into a signed word.
     """
     words = [from_signed(envelope.latch_bits), len(envelope.at_least), len(envelope.at_most)]
     for item in (*envelope.at_least, *envelope.at_most):
@@ -102,9 +104,9 @@ def encode_envelope(envelope: LoadEnvelope) -> tuple[int, ...]:
 
 
 def decode_envelope(words: Sequence[int]) -> LoadEnvelope:
-    """Return a load envelope from the start of its slot; words past its end are ignored.
+    """Decode a load envelope that starts at the first word. Words after its end are ignored.
 
-    Raises RemoteProtocolError when it says more thresholds than there are words.
+    Raises RemoteProtocolError if the envelope declares more thresholds than there are words.
     """
     if len(words) < _HEAD or len(words) < _HEAD + _THRESHOLD_WORDS * (words[1] + words[2]):
         raise RemoteProtocolError("load envelope has more thresholds than its memory")

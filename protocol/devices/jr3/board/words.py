@@ -1,6 +1,6 @@
-"""Meaning of single words of the board's memory: sign, bits, units.
+"""Interpretation of single words of the board's memory: sign, bits, units.
 
-Source: JR3 manual 5907E; bit names after the public header of Linux's jr3_pci driver.
+Source: JR3 manual 5907E; bit names follow the public header of Linux's jr3_pci driver.
 """
 
 import struct
@@ -12,27 +12,27 @@ from protocol.endpoint import LocalProtocolError
 
 WORD_MODULUS = 1 << 16
 MEMORY_WORDS = 1 << 14
-"""Words that a host can address."""
+"""Number of words that a host can address."""
 RAM_WORDS = 1 << 13
-"""The lower half, which the host may write; above are status registers."""
+"""Number of words in the lower half of the memory, which the host may write. Status registers follow."""
 COMMAND_ERROR = -1
-"""Value of command_word0 after a failed command. Assumed: the manual tells only that it is negative."""
+"""Value of command_word0 after a failed command. Assumed: the manual says only that it is negative."""
 CLOCK_HZ = 1_000_000
-"""Ticks of the raw channels' time stamps: a tenth of the slowest processor's 10 MHz."""
+"""Clock rate of the raw channels' time stamps, Hz: a tenth of the slowest processor's 10 MHz."""
 
 
 def to_signed(word: int) -> int:
-    """Convert a word 0…65535 from two's complement."""
+    """Convert a word, 0 … 65535, from two's complement to a signed number."""
     return word - WORD_MODULUS if word >= WORD_MODULUS // 2 else word
 
 
 def from_signed(value: int) -> int:
-    """Convert a number to a word, which wraps as a processor's register does."""
+    """Convert a number to a word. A number beyond 16 bits wraps around, as in a processor register."""
     return value % WORD_MODULUS
 
 
 def pack_words(words: Sequence[int]) -> bytes:
-    """Words 0…65535 as they travel, big-endian. Raises LocalProtocolError for a number beyond 16 bits."""
+    """Encode words, 0 … 65535, in wire format, big-endian. Raises LocalProtocolError for a number beyond 16 bits."""
     try:
         return struct.pack(f">{len(words)}H", *words)
     except struct.error as error:
@@ -40,7 +40,7 @@ def pack_words(words: Sequence[int]) -> bytes:
 
 
 class Warnings(IntFlag):
-    """Word `warnings`: a raw channel has reached near_sat_value."""
+    """Bits of the word `warnings`: raw channels that have reached near_sat_value."""
 
     FX_NEAR_SATURATION = 0x0001
     FY_NEAR_SATURATION = 0x0002
@@ -51,7 +51,7 @@ class Warnings(IntFlag):
 
 
 class Errors(IntFlag):
-    """Word `errors`: a raw channel has reached sat_value, or what is wrong with sensor or board."""
+    """Bits of the word `errors`: raw channels that have reached sat_value, and errors of the sensor or the board."""
 
     FX_SATURATION = 0x0001
     FY_SATURATION = 0x0002
@@ -60,25 +60,25 @@ class Errors(IntFlag):
     MY_SATURATION = 0x0010
     MZ_SATURATION = 0x0020
     MEMORY = 0x0400
-    """The memory failed its test at power-up."""
+    """The memory test at power-up failed."""
     SENSOR_CHANGE = 0x0800
-    """Another sensor's calibration has been read; latched until the host clears it."""
+    """The calibration of another sensor has been read. Latched until the host clears it."""
     SYSTEM_BUSY = 0x1000
-    """No data are computed while a transform, full scales or a calibration are worked out."""
+    """No data is computed, because a transform, full scales or a calibration is being processed."""
     CALIBRATION_CRC = 0x2000
-    """The calibration has not been read, or not been read well."""
+    """The calibration has not been read, or its CRC is wrong."""
     WATCH_DOG2 = 0x4000
-    """Data or clock of the sensor are missing."""
+    """The sensor's data or clock is missing."""
     WATCH_DOG = 0x8000
     """The sensor is not connected."""
 
 
 SATURATIONS = 0x003F
-"""The bits of the six axes in either word."""
+"""Bits of the six axes in the words `warnings` and `errors`."""
 
 
 class VectorAxes(IntFlag):
-    """Word `vect_axes`: what V1 (of forces, unless changed) and V2 (of moments) are made of."""
+    """Bits of the word `vect_axes`: components of V1 (of forces, unless changed) and V2 (of moments)."""
 
     V1_X = 0x01
     V1_Y = 0x02
@@ -91,7 +91,7 @@ class VectorAxes(IntFlag):
 
 
 class Units(IntEnum):
-    """Word `units`: what full scales and transforms count in."""
+    """Unit system of full scales and transforms, word `units`."""
 
     POUND = 0
     NEWTON = 1
@@ -101,14 +101,14 @@ class Units(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class UnitScales:
-    """One unit of each word in SI."""
+    """SI values of the raw units of force, moment and length."""
 
     force: float
-    """N."""
+    """Size of one raw unit of force, N."""
     moment: float
-    """N·m."""
+    """Size of one raw unit of moment, N·m."""
     length: float
-    """m."""
+    """Size of one raw unit of length, m."""
 
 
 _POUND, _INCH, _STANDARD_GRAVITY = 0.45359237, 0.0254, 9.80665
@@ -119,4 +119,6 @@ UNIT_SCALES: dict[Units, UnitScales] = {
     Units.KILOGRAM_FORCE: UnitScales(_STANDARD_GRAVITY / 10, _STANDARD_GRAVITY / 100, 1e-4),
     Units.KILOPOUND: UnitScales(_POUND_FORCE * 1000, _POUND_FORCE * _INCH * 1000, _INCH / 1000),
 }
-"""lb, in·lb, mil; N, N·m×10, mm×10; kgf×10, kgf·cm, mm×10; klb, kin·lb, mil."""
+"""SI values of the raw units in each unit system: lb, in·lb, mil; N, N·m×10, mm×10; kgf×10, kgf·cm, mm×10; klb,
+kin·lb, mil.
+"""

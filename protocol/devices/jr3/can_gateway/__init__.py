@@ -1,4 +1,4 @@
-"""The CAN gateway of a JR3 sensor: its frames and the client's session."""
+"""CAN gateway of a JR3 sensor: its frames and the client session."""
 
 from protocol.devices.jr3.can_gateway.client import GatewayClient
 from protocol.devices.jr3.can_gateway.describe import describe, parse_frame

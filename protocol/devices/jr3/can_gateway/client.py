@@ -1,7 +1,7 @@
-"""The client of a JR3 CAN gateway: a GatewaySession over CAN frames.
+"""Client of a JR3 CAN gateway: a GatewaySession over CAN frames.
 
-The session has the order of the gateway's YARP client: state, start, full scales, a pause, and on request zero; stop at
-the end. The gateway always listens.
+The session uses the same order as the gateway's YARP client: state, start, full scales, a pause, and on request
+zero; stop at the end. The gateway is always ready to receive.
 """
 
 from collections.abc import Sequence
@@ -23,13 +23,15 @@ from protocol.devices.jr3.gateway_session import Dialect, GatewaySession, OfSess
 from protocol.endpoint import RemoteProtocolError, Trouble
 
 STRAGGLER_S = 0.5
-"""Chosen: a counter that steps back by less than this is an old frame; by more, it is a far step forward."""
+"""Largest backward step of the counter that marks an old frame, as a time, s. Chosen. A larger step counts as a
+large step forward.
+"""
 
 _READY = Phase.READY
 
 
 class GatewayClient(OfSession[Op]):
-    """Endpoint of the client: takes and gives sequences of CAN frames, tells SensorEvents."""
+    """Endpoint of the client: exchanges sequences of CAN frames and reports sensor events."""
 
     def __init__(self, profile: GatewayClientProfile, now: float) -> None:
         self._profile = profile
@@ -43,7 +45,7 @@ class GatewayClient(OfSession[Op]):
         if profile.period_ms < TESTED_PERIOD_MS:
             session.notice(
                 f"period_ms is {profile.period_ms:g}, but the gateway's firmware was tested from "
-                f"{TESTED_PERIOD_MS:g} on: below it may leave itself no time for anything else"
+                f"{TESTED_PERIOD_MS:g} on: below that it may have no time left for anything else"
             )
 
     def _dialect(self) -> Dialect[Op]:
@@ -70,15 +72,15 @@ class GatewayClient(OfSession[Op]):
 
     def _explain_silence(self, waited: str) -> Trouble:
         if self._others_heard:
-            return Trouble(f"silent for {waited} while others are on the bus", "wrong node number?")
+            return Trouble(f"silent for {waited} while other nodes are on the bus", "wrong node number?")
         return Trouble(
-            f"silent: nothing of a gateway on the bus in {waited}", f"power, bit rate, wiring? {HANGS}"
+            f"silent: no frame of a gateway on the bus for {waited}", f"power, bit rate, wiring? {HANGS}"
         )
 
-    # --- the wire
+    # --- wire
 
     def receive(self, data: Sequence[CanFrame], now: float) -> None:
-        """Take a batch of frames; those of other nodes and ops are ignored, error reports are told."""
+        """Process received frames. Frames of other nodes and ops are ignored; bus error reports become notices."""
         for frame in data:
             if frame.error:
                 self._on_error_report(frame)
@@ -99,7 +101,7 @@ class GatewayClient(OfSession[Op]):
                 self._others_heard = True
 
     def data_to_send(self, now: float) -> Sequence[CanFrame]:
-        """Return the next command."""
+        """Return the frame of the next command."""
         op = self._session.order_to_send(now)
         return [] if op is None else [self._frame(op)]
 
@@ -127,7 +129,7 @@ class GatewayClient(OfSession[Op]):
             return
         self._session.acknowledge(acknowledge.state, acknowledge.full_scales, now)
 
-    # --- samples: two frames each, up to 1 kHz, so nothing is decoded that is not used
+    # --- samples: two frames each, up to 1 kHz, so only what is used is decoded
 
     def _on_forces(self, frame: CanFrame) -> None:
         if self._session.phase is not _READY:

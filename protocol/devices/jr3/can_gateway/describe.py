@@ -1,4 +1,4 @@
-"""Gateway frames as text and as plain values, for people to read."""
+"""Description of gateway frames as text and as plain values for display."""
 
 from protocol.can.frame import CanFrame
 from protocol.can.text import parse_frame
@@ -15,7 +15,7 @@ __all__ = ["describe", "parse_frame"]
 
 
 def describe(frame: CanFrame) -> dict[str, object]:
-    """One frame as plain values: op, node, direction, fields with units, and what is wrong with it."""
+    """Describe one frame as plain values: op, node, direction, fields with units, and problems."""
     number, node = split(frame.identifier)
     result: dict[str, object] = {
         "identifier": frame.identifier_text,
@@ -28,12 +28,12 @@ def describe(frame: CanFrame) -> dict[str, object]:
     problems: list[str] = []
     result["problems"] = problems
     if frame.error or frame.extended or frame.remote:
-        problems.append("a gateway speaks data frames with 11-bit identifiers only")
+        problems.append("a gateway sends only data frames with 11-bit identifiers")
         return result
     try:
         op = Op(number)
     except ValueError:
-        problems.append(f"{number:03X} is no op of a gateway")
+        problems.append(f"{number:03X} is not an op of a gateway")
         return result
     result["op"] = op.name.lower().replace("_", " ")
     result["direction"] = "from gateway" if op in FROM_GATEWAY else "to gateway"
@@ -41,11 +41,11 @@ def describe(frame: CanFrame) -> dict[str, object]:
     if op is Op.SYNC and node:
         problems.append("SYNC is the bare 080: a gateway ignores it with a node")
     if op is not Op.SYNC and not node:
-        problems.append("node 0 is no gateway")
+        problems.append("node 0 is not a gateway")
     size = len(frame.data)
     layout = FULL_SCALES if op is Op.ACKNOWLEDGE and size >= FULL_SCALES.size else LAYOUTS[op]
     if size < layout.size:
-        consequence = ": what is missing counts as 0" if op in ACKNOWLEDGED else ""
+        consequence = ": missing bytes count as 0" if op in ACKNOWLEDGED else ""
         problems.append(f"{layout.name} needs {layout.size} bytes, got {size}{consequence}")
         return result
     if size > layout.size:

@@ -1,7 +1,7 @@
 """Frames between a JR3 sensor's CAN gateway and its client: identifiers, payload tables, encoders, decoders.
 
-Source: firmware roboticslab-uc3m/jr3-mbed-firmware-can, read for facts. 1 Mbit/s, 11-bit identifiers made of
-an op and a node, little-endian payloads.
+Source: firmware roboticslab-uc3m/jr3-mbed-firmware-can, consulted for facts. The bus runs at 1 Mbit/s. An 11-bit
+identifier combines an op and a node. Payloads are little-endian.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,7 +29,7 @@ from protocol.marks import Mark
 from protocol.wrench import AXES
 
 GATEWAY_BITRATE = 1_000_000
-"""bit/s. Source: the firmware."""
+"""Bit rate, bit/s. Source: the firmware."""
 NODES = range(1, 128)
 
 _OP_MASK = 0x780
@@ -37,10 +37,10 @@ _NODE_MASK = 0x07F
 
 
 class Op(IntEnum):
-    """Upper four bits of an identifier."""
+    """Kind of a frame: the upper four bits of its identifier."""
 
     SYNC = 0x080
-    """Asks for one sample; sent as the bare identifier, without a node."""
+    """Request for one sample, sent as the bare identifier without a node."""
     ACKNOWLEDGE = 0x100
     START_SYNC = 0x180
     START_ASYNC = 0x200
@@ -55,12 +55,12 @@ class Op(IntEnum):
     MOMENTS = 0x680
     BOOT_UP = 0x700
     GRIPPER = 0x780
-    """Pulse width of a gripper motor; the gateway knows it only where it was built with it."""
+    """Pulse width of a gripper motor. Only gateways built with gripper support accept it."""
 
 
 FROM_GATEWAY = frozenset({Op.ACKNOWLEDGE, Op.FORCES, Op.MOMENTS, Op.BOOT_UP})
 ACKNOWLEDGED = frozenset(Op) - FROM_GATEWAY - {Op.SYNC, Op.GRIPPER}
-"""Commands that the gateway answers with an acknowledge."""
+"""Commands that the gateway acknowledges."""
 
 
 FULL_SCALES = payload_layout(
@@ -68,7 +68,7 @@ FULL_SCALES = payload_layout(
     7,
     STATE,
     *axis_fields(
-        "xyz", Field("", 1, "H", Mark.OBSERVED, "forces in N, moments in N·m×10, as was asked", 1.0, "")
+        "xyz", Field("", 1, "H", Mark.OBSERVED, "forces in N, moments in N·m×10, as requested", 1.0, "")
     ),
 )
 FORCES = payload_layout(
@@ -98,12 +98,14 @@ LAYOUTS: Mapping[Op, Layout] = dict.fromkeys(Op, EMPTY) | {
     Op.MOMENTS: MOMENTS,
     Op.GRIPPER: GRIPPER,
 }
-"""Payload of every op; an acknowledge of seven bytes or more is read by FULL_SCALES instead."""
+"""Payload layout of each op. An acknowledge of seven bytes or more is decoded with FULL_SCALES instead."""
 
 
 def can_messages(identifiers: Iterable[int]) -> Sequence[CanMessage]:
-    """Return the frames of the gateway with these identifiers, or of node 1. An acknowledge has only its state:
-    one that carries full scales is longer, and strict decoders refuse a frame that is shorter than its message.
+    """Return the frames of the gateway that uses these identifiers; without identifiers, of node 1.
+
+    The description of an acknowledge contains only its state. An acknowledge that carries full scales is longer,
+    and strict decoders reject a frame that is shorter than its message.
     """
     node = next((node for node in (each & _NODE_MASK for each in identifiers) if node), 1)
     return [
@@ -114,24 +116,24 @@ def can_messages(identifiers: Iterable[int]) -> Sequence[CanMessage]:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Message of a client to a gateway. Fields that the op does not carry are 0."""
+    """Message from a client to a gateway. Fields that the op does not carry are 0."""
 
     op: Op
     node: int = 0
-    """1 … 127; 0 for SYNC only."""
+    """Node number, 1 … 127; 0 only for SYNC."""
     cutoff_centihertz: int = 0
-    """0 = unfiltered."""
+    """Cut-off in units of 0.01 Hz; 0 means unfiltered."""
     period_us: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Acknowledge:
-    """A gateway's answer. Which command it answers is known only by order."""
+    """Response of a gateway. Only the order of responses shows which command it acknowledges."""
 
     state: int
-    """A GatewayState, or whatever else the gateway said."""
+    """State of the gateway: a `GatewayState`, or any other value that the gateway sent."""
     full_scales: tuple[int, int, int] | None = None
-    """x y z as they lie on the wire: N for forces, N·m×10 for moments."""
+    """Full scales of x, y and z in wire units: N for forces, N·m×10 for moments; None if the frame has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,18 +142,18 @@ class Triple:
 
     counts: tuple[int, int, int]
     counter: int
-    """Sensor samples since the start, modulo 65536. The other half of the sample has the same."""
+    """Number of sensor samples since the start, modulo 65536. Both halves of a sample have the same counter."""
 
 
 def split(identifier: int) -> tuple[int, int]:
-    """Op and node of an 11-bit identifier. The op may be one that `Op` does not have (000)."""
+    """Split an 11-bit identifier into op and node. The op may be one that `Op` does not define (000)."""
     return identifier & _OP_MASK, identifier & _NODE_MASK
 
 
 def identifier(op: Op, node: int) -> int:
-    """Return the identifier of an op for a node; SYNC has none and ignores it.
+    """Return the identifier of an op for a node. SYNC has no node and ignores it.
 
-    Raises LocalProtocolError for a node outside 1 … 127.
+    Raises LocalProtocolError if the node is outside 1 … 127.
     """
     if op is Op.SYNC:
         return int(op)
@@ -161,9 +163,10 @@ def identifier(op: Op, node: int) -> int:
 
 
 def client_filters(node: int) -> tuple[CanFilter, ...]:
-    """Return filters for a client of this node: its samples, and acknowledges and boot-ups of every gateway.
+    """Return filters for a client of this node: the node's samples, and the acknowledges and boot-up messages of
+    every gateway.
 
-    The latter distinguish a wrong node number from a dead bus.
+    The messages of other gateways distinguish a wrong node number from a dead bus.
     """
     return (
         *(CanFilter(identifier(op, node)) for op in (Op.FORCES, Op.MOMENTS)),
@@ -172,14 +175,14 @@ def client_filters(node: int) -> tuple[CanFilter, ...]:
 
 
 def gateway_filters(node: int) -> tuple[CanFilter, ...]:
-    """Return filters for a gateway: SYNC, and all frames that are addressed to its node."""
+    """Return filters for a gateway: SYNC, and all frames addressed to its node."""
     return CanFilter(int(Op.SYNC)), CanFilter(node, _NODE_MASK)
 
 
 def encode_command(command: Command) -> CanFrame:
-    """Encode a command. Raises LocalProtocolError for an op that only gateways send, and for values that do not fit."""
+    """Encode a command. Raises LocalProtocolError if only gateways send this op, or if a value does not fit."""
     if command.op in FROM_GATEWAY or command.op is Op.GRIPPER:
-        raise LocalProtocolError(f"{command.op.name} is no command to the sensor")
+        raise LocalProtocolError(f"{command.op.name} is not a command to the sensor")
     layout = LAYOUTS[command.op]
     raw = {"cutoff": command.cutoff_centihertz, "period": command.period_us}
     data = layout.pack({field.name: raw[field.name] for field in layout.fields})
@@ -189,18 +192,18 @@ def encode_command(command: Command) -> CanFrame:
 def decode_command(frame: CanFrame) -> Command:
     """Decode a command as the gateway does: an incomplete value counts as 0.
 
-    Raises RemoteProtocolError for an identifier that is no command.
+    Raises RemoteProtocolError if the identifier is not that of a command.
     """
     op, node = split(frame.identifier)
     if op not in ACKNOWLEDGED and frame.identifier != Op.SYNC:
-        raise RemoteProtocolError(f"identifier {frame.identifier:03X} is no command to a gateway")
+        raise RemoteProtocolError(f"identifier {frame.identifier:03X} is not a command to a gateway")
     cutoff, period = read_start(frame.data)
     size = LAYOUTS[Op(op)].size
     return Command(Op(op), node, cutoff if size >= CUTOFF.size else 0, period if size >= START.size else 0)
 
 
 def encode_acknowledge(node: int, acknowledge: Acknowledge) -> CanFrame:
-    """Encode an acknowledge. Raises LocalProtocolError for values that do not fit."""
+    """Encode an acknowledge. Raises LocalProtocolError if a value does not fit."""
     target = identifier(Op.ACKNOWLEDGE, node)
     if acknowledge.full_scales is None:
         return CanFrame(target, ACKNOWLEDGE.pack({"state": acknowledge.state}))
@@ -217,9 +220,9 @@ def decode_acknowledge(data: bytes) -> Acknowledge:
 
 
 def encode_sample(node: int, counts: Sequence[int], counter: int) -> tuple[CanFrame, CanFrame]:
-    """Force frame and moment frame of one sample of six counts, in the order of the wire.
+    """Encode a sample of six counts as a force frame and a moment frame, in the order in which they are sent.
 
-    Raises LocalProtocolError for values that do not fit.
+    Raises LocalProtocolError if a value does not fit.
     """
     fx, fy, fz, mx, my, mz = counts
     forces = FORCES.pack_row(fx, fy, fz, counter)
@@ -234,6 +237,6 @@ def _sample_identifiers(node: int) -> tuple[int, int]:
 
 
 def decode_triple(data: bytes, layout: Layout) -> Triple:
-    """Half a sample by its layout, FORCES or MOMENTS. Raises RemoteProtocolError when it is too short."""
+    """Decode half a sample with the layout FORCES or MOMENTS. Raises RemoteProtocolError if the data is too short."""
     x, y, z, counter = layout.unpack_row(data)
     return Triple((x, y, z), counter)

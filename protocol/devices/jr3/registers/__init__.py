@@ -1,4 +1,4 @@
-"""A receiver board's registers over a byte stream: telegrams, server, start-up sequence, the sensor's client."""
+"""Registers of a receiver board over a byte stream: telegrams, server, start-up sequence, and the sensor client."""
 
 from protocol.devices.jr3.registers.client import BoardClient, BoardPhase
 from protocol.devices.jr3.registers.profile import (

@@ -1,7 +1,7 @@
-"""The client's side of a session with a receiver board behind a register server.
+"""Client of a receiver board behind a register server.
 
-First the kernel driver's start-up, then samples. Each is one burst from the filter's first word up to the word
-`errors`, so that data, counter and errors are of one moment.
+The client first runs the kernel driver's start-up, then requests samples. Each sample is one burst from the
+filter's first word up to the word `errors`, so that data, counter and errors form one snapshot.
 """
 
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ from protocol.wrench import SensorFacts, SensorReady, SensorRestarted, SensorSta
 
 
 class BoardPhase(Enum):
-    """Where the session is."""
+    """Phase of the session."""
 
     STARTING = "starting"
     SETTLING = "settling"
@@ -56,48 +56,52 @@ _RUNNING = frozenset({BoardPhase.STARTING, BoardPhase.SETTLING, BoardPhase.READY
 
 
 class BoardClient:
-    """Endpoint of the client: bytes in, bytes out, tells SensorEvents."""
+    """Endpoint of the client over a byte stream. It reports sensor events."""
 
     def __init__(self, profile: BoardClientProfile, now: float, program: Sequence[ProgramWord] = ()) -> None:
-        """`program` is loaded at the start-up; without it the board or its server has one."""
+        """Create a client that loads `program` at start-up. If it is empty, the board or its server must already
+        have a program.
+        """
         self._profile = profile
         self._layout = SampleLayout(profile.filter)
         self.statistics = SensorStatistics()
         self._reader = response_reader()
-        self._sensor_events = telling = SensorEventQueue("board: ")
-        self.next_event = telling.next_event
+        self._sensor_events = events = SensorEventQueue("board: ")
+        self.next_event = events.next_event
         self._writer = RequestWriter(profile.bursts)
         self._procedure = Procedure(self._writer, profile.answer_timeout_s)
         self._sampling = Sampling(profile, self._layout, self._writer, now)
-        self._samples = SampleReader(profile, self._layout.burst, telling, self.statistics, now)
+        self._samples = SampleReader(profile, self._layout.burst, events, self.statistics, now)
         self._phase = BoardPhase.STARTING
         self._zero_wanted = False
         self._settled_at: float | None = None
         self._facts: SensorFacts
         self._zero_from: Sequence[int] | None = None
-        """The newest counts when the zero under way was ordered."""
+        """Newest counts at the time when the pending zero was requested."""
         self._begin(start_up(profile, program) if profile.start_up == "driver" else attach(profile), now)
 
     @property
     def phase(self) -> BoardPhase:
-        """Where the session is."""
+        """Phase of the session."""
         return self._phase
 
     @property
     def stop_patience(self) -> float:
-        """How long SensorStopped may take, s: TCP repeats what is lost, so that it is the server's time alone."""
+        """Longest time until SensorStopped, s. TCP retransmits lost data, so only the server's response time counts."""
         return self._profile.answer_timeout_s
 
-    # --- requests of the owner
+    # --- owner's requests
 
     def zero(self) -> None:
-        """Make the present wrench the origin, once settled. Raises LocalProtocolError after the end."""
+        """Use the present wrench as zero once the session is ready. Raises LocalProtocolError after the end of the
+        session.
+        """
         if self._phase not in _RUNNING:
             raise LocalProtocolError(f"cannot zero: the session is {self._phase.value}")
         self._zero_wanted = True
 
     def stop(self) -> None:
-        """End the session; SensorStopped tells that no more data are under way. Harmless when called again."""
+        """End the session. SensorStopped confirms that no more data is in transit. Idempotent."""
         if self._phase in (BoardPhase.STOPPING, BoardPhase.STOPPED):
             return
         streaming = self._phase is BoardPhase.READY and not self._sampling.by_poll
@@ -110,10 +114,10 @@ class BoardClient:
             self._phase = BoardPhase.STOPPED
             self._sensor_events.stop()
 
-    # --- endpoint
+    # --- Endpoint
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes of responses."""
+        """Process received bytes."""
         if self._sampling.head is not None and self._reader.between:
             data = self._take_deliveries(data, self._sampling.head, now)
             if not data:
@@ -123,21 +127,21 @@ class BoardClient:
                 return
             if isinstance(item, Garbage):
                 self.statistics.malformed += 1
-                self._fail(f"what answers is no register server: {item.text}")
+                self._fail(f"the peer is not a register server: {item.text}")
             elif item.op == Op.CONNECTION:
                 self._fail(f"the server closes the connection: {item.status.meaning}")
             elif item.tag == self._procedure.tag:
                 self._on_answer(item, now)
             elif item.tag == self._sampling.tag:
                 self._on_data(item, now)
-            # else: an answer that was under way before a restart or a stop
+            # else: a response that was in transit before a restart or a stop
 
     def data_to_send(self, now: float) -> bytes:
-        """Return the next request."""
+        """Return the requests to send."""
         procedure = self._procedure
         if self._zero_wanted and self._phase is BoardPhase.READY and not procedure.runs:
             self._zero_wanted = False
-            # frames count from the zero before the board says that it holds
+            # frames are already relative to the new zero before the board confirms it
             self._zero_from = self._samples.range.newest
             self._run(zero(self._profile), now)
         elif self._phase is BoardPhase.STOPPING and procedure.answer_by is None:
@@ -147,15 +151,15 @@ class BoardClient:
     def next_deadline(self) -> float | None:
         """Return the time of the next step, sample or time-out."""
         procedure, sampling = self._procedure, self._sampling
-        steps, answer, settled = procedure.wake_at, procedure.answer_by, self._settled_at
-        poll = sampling.poll_due if sampling.by_poll and self._polls else None
-        if steps is answer is settled is poll is None:
-            return sampling.check_at  # as for nearly every sample of a stream
-        moments = (sampling.check_at, steps, answer, settled, poll)
+        steps, answer, settled_at = procedure.wake_at, procedure.answer_by, self._settled_at
+        poll = sampling.poll_due if sampling.by_poll and self._is_polling else None
+        if steps is answer is settled_at is poll is None:
+            return sampling.check_at  # the common case for a sample of a stream
+        moments = (sampling.check_at, steps, answer, settled_at, poll)
         return min([moment for moment in moments if moment is not None])
 
     def handle_deadline(self, now: float) -> None:
-        """Go on with the sequence, ask for a sample, become ready or give up."""
+        """Continue the current steps, request a sample, become ready, or give up."""
         procedure, sampling = self._procedure, self._sampling
         if procedure.answer_by is not None and now >= procedure.answer_by:
             self._fail(f"the server has not answered for {self._profile.answer_timeout_s:g} s")
@@ -164,7 +168,7 @@ class BoardClient:
         if self._settled_at is not None and now >= self._settled_at:
             self._settled_at = None
             self._on_settled(now)
-        if self._polls and now >= sampling.poll_due:
+        if self._is_polling and now >= sampling.poll_due:
             sampling.poll(now)
         if sampling.check_at is not None and now >= sampling.check_at:
             text, remedy = sampling.check(self._samples.sampled_at, self._samples.counter, now)
@@ -180,7 +184,7 @@ class BoardClient:
         self._run(steps, now)
 
     def _end_work(self) -> None:
-        """Give up what is under way."""
+        """Cancel the current steps and the sample requests."""
         self._procedure.drop()
         self._sampling.end()
         self._settled_at = None
@@ -188,7 +192,7 @@ class BoardClient:
     def _run(
         self, steps: Steps[BoardIdentity | None] | None, now: float, words: tuple[int, ...] = ()
     ) -> None:
-        """Begin these steps, or continue with those under way, whose present one is answered by `words`."""
+        """Begin `steps`; if None, continue the current steps with `words`, the response to their pending step."""
         try:
             if steps is None:
                 self._procedure.advance(words, now)
@@ -250,16 +254,16 @@ class BoardClient:
     # --- samples
 
     @property
-    def _polls(self) -> bool:
-        """Whether the next poll comes at its time."""
+    def _is_polling(self) -> bool:
+        """Whether the next poll may be sent when it is due."""
         sampling = self._sampling
         return sampling.by_poll and self._phase is BoardPhase.READY and not sampling.waits
 
     def _on_data(self, response: Response, now: float) -> None:
-        """Take a delivery that came in parts, or a response without samples."""
+        """Process a delivery that arrived in several parts, or a response without samples."""
         self._sampling.waits = False
         if response.status is not Status.OK:
-            self._fail(f"the server gives no data: {response.status.meaning}")
+            self._fail(f"the server sends no data: {response.status.meaning}")
             return
         if not response.bursts:
             return  # the stream has begun
@@ -271,9 +275,9 @@ class BoardClient:
         self._on_bursts(data, 0, len(data), now)
 
     def _take_deliveries(self, data: bytes, head: bytes, now: float) -> bytes:
-        """Take the samples at the beginning of the data; what is left of it.
+        """Process the complete deliveries at the start of the data and return the remaining data.
 
-        Nearly all that ever comes are whole deliveries, which differ in their bursts alone.
+        Nearly all data consists of complete deliveries, which differ only in their bursts.
         """
         begin, sampling = 0, self._sampling
         while (
@@ -287,11 +291,13 @@ class BoardClient:
         return data[begin:]
 
     def _on_bursts(self, data: bytes, begin: int, end: int, now: float) -> None:
-        """Process the bursts between these positions of the data."""
+        """Process the bursts from index `begin` to index `end` of the data."""
         self._sampling.received_at = now
         errors = self._samples.read(data, begin, end, now)
         if errors & DEAF:
-            self._fail(f"it hears no sensor ({errors_text(errors)})", "check the sensor's plug and cable")
+            self._fail(
+                f"it receives no sensor data ({errors_text(errors)})", "check the sensor's plug and cable"
+            )
         elif errors:
             self._sensor_events.tell(SensorRestarted())
             self._begin(configure(self._profile), now)

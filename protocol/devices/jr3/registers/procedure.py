@@ -1,4 +1,4 @@
-"""Steps of a session with a register server: each is a request, and waits for its answer, or a pause."""
+"""Steps of a session with a register server. Each step is a pause, or a request that waits for its response."""
 
 from protocol.devices.jr3.registers.startup import BoardIdentity, Load, Read, Step, Steps, Wait, Write
 from protocol.devices.jr3.registers.telegrams import Op, Request, encode_request
@@ -7,7 +7,7 @@ _TAG_MODULUS = 65536
 
 
 class RequestWriter:
-    """Numbers requests, and keeps them until they are sent."""
+    """Encoder that numbers requests and buffers them until they are sent."""
 
     def __init__(self, bursts: int) -> None:
         self._bursts = bursts
@@ -23,52 +23,54 @@ class RequestWriter:
         words: tuple[int, ...] = (),
         period_us: int = 0,
     ) -> int:
-        """Write a request; its tag."""
+        """Encode a request into the buffer and return its tag."""
         self._tag = (self._tag + 1) % _TAG_MODULUS
         request = Request(op, self._tag, address, count, words, period_us, self._bursts)
         self._out += encode_request(request)
         return self._tag
 
     def take(self) -> bytes:
-        """Return the bytes to be sent."""
+        """Return the buffered bytes and empty the buffer."""
         data, self._out = self._out, b""
         return data
 
 
 class Procedure:
-    """The steps that are under way, if any."""
+    """Executor of a sequence of steps. At most one sequence is in progress."""
 
     def __init__(self, writer: RequestWriter, answer_timeout: float) -> None:
-        """`answer_timeout` is the patience with the server, s."""
+        """Create an executor. `answer_timeout` is the time-out for a response of the server, s."""
         self._writer, self._answer_timeout = writer, answer_timeout
         self.drop()
 
     def drop(self) -> None:
-        """Give up the steps."""
+        """Cancel the steps."""
         self._steps: Steps[BoardIdentity | None] | None = None
         self.step: Step | None = None
-        """The step under way."""
+        """Current step."""
         self.tag: int | None = None
-        """Tag of the request whose answer it waits for."""
+        """Tag of the request whose response is awaited."""
         self.wake_at: float | None = None
-        """End of a pause, s."""
+        """End of the current pause, s; None if there is none."""
         self.answer_by: float | None = None
-        """End of the patience with the server, s."""
+        """End of the time-out for the response, s; None if no response is awaited."""
 
     @property
     def runs(self) -> bool:
-        """Whether there are steps."""
+        """Whether steps are in progress."""
         return self._steps is not None
 
     def begin(self, steps: Steps[BoardIdentity | None], now: float) -> None:
-        """Take the first of these steps. Raises StopIteration and RemoteProtocolError as `advance`."""
+        """Start the first step of a sequence. Raises the same exceptions as `advance`."""
         self.drop()
         self._steps = steps
         self.advance((), now)
 
     def advance(self, words: tuple[int, ...], now: float) -> None:
-        """Take the next step; `words` answer the one before. Raises StopIteration with the result after the last one,
-        and RemoteProtocolError for words that are not expected.
+        """Start the next step. `words` is the response to the previous step.
+
+        Raises StopIteration with the result after the last step, and RemoteProtocolError if the words are
+        unexpected.
         """
         steps = self._steps
         assert steps is not None
@@ -89,5 +91,5 @@ class Procedure:
         self.wait_for_answer(now)
 
     def wait_for_answer(self, now: float) -> None:
-        """Start the server's time-out."""
+        """Start the time-out for a response."""
         self.answer_by = now + self._answer_timeout

@@ -1,4 +1,4 @@
-"""The register server's side of one connection, over any board."""
+"""Register server for one connection and any board."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -24,28 +24,32 @@ from protocol.endpoint import RemoteProtocolError
 
 @dataclass(frozen=True, slots=True)
 class ConnectionOver:
-    """The client has been told that this connection ends; the owner hands over what is to be sent and closes it."""
+    """The connection ends, and the client has been informed. The owner sends the remaining data and closes the
+    connection.
+    """
 
     text: str
 
 
 @dataclass(slots=True)
 class _Stream:
-    """Burst k is due at `anchor` + k · `period`."""
+    """State of a stream. Burst k is due at `anchor` + k · `period`."""
 
     head: bytes
-    """Head of every delivery."""
+    """Header of every delivery."""
     address: int
     count: int
     anchor: float
     period: float
     at_once: int
     delivery: bytes = field(init=False)
-    """The delivery that is being filled, from its head on."""
+    """Delivery that is being filled, including its header."""
     held: int = 0
-    """Bursts in it."""
+    """Number of bursts in `delivery`."""
     number: int = 1
-    """The first burst is due a period from the anchor: it then costs the same as every other one."""
+    """Number of the next burst. The first burst is due one period after the anchor, so that it needs as much time
+    as any other burst.
+    """
     due: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -54,13 +58,13 @@ class _Stream:
 
 
 class ResetRefused(RemoteProtocolError):
-    """Raised by registers whose board must not be reset, with the reason."""
+    """The board must not be reset. Raised by its registers with the reason."""
 
 
 class RegisterServer:
-    """Endpoint of the server: bytes in, bytes out; tells ConnectionOver when the client is beyond help.
+    """Endpoint of the server over a byte stream. It reports ConnectionOver if the client can no longer be served.
 
-    After that it begins again, for wires on which there is no other connection.
+    After that, the server starts again, because some wires have only one connection.
     """
 
     def __init__(self, registers: Registers, profile: RegisterServerProfile, now: float) -> None:
@@ -76,10 +80,12 @@ class RegisterServer:
         self._stream: _Stream | None = None
         self._heard_at = now
 
-    # --- endpoint
+    # --- Endpoint
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes; they are answered when data is asked for, so that answers cannot pile up here."""
+        """Buffer received bytes. Requests are answered only when data to send is requested, so that responses
+        cannot pile up.
+        """
         self._waiting.extend(self._reader.feed(data))
 
     def next_event(self) -> ConnectionOver | None:
@@ -87,7 +93,7 @@ class RegisterServer:
         return self._events.popleft() if self._events else None
 
     def data_to_send(self, now: float) -> bytes:
-        """Answers and bursts, some 16 KiB at a time."""
+        """Return responses and bursts, about 16 KiB at a time."""
         while self._waiting and len(self._out) < MAX_PAYLOAD:
             item = self._waiting.popleft()
             if isinstance(item, Garbage):
@@ -99,14 +105,14 @@ class RegisterServer:
         return data
 
     def next_deadline(self) -> float | None:
-        """Return the time of the stream's next burst, or of the time-out of a silent client."""
+        """Return the time of the stream's next burst or, without a stream, of the time-out of an idle client, s."""
         if self._stream is not None:
             return self._stream.due
         timeout = self._profile.idle_timeout_s
         return self._heard_at + timeout if timeout else None
 
     def handle_deadline(self, now: float) -> None:
-        """Read the burst that is due. One that was missed is left out: its words are gone."""
+        """Read the burst that is due. A missed burst is skipped, because its data no longer exists."""
         stream = self._stream
         if stream is None:
             timeout = self._profile.idle_timeout_s
@@ -153,7 +159,7 @@ class RegisterServer:
         self._send(request, status, burst)
 
     def _on_stream(self, request: Request, now: float) -> Status:
-        """Begin, change or end the stream, and say so before its first burst."""
+        """Start, change or end the stream. The acknowledge precedes the first burst."""
         if not request.period_us:
             self._stream = None
             self._send(request, Status.OK)
@@ -183,12 +189,12 @@ class RegisterServer:
         self._out += head + burst
 
     def _end(self, status: Status, text: str, now: float) -> None:
-        said = self._out + farewell(status)
+        data = self._out + farewell(status)
         self._begin(now)
-        self._out = said
+        self._out = data
         self._events.append(ConnectionOver(text))
 
 
 def farewell(status: Status) -> bytes:
-    """Notice of a server before it closes a connection."""
+    """Return the notice that a server sends before it closes a connection."""
     return encode_response(Response(Op.CONNECTION, status, 0))

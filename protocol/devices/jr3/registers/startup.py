@@ -1,7 +1,9 @@
-"""A host's work with a board's registers, as steps: the kernel driver's start-up, commands, a zero.
+"""Procedures of a host on a board's registers, as sequences of steps: the kernel driver's start-up, commands, and a
+zero.
 
-A sequence is a generator of steps. It is sent the words of each Read and nothing for the other steps. It knows no wire
-and no clock: its caller reads, writes and waits. Order and pauses are those of Linux's jr3_pci driver.
+A sequence is a generator of steps. It receives the words of each Read, and nothing for the other steps. It is
+independent of wire and clock: the caller reads, writes and waits. Order and pauses are the same as in Linux's
+jr3_pci driver.
 """
 
 from collections.abc import Generator, Iterator, Sequence
@@ -25,7 +27,7 @@ from protocol.wrench import AXES
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """Read consecutive words of one moment."""
+    """Step that reads consecutive words as one snapshot."""
 
     address: int
     count: int = 1
@@ -33,7 +35,7 @@ class Read:
 
 @dataclass(frozen=True, slots=True)
 class Write:
-    """Write consecutive words in order of address."""
+    """Step that writes consecutive words in order of address."""
 
     address: int
     words: tuple[int, ...]
@@ -41,16 +43,18 @@ class Write:
 
 @dataclass(frozen=True, slots=True)
 class Reset:
-    """Pull the board's reset."""
+    """Step that activates the board's reset line."""
 
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """Write instructions into the board's processor; without words, reset it and let its program follow."""
+    """Step that writes instructions to the board's processor; without words, it resets the processor and lets its
+    program start.
+    """
 
     address: int
     words: tuple[int, ...] = ()
-    """Low and high half of each in turn."""
+    """Low and high half of each instruction, in alternation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +68,10 @@ class ProgramWord:
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """Let time pass."""
+    """Step that pauses."""
 
     duration: float
-    """s."""
+    """Duration of the pause, s."""
 
 
 Step: TypeAlias = Read | Write | Reset | Load | Wait
@@ -77,12 +81,12 @@ Steps: TypeAlias = Generator[Step, Sequence[int], Result]
 
 @dataclass(frozen=True, slots=True)
 class BoardIdentity:
-    """Which sensor a board has read, and what its counts mean."""
+    """Identity of the sensor as read by the board, and the full scales of its counts."""
 
     serial_no: int
     model_no: int
     full_scales: tuple[float, ...]
-    """fx fy fz mx my mz, N and N·m."""
+    """Full scales of fx fy fz mx my mz, N and N·m."""
 
 
 _ERRORS = REGISTERS["errors"].address
@@ -97,29 +101,29 @@ _WORD0 = REGISTERS["command_word0"].address
 _WORD2 = REGISTERS["command_word2"].address
 
 DEAF = Errors.WATCH_DOG | Errors.WATCH_DOG2
-"""Errors with which the board hears no sensor."""
+"""Error bits that mean that the board receives no sensor data."""
 NEW = Errors.SENSOR_CHANGE | Errors.CALIBRATION_CRC
-"""Errors with which the board has another sensor, or reads the calibration of the same one again."""
+"""Error bits that mean that the board has another sensor, or is reading the calibration of the same sensor again."""
 
 
 _LOADED_AT_ONCE = 128
-"""Instructions of one telegram. Source: the register protocol's 256 words."""
+"""Maximum number of instructions in one telegram. Source: the register protocol's limit of 256 words."""
 
 
 def start_up(profile: BoardClientProfile, program: Sequence[ProgramWord] = ()) -> Steps[BoardIdentity]:
-    """Bring a board from power-up to measuring with an empty transform, its largest full scales, no offsets.
+    """Start up a board until it measures with an empty transform, its largest full scales, and no offsets.
 
-    A program is loaded between the reset and the pause after it; without one, the board or its server has it.
-    Raises RemoteProtocolError when there is no sensor or the board refuses.
+    The program is loaded between the reset and the pause after it. If it is empty, the board or its server must
+    already have a program. Raises RemoteProtocolError if there is no sensor or the board refuses a command.
     """
     yield Load(0) if program else Reset()
-    yield from _loads(program)
+    yield from _split_program(program)
     yield Wait(profile.reset_ms * 1e-3)
     return (yield from configure(profile))
 
 
-def _loads(program: Sequence[ProgramWord]) -> Iterator[Load]:
-    """Split the program into as few pieces as it has gaps, none too long for a telegram."""
+def _split_program(program: Sequence[ProgramWord]) -> Iterator[Load]:
+    """Split the program at its gaps and at the maximum length of a telegram."""
     first, words = 0, list[int]()
     for word in program:
         if words and (word.address != first + len(words) // 2 or len(words) == 2 * _LOADED_AT_ONCE):
@@ -132,8 +136,8 @@ def _loads(program: Sequence[ProgramWord]) -> Iterator[Load]:
 
 
 def configure(profile: BoardClientProfile) -> Steps[BoardIdentity]:
-    """Run the start-up without its reset, as another plugged-in sensor needs it."""
-    yield from _sensor(profile, profile.offset_polls)
+    """Run the start-up without the reset, as required after another sensor has been plugged in."""
+    yield from _wait_for_sensor(profile, profile.offset_polls)
     yield Write(_TRANSFORM, (LinkType.END, 0))
     yield from command(profile, CommandCode.USE_TRANSFORM)
     scales = yield Read(_MAX_FULL_SCALE, len(AXES))
@@ -143,17 +147,17 @@ def configure(profile: BoardClientProfile) -> Steps[BoardIdentity]:
     yield from command(profile, CommandCode.USE_OFFSET, pause_ms=profile.use_offset_ms)
     yield Write(_OFFSETS, (0,) * len(AXES))
     yield from command(profile, CommandCode.SET_OFFSETS)
-    return (yield from _identity())
+    return (yield from _read_identity())
 
 
 def attach(profile: BoardClientProfile) -> Steps[BoardIdentity]:
-    """Take over a board that is already running. Raises RemoteProtocolError when there is no sensor."""
-    yield from _sensor(profile, 0)
-    return (yield from _identity())
+    """Read the identity of a board that is already running. Raises RemoteProtocolError if there is no sensor."""
+    yield from _wait_for_sensor(profile, 0)
+    return (yield from _read_identity())
 
 
 def zero(profile: BoardClientProfile) -> Steps[None]:
-    """Make what filter2 says the offsets in use; the slot that keeps offsets stays as it is."""
+    """Use the present value of filter2 as offsets. The slot that stores offsets does not change."""
     yield from command(profile, CommandCode.RESET_OFFSETS)
 
 
@@ -164,9 +168,10 @@ def command(
     word2: int = 0,
     pause_ms: float | None = None,
 ) -> Steps[None]:
-    """Give a command and wait for its end: command_word2 and 1 first where it takes them, word0 last.
+    """Execute a command and wait for its end. If the command has arguments, command_word2 and command_word1 are
+    written first; command_word0 is written last.
 
-    Raises RemoteProtocolError when the board says that it failed, or nothing.
+    Raises RemoteProtocolError if the board reports a failure or does not respond.
     """
     yield Write(_WORD0, (code,)) if word1 is None else Write(_WORD2, (word2, word1, code))
     pause = (profile.command_ms if pause_ms is None else pause_ms) * 1e-3
@@ -180,28 +185,32 @@ def command(
         if answer < 0:
             raise RemoteProtocolError(f"{_name(code)} failed with {answer}")
         pause = profile.command_ms * 1e-3
-    raise RemoteProtocolError(f"{_name(code)} has no end after {waited:g} s", "does the board's program run?")
+    raise RemoteProtocolError(
+        f"{_name(code)} has not ended after {waited:g} s", "does the board's program run?"
+    )
 
 
 def errors_text(word: int) -> str:
-    """Name the bits of the word `errors`."""
+    """Return the names of the bits set in the word `errors`."""
     return ", ".join(bit.name.lower().replace("_", " ") for bit in Errors if bit & word and bit.name)
 
 
-def _sensor(profile: BoardClientProfile, further: int) -> Steps[None]:
-    """Look every so often until a sensor is there, and a number of times more, then continue."""
+def _wait_for_sensor(profile: BoardClientProfile, further: int) -> Steps[None]:
+    """Poll until a sensor is present, then poll `further` more times. Raises RemoteProtocolError if there is no
+    sensor after the time-out.
+    """
     good, waited = 0, 0.0
     while True:
         words = yield Read(_ERRORS, _MODEL - _ERRORS + 1)
         errors, serial, model = words[0], words[_SERIAL - _ERRORS], words[_MODEL - _ERRORS]
         if errors & Errors.SENSOR_CHANGE:
-            # Latched: the driver would look for ever. The manual has the host clear it by this command.
+            # Latched: the driver would poll forever. According to the manual, the host clears it with this command.
             yield from command(profile, CommandCode.BIT_RESET, _ERRORS, Errors.SENSOR_CHANGE)
         if errors & (DEAF | NEW) or not serial or not model:
             good = 0
             if waited >= profile.ready_timeout_s:
                 why = f" ({errors_text(errors)})" if errors else ""
-                what = "no sensor" if errors & DEAF else "the sensor's calibration is not read"
+                what = "no sensor" if errors & DEAF else "the sensor's calibration has not been read"
                 raise RemoteProtocolError(f"{what} after {waited:g} s{why}", "is it plugged in?")
             waited += profile.poll_s
         elif good == further:
@@ -211,7 +220,7 @@ def _sensor(profile: BoardClientProfile, further: int) -> Steps[None]:
         yield Wait(profile.poll_s)
 
 
-def _identity() -> Steps[BoardIdentity]:
+def _read_identity() -> Steps[BoardIdentity]:
     scales = yield Read(_FULL_SCALE, len(AXES))
     _check_scales(scales)
     words = yield Read(_SERIAL, _UNITS - _SERIAL + 1)
@@ -238,7 +247,7 @@ def _name(code: int) -> str:
 
 
 def step_name(step: Step | None) -> str:
-    """Name a step for messages."""
+    """Return the name of a step for messages."""
     match step:
         case Read(address, count):
             return f"a read of {count} words from {address:04X}"

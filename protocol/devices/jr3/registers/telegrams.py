@@ -1,8 +1,8 @@
-"""The register protocol: requests and responses by which a board's words travel over a byte stream.
+"""Register protocol: requests and responses that carry a board's words over a byte stream.
 
-A header of fixed size says how much follows. All numbers are big-endian, words are raw 16 bits.
-`docs/reference/jr3-registers.md` shows the same tables to people. The protocol is this project's own, so its facts are
-chosen.
+A header of fixed size gives the length of the rest. All numbers are big-endian. A word is sent as its raw 16 bits.
+`docs/reference/jr3-registers.md` documents the same tables. The protocol is this project's own, so its properties
+are chosen.
 """
 
 import struct
@@ -17,32 +17,33 @@ from protocol.fields import Field, Layout
 from protocol.marks import Mark
 
 MAX_WORDS = 256
-"""Words in one burst."""
+"""Maximum number of words in one burst."""
 MAX_PAYLOAD = 16384
-"""Bytes behind one response header: what a client has to be ready to hold."""
+"""Maximum number of bytes after one response header. A client must be able to buffer them."""
 MAX_BURSTS = 255
-"""Bursts in one response, as far as `MAX_PAYLOAD` allows."""
+"""Maximum number of bursts in one response, within `MAX_PAYLOAD`."""
 
 _REQUEST_MAGIC = b"JR"
 _RESPONSE_MAGIC = b"jr"
 
 
 class Op(IntEnum):
-    """Kind of a request; a response repeats it."""
+    """Kind of a request. The response has the same kind."""
 
     CONNECTION = 0
-    """Only in responses: said of the connection, not of a request; the server closes it afterwards."""
+    """Message about the connection, not about a request. Only a server sends it, and then closes the connection."""
     READ = 1
-    """`count` words from `address`, of one moment."""
+    """Read `count` words from `address` as one snapshot."""
     WRITE = 2
-    """The words behind the header, the first to `address`, in ascending order."""
+    """Write the words after the header in ascending order, starting at `address`."""
     RESET = 3
     """Reset the board, as its driver does."""
     STREAM = 4
-    """`count` words from `address` every `period_us`, by the server's clock; period 0 ends it."""
+    """Read `count` words from `address` every `period_us` on the server's clock. A period of 0 ends the stream."""
     PROGRAM = 5
-    """The words behind the header are instructions of the board's processor, from number `address` on: low and high
-    half of each in turn. Without words the processor is reset, and its program follows.
+    """Write instructions of the board's processor, starting at instruction number `address`. The words after the
+    header alternate between the low and the high half of each instruction. Without words, the processor is reset
+    and its program starts.
     """
 
 
@@ -61,20 +62,20 @@ class Status(IntEnum):
 
     @property
     def meaning(self) -> str:
-        """The status in words."""
+        """Text of the status."""
         return _MEANINGS[self]
 
 
 _MEANINGS = {
     Status.OK: "done",
-    Status.UNKNOWN_OP: "the server does not know this op",
+    Status.UNKNOWN_OP: "unknown op",
     Status.OUTSIDE_MAP: "words outside the board's memory map",
     Status.BAD_COUNT: f"a burst has 1 … {MAX_WORDS} words, a response at most {MAX_PAYLOAD} bytes of them",
-    Status.BAD_PERIOD: "the server does not stream as fast as that",
-    Status.BAD_FRAME: "what came is no request; the connection is closed",
-    Status.TOO_MANY_CLIENTS: "the server has all the clients it takes; the connection is closed",
-    Status.IDLE: "nothing was asked for too long; the connection is closed",
-    Status.REFUSED: "the server must not do this with its board",
+    Status.BAD_PERIOD: "the requested stream is too fast for the server",
+    Status.BAD_FRAME: "the data received is not a request; the connection is closed",
+    Status.TOO_MANY_CLIENTS: "the maximum number of clients is connected; the connection is closed",
+    Status.IDLE: "no request for too long; the connection is closed",
+    Status.REFUSED: "the server is not allowed to do this with its board",
 }
 
 
@@ -92,7 +93,7 @@ REQUEST: Final = Layout(
         _field("bursts", 3, "B", "stream: bursts in one response, 0 = 1; else ignored"),
         _field("tag", 4, "H", "any number; the response repeats it"),
         _field("address", 6, "H", "first word"),
-        _field("count", 8, "H", "words, 1 … 256; a write or a program carries them behind the header"),
+        _field("count", 8, "H", "words, 1 … 256; in a write or a program they follow the header"),
         _field("period_us", 10, "I", "stream: from burst to burst, 0 ends the stream; else ignored", "µs"),
     ),
 )
@@ -102,8 +103,8 @@ RESPONSE: Final = Layout(
     ">",
     (
         _field("magic", 0, "H", "6A72, the letters jr"),
-        _field("op", 2, "B", "of the request; 0: said of the connection"),
-        _field("status", 3, "B", "0 done, else why not"),
+        _field("op", 2, "B", "of the request; 0: about the connection"),
+        _field("status", 3, "B", "0 done, else the reason for the refusal"),
         _field("tag", 4, "H", "of the request; a stream's bursts carry that of the request that began it"),
         _field("address", 6, "H", "of the request"),
         _field("count", 8, "H", "words in each burst"),
@@ -115,20 +116,20 @@ BURST: Final = Layout(
     "burst",
     8,
     ">",
-    (_field("time_ns", 0, "Q", "when its words were read, server's clock; they follow", "ns"),),
+    (_field("time_ns", 0, "Q", "when its words, which follow, were read; server's clock", "ns"),),
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Request of a client."""
+    """Request from a client."""
 
     op: int
-    """An `Op`, or a number that the server will not know."""
+    """Kind of the request: an `Op`, or a number unknown to the server."""
     tag: int
     address: int = 0
     count: int = 0
-    """Words to read; of a write or a program, the number of `words`."""
+    """Number of words to read, or for a write or a program, the number of `words`."""
     words: tuple[int, ...] = ()
     period_us: int = 0
     bursts: int = 1
@@ -136,16 +137,16 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Burst:
-    """Consecutive words of one moment."""
+    """Consecutive words, read as one snapshot."""
 
     time_ns: int
-    """On the server's clock, whose zero means nothing."""
+    """Time on the server's clock, ns. The zero of the clock is arbitrary."""
     words: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """Answer of the server, or one delivery of a stream."""
+    """Response of the server, or one delivery of a stream."""
 
     op: int
     status: Status
@@ -157,13 +158,17 @@ class Response:
 
 @dataclass(frozen=True, slots=True)
 class Garbage:
-    """Bytes that are no telegram: the two sides have lost each other. Told once, until a telegram is found."""
+    """Bytes that are not a telegram, which means that the two sides are out of step. Reported once until the next
+    telegram is recognised.
+    """
 
     text: str
 
 
 def encode_request(request: Request) -> bytes:
-    """Bytes of a request. Raises LocalProtocolError for what no field can hold or no burst may have."""
+    """Encode a request. Raises LocalProtocolError if a value does not fit into its field or the number of words is
+    invalid.
+    """
     fewest = _FEWEST.get(request.op)
     if fewest is not None and not (
         request.count == len(request.words) and fewest <= request.count <= MAX_WORDS
@@ -186,7 +191,7 @@ def encode_request(request: Request) -> bytes:
 
 
 def encode_response(response: Response) -> bytes:
-    """Bytes of a response. Raises LocalProtocolError for what no field or no response can hold."""
+    """Encode a response. Raises LocalProtocolError if a value does not fit into its field or into a response."""
     if any(len(burst.words) != response.count for burst in response.bursts):
         raise LocalProtocolError(f"every burst of this response must have {response.count} words")
     if not fits(response.count, len(response.bursts)):
@@ -197,16 +202,17 @@ def encode_response(response: Response) -> bytes:
 
 
 def encode_head(response: Response, bursts: int) -> bytes:
-    """Encode a response up to its bursts, which are this many: in a stream those of every delivery.
+    """Encode the header of a response with this number of bursts. For a stream, this is the number of bursts in
+    every delivery.
 
-    Raises LocalProtocolError for what no field can hold.
+    Raises LocalProtocolError if a value does not fit into its field.
     """
     head = response.op, response.status, response.tag, response.address, response.count
     return RESPONSE.pack_row(int.from_bytes(_RESPONSE_MAGIC), *head, bursts, 0)
 
 
 def fits(count: int, bursts: int) -> bool:
-    """Whether so many bursts of so many words fit into one response."""
+    """Return whether `bursts` bursts of `count` words each fit into one response."""
     return bursts <= MAX_BURSTS and bursts * (BURST.size + 2 * count) <= MAX_PAYLOAD
 
 
@@ -215,11 +221,11 @@ def _unpack_words(data: bytes, at: int, count: int) -> tuple[int, ...]:
 
 
 _FEWEST: Final[Mapping[int, int]] = {Op.WRITE: 1, Op.PROGRAM: 0}
-"""Ops whose requests carry words behind the header, and how many at least."""
+"""Minimum number of words after the header, for each op whose requests carry words."""
 
 
 def _request_size(header: bytes) -> int:
-    """Length of the telegram that begins so. Raises RemoteProtocolError when none does."""
+    """Return the length of the request with this header. Raises RemoteProtocolError if the header is invalid."""
     values = REQUEST.unpack(header)
     op, count = int(values["op"]), int(values["count"])
     if (fewest := _FEWEST.get(op)) is None:
@@ -278,7 +284,7 @@ Telegram = TypeVar("Telegram")
 
 
 class _Reader(Generic[Telegram]):
-    """Cuts a byte stream into telegrams; holds at most one telegram that is not whole yet."""
+    """Splitter of a byte stream into telegrams. It buffers at most one incomplete telegram."""
 
     def __init__(
         self,
@@ -295,13 +301,13 @@ class _Reader(Generic[Telegram]):
         self._lost = False
 
     def feed(self, data: bytes) -> list[Telegram | Garbage]:
-        """Telegrams that are complete with these bytes, in order."""
+        """Process received bytes and return the telegrams that they complete, in order."""
         data = self._data + data
-        at, found = 0, list[Telegram | Garbage]()
+        at, telegrams = 0, list[Telegram | Garbage]()
         while at < len(data):
             if not data.startswith(self._magic[: len(data) - at], at):
                 at = self._skip(
-                    data, at, f"no {self._header.name} begins with {data[at : at + 1].hex()}", found
+                    data, at, f"no {self._header.name} begins with {data[at : at + 1].hex()}", telegrams
                 )
                 continue
             if len(data) - at < self._header.size:
@@ -309,26 +315,26 @@ class _Reader(Generic[Telegram]):
             try:
                 size = self._size(data[at : at + self._header.size])
             except RemoteProtocolError as error:
-                at = self._skip(data, at, f"no {self._header.name}: {error}", found)
+                at = self._skip(data, at, f"no {self._header.name}: {error}", telegrams)
                 continue
             if len(data) - at < size:
                 break
-            found.append(self._decode(data[at : at + size]))
+            telegrams.append(self._decode(data[at : at + size]))
             self._lost = False
             at += size
         self._data = data[at:]
-        return found
+        return telegrams
 
     @property
     def between(self) -> bool:
-        """Whether the next byte begins a telegram: nothing is held, and nothing was lost."""
+        """Whether the next byte starts a telegram: nothing is buffered, and the two sides are in step."""
         return not self._data and not self._lost
 
-    def _skip(self, data: bytes, at: int, why: str, found: list[Telegram | Garbage]) -> int:
-        """Go to where a telegram may begin next, behind `at`."""
+    def _skip(self, data: bytes, at: int, why: str, telegrams: list[Telegram | Garbage]) -> int:
+        """Return the next index after `at` at which a telegram may start. Report the garbage once."""
         if not self._lost:
             self._lost = True
-            found.append(Garbage(why))
+            telegrams.append(Garbage(why))
         following = data.find(self._magic[:1], at + 1)
         return len(data) if following < 0 else following
 
@@ -338,10 +344,10 @@ ResponseReader: TypeAlias = _Reader[Response]
 
 
 def request_reader() -> RequestReader:
-    """Return a reader of what clients send: `feed(data)` gives a list of Request and Garbage."""
+    """Create a reader of data from a client. Its `feed(data)` returns a list of Request and Garbage."""
     return _Reader(_REQUEST_MAGIC, REQUEST, _request_size, _decode_request)
 
 
 def response_reader() -> ResponseReader:
-    """Return a reader of what a server sends: `feed(data)` gives a list of Response and Garbage."""
+    """Create a reader of data from a server. Its `feed(data)` returns a list of Response and Garbage."""
     return _Reader(_RESPONSE_MAGIC, RESPONSE, _response_size, _decode_response)

@@ -1,4 +1,4 @@
-"""The UART gateway of a JR3 sensor: its frames and the client's session."""
+"""UART gateway of a JR3 sensor: its frames and the client session."""
 
 from protocol.devices.jr3.gateway_session import Phase
 from protocol.devices.jr3.uart_gateway.client import UartGatewayClient

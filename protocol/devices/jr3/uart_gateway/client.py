@@ -1,9 +1,9 @@
-"""The client of a JR3 UART gateway: a GatewaySession over bytes.
+"""Client of a JR3 UART gateway: a GatewaySession over bytes.
 
-Order of the session: state, full scales, start, a pause, and on request zero; stop at the end. The gateway acknowledges
-a command and then sleeps for a second. Bytes sent to it in that time are lost, or wait in its driver and hide those
-that come after. So every acknowledge, expected or not, is followed by a pause, and a command without acknowledge is
-repeated only after more than that second.
+The order of the session is state, full scales, start, a pause, and on request zero; stop at the end. The gateway
+acknowledges a command and then sleeps for a second. Bytes sent during that second are lost, or remain in its driver
+and hide later bytes. Every acknowledge, expected or not, is therefore followed by a pause, and a command without an
+acknowledge is repeated only after more than that second.
 """
 
 from protocol.devices.jr3.firmware import HANGS
@@ -21,7 +21,7 @@ from protocol.devices.jr3.uart_gateway.profile import UartGatewayClientProfile, 
 from protocol.devices.jr3.uart_gateway.reader import Reader
 from protocol.endpoint import Trouble
 
-# Asked for with every sample, by names of this module: until Python 3.12 an enum's own name costs five times that.
+# Used with every sample, so bound to module names: before Python 3.12 an enum member lookup is five times slower.
 _READY, _DATA, _ACKNOWLEDGE = Phase.READY, Op.DATA, Op.ACKNOWLEDGE
 
 _STEPS = (
@@ -32,12 +32,12 @@ _STEPS = (
 
 
 class UartGatewayClient(OfSession[Op]):
-    """Endpoint of the client: takes and gives bytes, tells SensorEvents."""
+    """Endpoint of the client over a byte stream. It reports sensor events."""
 
     def __init__(self, profile: UartGatewayClientProfile, now: float) -> None:
         self._profile = profile
         self._reader = Reader(FROM_GATEWAY)
-        self._frame_heard = False
+        self._frame_received_at = False
         super().__init__(GatewaySession(self._dialect(), profile, now))
 
     def _dialect(self) -> Dialect[Op]:
@@ -50,30 +50,30 @@ class UartGatewayClient(OfSession[Op]):
             pause_s=self._profile.pause_s,
             period=self._profile.period_ms * 1e-3,
             counter_step=self._profile.period_ms * 1e3 / self._profile.sample_period_us,
-            counter_behind=0,  # bytes do not overtake each other: only the same counter is an old sample
+            counter_behind=0,  # bytes do not overtake each other: only an equal counter marks an old sample
             check_cutoff=check_uart_cutoff,
             explain_silence=self._explain_silence,
         )
 
     def _explain_silence(self, waited: str) -> Trouble:
-        if self._frame_heard:
-            return Trouble(f"sends but acknowledges nothing in {waited}", "is the line to it open?")
+        if self._frame_received_at:
+            return Trouble(f"sends but acknowledges nothing for {waited}", "is the line to it open?")
         if self._reader.skipped:
             return Trouble(
-                f"bytes but no frame of a gateway in {waited}",
+                f"bytes but no frame of a gateway for {waited}",
                 f"not {UART_BAUDRATE} baud, or another device?",
             )
         return Trouble(f"silent for {waited}", f"power, cable, port? {HANGS}")
 
-    # --- the wire
+    # --- wire
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes; what is no frame of a gateway is skipped and counted."""
+        """Process received bytes. Bytes that are not a frame of a gateway are skipped and counted."""
         reader, session = self._reader, self._session
         noises = reader.noises
         reader.feed(data)
         while (frame := reader.next_frame(scales_expected=session.scales_expected)) is not None:
-            self._frame_heard = True
+            self._frame_received_at = True
             if frame.op is _DATA:
                 if session.phase is _READY:
                     sample = decode_data(frame.payload)
@@ -83,11 +83,11 @@ class UartGatewayClient(OfSession[Op]):
                 session.acknowledge(acknowledge.state, acknowledge.full_scales, now)
             else:
                 session.boot_up(now)
-                self._frame_heard = False
+                self._frame_received_at = False
         self.statistics.malformed += reader.noises - noises
 
     def data_to_send(self, now: float) -> bytes:
-        """Return the next command, complete."""
+        """Return the next command as a complete frame."""
         op = self._session.order_to_send(now)
         return b"" if op is None else self._bytes(op)
 

@@ -1,4 +1,4 @@
-"""A captured piece of a gateway's serial line put into words, for people to read."""
+"""Textual description of captured bytes from a gateway's serial line."""
 
 from typing import Any
 
@@ -15,10 +15,10 @@ from protocol.devices.jr3.uart_gateway.reader import Reader
 
 
 def describe(raw: bytes) -> list[dict[str, Any]]:
-    """Frames and everything else in a capture of either direction or of both, in order, as plain values.
+    """Describe the frames and all other bytes in a capture of one or both directions, in order, as plain values.
 
-    Every item has `offset`, `size` and `kind` ("frame" or "noise"). A frame adds `op`, `direction`,
-    `acknowledged`, `fields` with units and `problems`. Never raises for what the bytes are.
+    Every item has `offset`, `size` and `kind` ("frame" or "noise"). A frame adds `op`, `direction`, `acknowledged`,
+    `fields` with units, and `problems`. Never raises, regardless of the bytes.
     """
     reader = Reader(frozenset(Op))
     reader.feed(raw)
@@ -41,7 +41,7 @@ def _noise(raw: bytes, at: int, size: int) -> dict[str, Any]:
         "offset": at,
         "size": size,
         "kind": "noise",
-        "meaning": "no frame, or one that is damaged or cut off",
+        "meaning": "not a frame, or a damaged or truncated one",
         "bytes": raw[at : at + size].hex(" ").upper(),
     }
 
@@ -51,7 +51,7 @@ def _frame(frame: Frame, at: int) -> dict[str, Any]:
     problems = []
     if frame.op in COMMANDS and holds_delimiter(frame.payload):
         problems.append(
-            "the payload holds 3C or 3E: the gateway takes it for < or > and reads something else"
+            "the payload contains 3C or 3E: the gateway interprets it as < or > and misreads the frame"
         )
     return {
         "offset": at,

@@ -1,8 +1,8 @@
 """Frames between a JR3 sensor's UART gateway and its client: ops, payload tables, encoders, decoders.
 
-Source: firmware roboticslab-uc3m/jr3-mbed-firmware-usb, read for facts. 115200 baud, 8N1; a frame is `<`, two
-digits that name the op, the payload and `>`. Nothing is escaped and nothing checked: a payload may hold both
-delimiters, so only the length that the op has tells where its frame ends.
+Source: firmware roboticslab-uc3m/jr3-mbed-firmware-usb, consulted for facts. The line runs at 115200 baud, 8N1. A
+frame consists of `<`, two digits for the op, the payload, and `>`. There is no escaping and no checksum. A payload
+may contain both delimiters, so only the length defined for the op determines where its frame ends.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,16 +28,16 @@ from protocol.marks import Mark
 from protocol.wrench import AXES
 
 UART_BAUDRATE = 115_200
-"""8 data bits, no parity, one stop bit. Source: the firmware."""
+"""Baud rate of the line, which has 8 data bits, no parity and one stop bit. Source: the firmware."""
 BITS_PER_BYTE = 10
 OPENING, CLOSING = b"<", b">"
 HEAD_SIZE = 3
-"""The opening and the two digits."""
+"""Number of bytes before the payload: the opening delimiter and the two digits."""
 OVERHEAD = HEAD_SIZE + 1
 
 
 class Op(IntEnum):
-    """The number that two digits name."""
+    """Kind of a frame, encoded as two digits."""
 
     ACKNOWLEDGE = 1
     START = 2
@@ -53,7 +53,7 @@ class Op(IntEnum):
 
 FROM_GATEWAY = frozenset({Op.ACKNOWLEDGE, Op.DATA, Op.BOOT_UP})
 COMMANDS = frozenset(Op) - FROM_GATEWAY
-"""All of them are acknowledged."""
+"""Commands, all of which are acknowledged."""
 
 FULL_SCALES = payload_layout(
     "full scales",
@@ -78,13 +78,13 @@ LAYOUTS: Mapping[Op, tuple[Layout, ...]] = dict.fromkeys(Op, (EMPTY,)) | {
     Op.SET_FILTER: (CUTOFF,),
     Op.DATA: (DATA,),
 }
-"""Payloads that an op may have, shortest first."""
+"""Possible payload layouts of each op, shortest first."""
 DATA_FRAME_S = (DATA.size + OVERHEAD) * BITS_PER_BYTE / UART_BAUDRATE
-"""Time of one frame of data on the line, s: no more than 640 a second pass."""
+"""Transmission time of one data frame, s. It allows at most 640 frames per second."""
 
 
 class Frame(NamedTuple):
-    """One frame whose payload has a length that its op allows."""
+    """A frame with a payload length that its op allows."""
 
     op: Op
     payload: bytes = b""
@@ -95,22 +95,22 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Message of a client to a gateway. Fields that the op does not carry are 0."""
+    """Message from a client to a gateway. Fields that the op does not carry are 0."""
 
     op: Op
     cutoff_centihertz: int = 0
-    """0 = unfiltered."""
+    """Cut-off in units of 0.01 Hz; 0 means unfiltered."""
     period_us: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Acknowledge:
-    """A gateway's answer. Which command it answers is known only by order."""
+    """Response of a gateway. Only the order of responses shows which command it acknowledges."""
 
     state: int
-    """A GatewayState, or whatever else the gateway said."""
+    """State of the gateway: a `GatewayState`, or any other value that the gateway sent."""
     full_scales: tuple[int, ...] | None = None
-    """fx fy fz mx my mz as they lie on the wire: N and N·m×10."""
+    """Full scales of fx fy fz mx my mz in wire units, N and N·m×10; None if the frame has none."""
 
 
 class Data(NamedTuple):
@@ -118,23 +118,23 @@ class Data(NamedTuple):
 
     counts: tuple[int, int, int, int, int, int]
     counter: int
-    """Sensor samples since the start, modulo 65536."""
+    """Number of sensor samples since the start, modulo 65536."""
 
 
 def encode_command(command: Command) -> bytes:
     """Encode a command.
 
-    Raises LocalProtocolError for an op that only gateways send and for values that do not fit. It also refuses
-    values with a byte that the gateway would take for a delimiter. It looks for delimiters, whatever stands before.
+    Raises LocalProtocolError if only gateways send this op, or if a value does not fit. It also refuses a value
+    that contains the byte of a delimiter, because the gateway scans for delimiters at every position.
     """
     if command.op in FROM_GATEWAY:
-        raise LocalProtocolError(f"{command.op.name} is no command to the sensor")
+        raise LocalProtocolError(f"{command.op.name} is not a command to the sensor")
     (layout,) = LAYOUTS[command.op]
     raw = {"cutoff": command.cutoff_centihertz, "period": command.period_us}
     payload = layout.pack({field.name: raw[field.name] for field in layout.fields})
     if holds_delimiter(payload):
         raise LocalProtocolError(
-            f"{layout.name} {payload.hex(' ').upper()} holds 3C or 3E, which the gateway takes for < or >"
+            f"{layout.name} {payload.hex(' ').upper()} contains 3C or 3E, which the gateway interprets as < or >"
         )
     return bytes(Frame(command.op, payload))
 
@@ -142,10 +142,10 @@ def encode_command(command: Command) -> bytes:
 def decode_command(op: int, payload: bytes) -> Command:
     """Decode a command as the gateway does: an incomplete value counts as 0.
 
-    Raises RemoteProtocolError for an op that is no command.
+    Raises RemoteProtocolError if the op is not a command.
     """
     if op not in COMMANDS:
-        raise RemoteProtocolError(f"{op:02d} is no command to a gateway")
+        raise RemoteProtocolError(f"{op:02d} is not a command to a gateway")
     cutoff, period = read_start(payload)
     (layout,) = LAYOUTS[Op(op)]
     return Command(
@@ -154,7 +154,7 @@ def decode_command(op: int, payload: bytes) -> Command:
 
 
 def encode_acknowledge(acknowledge: Acknowledge) -> bytes:
-    """Encode an acknowledge. Raises LocalProtocolError for values that do not fit."""
+    """Encode an acknowledge. Raises LocalProtocolError if a value does not fit."""
     if acknowledge.full_scales is None:
         return bytes(Frame(Op.ACKNOWLEDGE, ACKNOWLEDGE.pack({"state": acknowledge.state})))
     scales = dict(zip(AXES, acknowledge.full_scales, strict=True))
@@ -170,7 +170,7 @@ def decode_acknowledge(payload: bytes) -> Acknowledge:
 
 
 def encode_data(counts: Sequence[int], counter: int) -> bytes:
-    """Encode a sample of six counts. Raises LocalProtocolError for values that do not fit."""
+    """Encode a sample of six counts. Raises LocalProtocolError if a value does not fit."""
     return bytes(Frame(Op.DATA, DATA.pack_row(*counts, counter)))
 
 
@@ -181,13 +181,13 @@ def decode_data(payload: bytes) -> Data:
 
 
 def holds_delimiter(payload: bytes) -> bool:
-    """Whether the gateway, which looks for delimiters in what it receives, would misread this payload."""
+    """Return whether the gateway, which scans received data for delimiters, would misread this payload."""
     return OPENING in payload or CLOSING in payload
 
 
 def sendable_near(value: int, size: int) -> tuple[int, ...]:
-    """Return the value itself if the gateway reads it as it is sent, in `size` bytes; otherwise the nearest below and
-    above that it does.
+    """Return the value itself if its encoding in `size` bytes contains no delimiter; otherwise, return the nearest
+    lower and higher values without a delimiter.
     """
 
     def misread(number: int) -> bool:

@@ -1,4 +1,4 @@
-"""Settings and assumptions of a client about its UART gateway."""
+"""Settings and assumptions of a UART gateway's client."""
 
 from dataclasses import dataclass
 
@@ -10,39 +10,45 @@ from protocol.marks import Mark, SettingError, above, at_least, setting
 
 @dataclass(frozen=True)
 class UartGatewayClientProfile(AnyGatewayClientProfile):
-    """Settings of a client about its gateway."""
+    """Settings of the client of a UART gateway."""
 
     period_ms: float = setting(
         10.0,
         Mark.CHOSEN,
-        "between frames, at least the 1.5625 that one takes on the line; the counter wraps every 8.4 s",
+        "time between frames, at least the 1.5625 that one takes on the line; the counter wraps every 8.4 s",
         above(0.0, 4000.0),
         unit="ms",
     )
     pause_s: float = setting(
         1.1,
         Mark.DERIVED,
-        "between an acknowledge and the next command: the gateway is deaf for 1 s, and clocks differ",
+        "time between an acknowledge and the next command: the gateway does not receive for 1 s, "
+        "and clocks differ",
         at_least(0.0),
         unit="s",
     )
     ack_timeout_s: float = setting(
         1.25,
         Mark.DERIVED,
-        "wait for an acknowledge before asking again: more than the deaf second, or the repeat is lost too; for a "
-        "stop, a period of the stream more",
+        "timeout of an acknowledge, after which the command is repeated: more than the 1 s "
+        "without reception, or the repetition is lost too; a stop waits for one more period of "
+        "the stream",
         above(0.0),
         unit="s",
     )
     ready_timeout_s: float = setting(
         12.0,
         Mark.CHOSEN,
-        "patience with a gateway that is silent or not ready: twice its boot of 5 s and more",
+        "timeout of a gateway that is silent or not ready: more than twice its boot time of 5 s",
         above(0.0),
         unit="s",
     )
     settle_s: float = setting(
-        0.1, Mark.OBSERVED, "between start and first use, for the filter", at_least(0.0), unit="s"
+        0.1,
+        Mark.OBSERVED,
+        "time between start and first use, for the filter to settle",
+        at_least(0.0),
+        unit="s",
     )
 
     def __post_init__(self) -> None:
@@ -58,13 +64,13 @@ class UartGatewayClientProfile(AnyGatewayClientProfile):
 
 
 def check_uart_cutoff(cutoff_hz: float) -> None:
-    """Raise ValueError for a cut-off that the gateway cannot be told over this line."""
+    """Raise ValueError if a cut-off cannot be sent to the gateway over this line."""
     check_cutoff(cutoff_hz)
     _check_sendable("cutoff_hz", cutoff_hz, 100, 2)
 
 
 def _check_sendable(name: str, value: float, steps: int, size: int) -> None:
-    """Refuse values that cannot be sent: a gateway stops reading a command at any byte 3E and skips any 3C."""
+    """Raise an error if a value cannot be sent: a gateway ends a command at any byte 3E and skips any byte 3C."""
     nearest = sendable_near(round(value * steps), size)
     if len(nearest) > 1:
         below, above = (f"{number / steps:g}" for number in nearest)

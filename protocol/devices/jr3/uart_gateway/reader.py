@@ -1,9 +1,10 @@
-"""Frames out of a stream of bytes that may begin anywhere and hold anything.
+"""Extractor of frames from a byte stream that may start at any byte and contain any bytes.
 
-Where a frame ends is known by its op alone. Only an acknowledge has two lengths. The request decides between them, so
-the client knows it, and no other reader of the line. Read without that knowledge, an acknowledge is short in two cases:
-`>` stands where the short one ends and `<` comes after it, or `>` stands there and no `>` stands where the long one
-would end. To take a long one for short, fx would have to have a full scale of 15422 N.
+The op alone determines where a frame ends, except for an acknowledge, which has two possible lengths. The request
+determines the length, so the client knows it, but no other reader of the line does. Without that knowledge, an
+acknowledge is decoded as short in two cases: if `>` is at the end of the short form and `<` follows, or if `>` is
+there and not at the end of the long form. A long acknowledge is mistaken for a short one only if fx has a full
+scale of 15422 N.
 """
 
 from collections.abc import Collection
@@ -23,31 +24,32 @@ _NO_FRAME = 0
 
 
 class Reader:
-    """A byte that begins no frame is skipped; whatever claimed to be one and is not is searched for the next `<`."""
+    """Reader that skips bytes outside frames. After an invalid frame, it continues at the next `<`."""
 
     def __init__(self, ops: Collection[Op]) -> None:
-        """`ops` are those that can come: what has another is no frame."""
-        self._begins = {b"%b%02d" % (OPENING, op): (op, LAYOUTS[op][0].size + OVERHEAD) for op in ops}
-        """Bytes that a frame may begin with, with its op and least size."""
+        """Create a reader that recognises only frames with one of `ops`."""
+        self._starts = {b"%b%02d" % (OPENING, op): (op, LAYOUTS[op][0].size + OVERHEAD) for op in ops}
+        """Op and minimum frame size, by the first bytes of a frame."""
         self._waiting = b""
         self._at = 0
-        """Number of the waiting bytes that have been read."""
+        """Number of buffered bytes that have been processed."""
         self._in_noise = False
         self.skipped = 0
-        """Bytes that belong to no frame."""
+        """Number of bytes that belong to no frame."""
         self.noises = 0
-        """Unbroken runs of such bytes."""
+        """Number of unbroken runs of bytes that belong to no frame."""
 
     def feed(self, data: bytes) -> None:
-        """Take what arrived."""
+        """Process received bytes."""
         self._waiting = self._waiting[self._at :] + data
         self._at = 0
 
     def next_frame(self, *, scales_expected: bool = True, ended: bool = False) -> Frame | None:
-        """Return the next frame, or None until more arrives; at most 17 bytes wait for more.
+        """Return the next frame, or None until more data arrives. At most 17 bytes are buffered.
 
-        `scales_expected` is false for a reader that knows that no full scales were asked for: it then knows a short
-        acknowledge at once. `ended` says that nothing more will come: what waits is read for what it is.
+        `scales_expected` is false if the reader knows that no full scales were requested; a short acknowledge is
+        then recognised at once. `ended` says that no more data follows; the buffered bytes are then decoded as they
+        are.
         """
         waiting = self._waiting
         if self._at == len(waiting):
@@ -59,7 +61,7 @@ class Reader:
             payload = self._at + HEAD_SIZE
             if len(waiting) < payload and not (ended and self._at < len(waiting)):
                 return None
-            op, least = self._begins.get(waiting[self._at : payload], (None, _NO_FRAME))
+            op, least = self._starts.get(waiting[self._at : payload], (None, _NO_FRAME))
             size = self._size(op, least, scales_expected, ended)
             if size is None:
                 return None
@@ -78,16 +80,18 @@ class Reader:
         self._in_noise = True
 
     def _size(self, op: Op | None, least: int, scales_expected: bool, ended: bool) -> int | None:
-        """Bytes of the frame that begins here, 0 when none does, None when more must come to tell."""
-        size = self._closed_at(least, ended) if op is not None else _NO_FRAME
+        """Return the size of the frame that starts here; 0 if no frame does, and None if more data is needed to
+        determine it.
+        """
+        size = self._is_closed_at(least, ended) if op is not None else _NO_FRAME
         if op is not Op.ACKNOWLEDGE or size is None or (size and not scales_expected):
             return size
         if size and self._waiting[self._at + size : self._at + size + 1] == OPENING:
             return size
-        long = self._closed_at(_LONG, ended)
+        long = self._is_closed_at(_LONG, ended)
         return long if long is None else long or size
 
-    def _closed_at(self, size: int, ended: bool) -> int | None:
+    def _is_closed_at(self, size: int, ended: bool) -> int | None:
         end = self._at + size
         if len(self._waiting) < end:
             return _NO_FRAME if ended else None

@@ -1,16 +1,18 @@
 """ADLP-10, the data link of the S3 computer link: control bytes, blocks, and both ends of the link.
 
-The link's promise holds on a line where bytes get lost, doubled, changed or late. But no byte becomes a control byte by
-itself, nor one STX the other (no check character covers it), and an answer comes within `answer_timeout_s`. A telegram
-is then delivered once at the most, in order. `MessageSent` says that all telegrams of a message were delivered,
-`LinkFailed` that they may not have been. One of them comes for each message. It comes within `bid_limit` answer
-time-outs for its bids, `repeat_limit` + 1 for each block, one for each WACK, and the line's time. A message may be
-delivered in pieces where its sender's EOT or our ACK was late. With `stx_alternation = "off"` all blocks begin with the
-same STX. Then the promise holds only for a sender whose answer time-out is longer than the receiver's gap time-out. Of
-two equal telegrams in a row the second may be taken for a repeat when an ACK is late.
+The link gives a guarantee on a line where bytes are lost, duplicated, corrupted or late. The guarantee assumes that
+no other byte is corrupted into a control byte, that no STX is corrupted into the other STX (no check character
+covers them), and that an answer comes within `answer_timeout_s`. A telegram is then delivered at most once, in
+order. `MessageSent` says that all telegrams of a message were delivered, `LinkFailed` that they may not have been.
+Each message ends with one of the two events. The event comes within `bid_limit` answer time-outs for the bids,
+`repeat_limit` + 1 answer time-outs for each block, one for each WACK, and the transmission time. A message may be
+delivered in pieces if its sender's EOT or our ACK was late. With `stx_alternation = "off"`, all blocks start with
+the same STX. The guarantee then holds only for a sender whose answer time-out is longer than the receiver's gap
+time-out. If an ACK is late, the second of two equal consecutive telegrams may be mistaken for a repeat.
 
-The link keeps one unfinished block, `QUEUE_LIMIT` messages to send, `MESSAGE_LIMIT` blocks of the incoming message, and
-`EVENT_LIMIT` events. It also keeps bytes to send until they are taken, no more than bytes came and messages hold.
+The link buffers one incomplete block, `QUEUE_LIMIT` messages to send, `MESSAGE_LIMIT` blocks of the incoming
+message, and `EVENT_LIMIT` events. It also buffers bytes to send until the owner takes them. Their number is limited
+by the bytes received and the messages queued.
 """
 
 from protocol.devices.s3.adlp.block import (

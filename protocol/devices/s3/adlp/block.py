@@ -1,8 +1,8 @@
-"""ADLP-10 blocks and control bytes, and the scanner that finds them in a stream.
+"""ADLP-10 blocks and control bytes, and the scanner that extracts them from a byte stream.
 
-A block is `DLE STX <telegram> DLE ETX BCC`. While DLE bytes inside a telegram are not doubled, `10 03` may be data. So
-a block ends where the telegram's own length says it ends. Source: computer-link specification, section 2, itself from
-the ofxABBRobot client.
+A block is `DLE STX <telegram> DLE ETX BCC`. If DLE bytes inside a telegram are not doubled, `10 03` may be data.
+The end of a block is therefore determined from the telegram's length field. Source: computer-link specification,
+section 2, which is based on the ofxABBRobot client.
 """
 
 import re
@@ -16,17 +16,17 @@ from typing import NamedTuple, TypeAlias
 from protocol.devices.s3.adlp.profile import BlockEnd, DleStuffing, LengthStyle
 
 HEADER_SIZE = 8
-"""Bytes of a telegram before its data; its first two are the length. Mark: observed."""
+"""Number of bytes in a telegram before its data. The first two bytes are the length. Mark: observed."""
 BLOCK_OVERHEAD = 5
-"""Bytes that a block adds to its telegram: DLE STX, DLE ETX BCC. Mark: observed."""
+"""Number of bytes that a block adds to its telegram: DLE STX, DLE ETX BCC. Mark: observed."""
 LENGTH_STYLES: tuple[LengthStyle, ...] = ("whole", "data")
 
 
 class Control(IntEnum):
-    """The control bytes. Mark: observed (WACK and RVI are defined by the client but were never used)."""
+    """Control bytes of the link. Mark: observed (the client defines WACK and RVI but never used them)."""
 
     STX = 0x02
-    """Begins a block; "even" where block starts alternate."""
+    """Start of a block; the "even" one if the starts of blocks alternate."""
     ETX = 0x03
     EOT = 0x04
     ENQ = 0x05
@@ -41,40 +41,40 @@ class Control(IntEnum):
 SINGLE_CONTROLS = {
     int(c): c for c in (Control.EOT, Control.ENQ, Control.ACK, Control.WACK, Control.RVI, Control.NAK)
 }
-"""Control bytes that mean something on their own."""
+"""Control bytes that are valid outside a block."""
 _STARTS = frozenset((Control.STX, Control.STX_ODD))
 _MEANINGFUL = re.compile(b"[" + b"".join(rb"\x%02x" % c for c in (*SINGLE_CONTROLS, Control.DLE)) + b"]")
 _DLE_BYTE = int(Control.DLE)
 _DLE = bytes((Control.DLE,))
 TRAILER = bytes((Control.DLE, Control.ETX))
-"""Ends a block; while DLE travels once, the same bytes may be data."""
+"""Bytes that end a block. Without DLE doubling, the same bytes may be data."""
 
 
 class Block(NamedTuple):
-    """A complete block with the right check character."""
+    """A complete block with a correct check character."""
 
     telegram: bytes
     stx: int
-    """02 or 82."""
+    """Byte with which the block started, 02 or 82."""
     size: int
-    """Bytes on the line."""
+    """Number of bytes that the block has on the line."""
 
 
 class Flaw(NamedTuple):
-    """Bytes that began like a block and are none."""
+    """Bytes that start like a block but do not form one."""
 
     text: str
     at: int
-    """Where it is wrong, in bytes from the block's DLE."""
+    """Offset of the error from the block's DLE, in bytes."""
     size: int
-    """Bytes that are certainly its own: all of a whole frame, else 1."""
+    """Number of bytes that certainly belong to the flaw: the entire frame if it is complete, otherwise 1."""
     whole: bool
-    """The frame ends where it should and only its check character is wrong."""
+    """Whether the frame is complete and only its check character is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Bytes that mean nothing where they stand."""
+    """Bytes that have no meaning at their position."""
 
     data: bytes
 
@@ -83,18 +83,20 @@ Token: TypeAlias = Control | Block | Flaw | Noise
 
 
 def check_character(telegram: bytes) -> int:
-    """BCC of a block: XOR of the telegram's bytes and of ETX; both DLEs and STX stay outside."""
+    """Return the check character (BCC) of a block: XOR of the telegram's bytes and of ETX, without STX and both
+    DLEs.
+    """
     return reduce(xor, telegram, int(Control.ETX))
 
 
 def encode_block(telegram: bytes, stuffing: DleStuffing = "off", stx: int = Control.STX) -> bytes:
-    """Encode the block that carries a telegram. The check character is never doubled, whatever its value."""
+    """Encode a telegram as a block. The check character is never doubled, even if it is a DLE."""
     body = telegram.replace(_DLE, _DLE * 2) if stuffing == "double" else telegram
     return b"%c%c%b%b%c" % (Control.DLE, stx, body, TRAILER, check_character(telegram))
 
 
 def telegram_sizes(length: int, styles: Sequence[LengthStyle]) -> list[int]:
-    """Sizes that a telegram with this length field may have, the shorter first."""
+    """Return the possible sizes of a telegram with this length field, the smaller first."""
     sizes = []
     if "whole" in styles and length >= HEADER_SIZE:
         sizes.append(length)
@@ -105,17 +107,19 @@ def telegram_sizes(length: int, styles: Sequence[LengthStyle]) -> list[int]:
 
 @dataclass(frozen=True, slots=True)
 class BlockFormat:
-    """Rules by which the end of a block is found."""
+    """Rules that determine the end of a block."""
 
     stuffing: DleStuffing
     styles: tuple[LengthStyle, ...]
-    """Meaning of the length field: from a robot always the whole telegram."""
+    """Possible meanings of the length field. From a robot, it always counts the entire telegram."""
     max_telegram: int
     end: BlockEnd = "length"
-    """By what the end is found while DLE travels once."""
+    """Method to determine the end of a block if DLE is not doubled."""
 
     def decode(self, data: bytes, start: int = 0) -> Block | Flaw | None:
-        """Decode the block whose DLE is at `start`: the block, its flaw, or None until more bytes arrive."""
+        """Decode the block whose DLE is at index `start`. Return the block, its flaw, or None until more bytes
+        arrive.
+        """
         if len(data) < start + 2:
             return None
         if data[start + 1] not in _STARTS:
@@ -134,7 +138,7 @@ class BlockFormat:
         sizes = [n for n in telegram_sizes(length, self.styles) if n <= self.max_telegram]
         if not sizes:
             return Flaw(f"impossible length {length}", 2, 1, False)
-        flaw = Flaw(f"no DLE ETX where the length {length} puts it", 2 + sizes[-1], 1, False)
+        flaw = Flaw(f"no DLE ETX at the end given by the length {length}", 2 + sizes[-1], 1, False)
         for size in sizes:
             end = begin + size
             if len(data) < end + 3:
@@ -182,7 +186,7 @@ class BlockFormat:
         telegram = b"".join(parts)
         length = int.from_bytes(telegram[:2], "big")
         if len(telegram) not in telegram_sizes(length, self.styles):
-            # Cut short by a lost DLE, or short of a 00, which no XOR tells.
+            # A lost DLE truncated it, or a 00 is missing, which the XOR cannot detect.
             return Flaw(f"length {length} in a telegram of {len(telegram)} bytes", 2, 1, False)
         if data[mark + 2] != check_character(telegram):
             return _wrong_checksum(telegram, data[mark + 2], mark + 3 - start)
@@ -195,9 +199,10 @@ def _wrong_checksum(telegram: bytes, got: int, size: int) -> Flaw:
 
 
 class BlockScanner:
-    """Cuts a byte stream into control bytes, blocks, flaws and noise; any split of it gives the same tokens.
+    """Splitter of a byte stream into control bytes, blocks, flaws and noise. The result does not depend on the
+    chunking.
 
-    Only noise may come in several pieces. An unfinished block is kept back, at most one block long.
+    Only noise may be returned in several pieces. At most one incomplete block is buffered.
     """
 
     def __init__(self, block_format: BlockFormat) -> None:
@@ -206,16 +211,16 @@ class BlockScanner:
 
     @property
     def pending(self) -> int:
-        """Bytes of an unfinished block that are kept back."""
+        """Number of buffered bytes of an incomplete block."""
         return len(self._pending)
 
     def drop(self) -> int:
-        """Forget the unfinished block; returns how many bytes that were."""
+        """Discard the incomplete block and return its number of bytes."""
         dropped, self._pending = len(self._pending), b""
         return dropped
 
     def feed(self, data: bytes) -> list[Token]:
-        """Events that the bytes complete, in order."""
+        """Process received bytes and return the items that they complete, in order."""
         if self._pending:
             data, self._pending = self._pending + data, b""
         tokens: list[Token] = []
@@ -223,12 +228,12 @@ class BlockScanner:
         while at < end:
             byte = data[at]
             if byte == _DLE_BYTE:
-                found = self._format.decode(data, at)
-                if found is None:
+                result = self._format.decode(data, at)
+                if result is None:
                     self._pending = data[at:]
                     break
-                tokens.append(found)
-                at += found.size
+                tokens.append(result)
+                at += result.size
             elif (control := SINGLE_CONTROLS.get(byte)) is not None:
                 tokens.append(control)
                 at += 1

@@ -1,4 +1,4 @@
-"""The two ends of a computer link, and what a link tells its owner."""
+"""The two ends of a computer link, and the events that a link reports to its owner."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -6,50 +6,54 @@ from typing import NamedTuple, TypeAlias
 
 
 class Role(StrEnum):
-    """Which end of the link; the spelling is that of the profile's collision winner."""
+    """End of the link, spelled as in the profile's setting `collision_winner`."""
 
     HOST = "host"
     ROBOT = "robot"
 
 
 class LinkFailure(StrEnum):
-    """Why a message was given up."""
+    """Reason why a message was abandoned."""
 
     NO_ANSWER = "no answer"
-    """Ours: nothing at all came after our bids: cable, power, or the robot has not given the link control."""
+    """Own message: nothing was received after our bids. Possible causes: cable, power, or link control not enabled
+    on the robot.
+    """
     ONLY_NOISE = "only noise"
-    """Ours: bytes came after our bids but nothing valid: rate, parity or wiring."""
+    """Own message: only invalid bytes were received after our bids. Possible causes: rate, parity or wiring."""
     BID_REFUSED = "bid refused"
-    """Ours: every bid was answered by NAK or silence, at least one by NAK."""
+    """Own message: every bid was answered by NAK or not at all, and at least one by NAK."""
     REPEATS_EXHAUSTED = "repeats exhausted"
-    """Ours: a block was not acknowledged, however often it was repeated."""
+    """Own message: a block was not acknowledged despite all repeats."""
     WACK_LIMIT = "asked to wait too often"
     ABORTED = "aborted"
-    """Ours: the receiver answered a block with EOT."""
+    """Own message: the receiver answered a block with EOT."""
     INTERRUPTED = "interrupted"
-    """Ours: the receiver bid instead of answering a block. It may have taken the block (its ACK was lost)."""
+    """Own message: the receiver bid for the line instead of answering a block. It may have accepted the block, if
+    its ACK was lost.
+    """
     EARLY_EOT = "early EOT"
-    """Theirs: ended before a valid block came."""
+    """Incoming message: it ended before a valid block arrived."""
     INCOMPLETE = "incomplete"
-    """Theirs: fell silent or began again in the middle."""
+    """Incoming message: it stopped or restarted before its end."""
     TOO_LONG = "too long"
-    """Theirs: more blocks than we keep."""
+    """Incoming message: it has more blocks than can be buffered."""
 
 
 INCOMING_FAILURES = frozenset((LinkFailure.EARLY_EOT, LinkFailure.INCOMPLETE, LinkFailure.TOO_LONG))
-"""Failures that concern a message of the other side, not one of ours."""
+"""Reasons for the failure of an incoming message; all other reasons are about our own messages."""
 
 
 class NoticeKind(StrEnum):
-    """Events that are worth a line in a log, and a counter."""
+    """Kind of an event that is logged and counted."""
 
     NOISE = "noise"
     STRAY_CONTROL = "stray control byte"
     STRAY_BLOCK = "stray block"
     BAD_BLOCK = "bad block"
-    """Bytes that began like a block and cannot be one."""
+    """Bytes that start like a block but cannot be one."""
     BAD_CHECKSUM = "bad checksum"
-    """A block that ends where it should, with another check character."""
+    """A complete block with a wrong check character."""
     GAP = "gap in block"
     NAK_SENT = "NAK sent"
     NAK_RECEIVED = "NAK received"
@@ -59,22 +63,22 @@ class NoticeKind(StrEnum):
     WACK = "WACK received"
     RVI = "RVI received"
     RELEASED = "line released"
-    """Our bid was acknowledged, and no message came for it in time."""
+    """Our bid was acknowledged, but its message was not queued in time, so the line was released."""
     COLLISION = "collision"
     DUPLICATE = "duplicate dropped"
     MISSING_EOT = "missing EOT"
     LATE_BLOCK = "late block"
-    """A further block of a message that was taken as ended."""
+    """A further block of a message that was considered complete."""
     GAVE_UP = "gave up receiving"
     BID_SENT = "bid sent"
     BID_RECEIVED = "bid received"
-    """A bid that was acknowledged."""
+    """A bid of the other side was received and acknowledged."""
     ACK_SENT = "ACK sent"
     ACK_RECEIVED = "ACK received"
     TRAILER_AVOIDED = "10 03 avoided"
-    """A move gave way by a step, so that its data hold no DLE ETX."""
+    """A move was changed by one step so that its data does not contain DLE ETX."""
     TRAILER_SENT = "10 03 in data"
-    """The data of an order hold DLE ETX, and DLE travels once."""
+    """The data of an order contains DLE ETX, and DLE is not doubled."""
 
 
 ROUTINE = frozenset(
@@ -86,33 +90,33 @@ ROUTINE = frozenset(
         NoticeKind.TRAILER_AVOIDED,
     )
 )
-"""Notices of undisturbed exchanges: always counted, told only by a verbose link."""
+"""Notices of undisturbed exchanges. They are always counted, but only a verbose link reports them."""
 
 
 class MessageReceived(NamedTuple):
-    """A message of the other side is complete."""
+    """A complete message of the other side was received."""
 
     telegrams: tuple[bytes, ...]
-    """One telegram a block, in order."""
+    """Telegrams of the message in order, one per block."""
 
 
 @dataclass(frozen=True, slots=True)
 class MessageSent:
-    """The oldest message that we queued has been acknowledged, block by block."""
+    """All blocks of the oldest queued message have been acknowledged."""
 
 
 @dataclass(frozen=True, slots=True)
 class LinkFailed:
-    """A message was given up: our oldest one, or one of the other side (`INCOMING_FAILURES`)."""
+    """A message was abandoned: our oldest queued one, or an incoming one if the reason is in `INCOMING_FAILURES`."""
 
     reason: LinkFailure
     text: str
     remedy: str = ""
-    """Checks for an operator; empty where none is known."""
+    """Checks that an operator should make; empty if none is known."""
 
 
 class LinkNotice(NamedTuple):
-    """Something happened that the link could deal with itself."""
+    """A condition that the link handled without its owner."""
 
     kind: NoticeKind
     text: str

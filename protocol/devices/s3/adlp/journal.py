@@ -1,4 +1,4 @@
-"""Store of a link for its owner: events not yet taken, and totals."""
+"""Queue of a link's events for its owner, and the link's counters."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -8,11 +8,11 @@ from types import MappingProxyType
 from protocol.devices.s3.adlp.events import ROUTINE, LinkEvent, LinkNotice, NoticeKind
 
 EVENT_LIMIT = 1024
-"""Events that may wait to be taken; beyond it the oldest is dropped and counted. Mark: chosen."""
+"""Maximum number of queued events. Beyond this limit, the oldest event is dropped and counted. Mark: chosen."""
 
 
 class Count(StrEnum):
-    """Counters beside the notices."""
+    """Counter that does not belong to a notice."""
 
     MESSAGES_SENT = "messages sent"
     MESSAGES_RECEIVED = "messages received"
@@ -24,31 +24,31 @@ class Count(StrEnum):
 
 
 class Journal:
-    """Bounded queue of events and a counter for each `Count` and `NoticeKind`."""
+    """Bounded queue of events, with a counter for each `Count` and `NoticeKind`."""
 
     def __init__(self) -> None:
         self._events: deque[LinkEvent] = deque()
         self._counts: dict[str, int] = {str(name): 0 for name in (*Count, *NoticeKind)}
         self.counters: Mapping[str, int] = MappingProxyType(self._counts)
-        """Totals by the text of the counter; a live read-only view."""
+        """Totals by the text of the counter, as a live read-only view."""
         self.verbose = False
-        """Whether what is `ROUTINE` is told and not only counted."""
+        """Whether `ROUTINE` notices are reported in addition to being counted."""
 
     def next_event(self) -> LinkEvent | None:
         """Return the oldest event not yet taken, or None."""
         return self._events.popleft() if self._events else None
 
     def count(self, name: Count, number: int = 1) -> None:
-        """Add to a total."""
+        """Increase a counter."""
         self._counts[name] += number
 
     def tell(self, event: LinkEvent, count: Count) -> None:
-        """Keep an event and count it."""
+        """Queue an event and count it."""
         self._counts[count] += 1
         self._keep(event)
 
     def notice(self, kind: NoticeKind, text: str) -> None:
-        """Count a notice, and keep it unless it is routine and the link is not verbose."""
+        """Count a notice, and queue it unless it is routine and the link is not verbose."""
         self._counts[kind] += 1
         if self.verbose or kind not in ROUTINE:
             self._keep(LinkNotice(kind, text))

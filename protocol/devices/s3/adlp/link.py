@@ -1,65 +1,65 @@
-"""One end of an ADLP-10 link, PC or robot, without I/O: theory of operation, and the machine.
+"""One end of an ADLP-10 link, PC or robot, without I/O: theory of operation, and the state machine.
 
 Roles
-    Both ends run this machine. Either may bid for the idle line, which carries one message at a time.
+    Both ends run this state machine. Either may bid for the idle line, which carries one message at a time.
     `Role` decides two things only: which end goes first when both bid (`collision_winner`), and which lengths of a
     telegram are understood (`accepted_lengths`, for the robot). The end that has won the line is the sender until its
-    EOT, the other one the receiver.
+    EOT; the other end is the receiver.
 
-An undisturbed message
+Undisturbed message
     sender      ENQ        block 1        block 2        EOT
     receiver         ACK           ACK            ACK
-    ENQ is a bid: "may I send?". Each block is acknowledged before the next one goes out. EOT ends the message and gives
-    the line back. A message is one telegram or several, a block each. The other answers to a bid or a block: NAK, "send
-    that again"; WACK, "wait"; RVI, "yes, and I want the line behind your message".
+    ENQ is a bid: "may I send?". Each block is acknowledged before the next one is sent. EOT ends the message and
+    releases the line. A message consists of one or more telegrams, one per block. Other answers to a bid or a block:
+    NAK, "repeat"; WACK, "wait"; RVI, "yes, and I request the line after your message".
 
 Parts
-    `transitions` is the whole behaviour as a table: `State` × `Stimulus` → `Action` and the states that may follow.
-    `SendingHalf` and `ReceivingHalf` have a method for each action; `Link._actions` lists which. `Link` makes stimuli
-    out of bytes (`BlockScanner`) and of time, looks them up (`_step`), and does the two actions in which both halves
-    meet. `Shared` has the state and the clock of the end. `Journal` keeps events and totals for the owner. A pair that
-    is not in the table changes nothing; it is counted and told as stray (`_ignore`).
+    `transitions` defines the entire behaviour as a table: `State` × `Stimulus` → `Action` and the possible next states.
+    `SendingHalf` and `ReceivingHalf` have a method for each action, listed in `Link._actions`. `Link` derives stimuli
+    from bytes (`BlockScanner`) and from time, looks them up (`_step`), and performs the two actions that involve both
+    halves. `Shared` holds the state and the clock of the end. `Journal` stores events and totals for the owner. A pair
+    that is not in the table changes nothing; it is counted and reported as stray (`_ignore`).
 
 States
-    IDLE            no message; a queued message bids from here.
-    LISTENING       as IDLE, but the other side asked for the line by RVI: we do not bid before the time-out.
-    BIDDING         our ENQ is out.
-    HOLDING         our bid was acknowledged, and its message is not here yet (see "Bidding ahead").
-    AWAITING_ACK    our block is out.
-    AWAITING_BLOCK  we acknowledged a bid or refused a block: a block must come.
-    AWAITING_MORE   we acknowledged a block: another block or EOT must come.
-    DISCARDING      garbage came instead of a block: we wait for silence, then judge it.
+    IDLE            no message; a queued message starts its bid from here.
+    LISTENING       like IDLE, but the other side requested the line by RVI: we do not bid before the time-out.
+    BIDDING         our ENQ has been sent.
+    HOLDING         our bid was acknowledged, and its message is not queued yet (see "Bidding ahead").
+    AWAITING_ACK    our block has been sent.
+    AWAITING_BLOCK  we acknowledged a bid or refused a block: a block must follow.
+    AWAITING_MORE   we acknowledged a block: another block or EOT must follow.
+    DISCARDING      garbage arrived instead of a block: we wait for silence, then evaluate it.
 
-Time-outs (seconds from the end of the characters that we handed out last, `Shared.arm`)
+Time-outs (seconds from the end of transmission of the last characters, `Shared.arm`)
     BIDDING, AWAITING_ACK   `answer_timeout_s`, then the same again: `bid_limit` bids, `repeat_limit` repeats of a
-                            block, `wack_limit` WACKs. Behind the last one the message has failed (`LinkFailed`).
+                            block, `wack_limit` WACKs. After the last one the message has failed (`LinkFailed`).
     AWAITING_BLOCK          `answer_timeout_s` and a gap: a sender that missed our answer repeats within that time.
-    AWAITING_MORE           one gap. The EOT is a single byte and may be lost: the message is then taken as ended, for
-                            its blocks were acknowledged. A block that comes later is recognised (`recognise_late`).
-    gap                     `gap_time` without a byte, inside a block or behind garbage: the block is refused by NAK.
-    A block that comes in holds off the state's own time-out; the gap stands for it (`_block_is_coming`). Deadlines that
-    the owner did not handle in time do not count against data that came first (`receive`). A late owner is noticed
-    where it matters: behind an old ACK the other side no longer waits, and a bid goes out again (`Shared.is_overdue`).
+    AWAITING_MORE           one gap. The EOT is a single byte and may be lost: the message is then considered complete,
+                            because its blocks were acknowledged. A later block is recognised (`recognise_late`).
+    gap                     `gap_time` without a byte, inside a block or after garbage: the block is refused by NAK.
+    While a block arrives, the gap time-out replaces the state's own (`_extend_for_block`). Received data takes
+    precedence over deadlines that the owner did not handle in time (`receive`). A late owner matters in one case: after
+    an old ACK the other side no longer waits, so the bid is sent again (`Shared.is_overdue`).
 
 Contention
-    Both bid at once: each hears ENQ while BIDDING (`_collide`). The `collision_winner` waits further for its ACK, the
-    other end acknowledges, takes the message, and bids again from IDLE; its own message stays queued.
-    ENQ instead of an answer to a block (`_interrupt`): the other side has left our message. It may have taken the
-    block, so the message fails and is never repeated: an order must not be done twice.
+    Both bid at once: each receives ENQ while BIDDING (`_collide`). The `collision_winner` keeps waiting for its ACK.
+    The other end acknowledges, receives the message, and bids again from IDLE; its own message stays queued.
+    ENQ instead of an answer to a block (`_interrupt`): the other side has abandoned our message. It may have accepted
+    the block, so the message fails and is never repeated: an order must not be executed twice.
 
 Bidding ahead
-    `announce` bids for a message that is still being made: bid and ACK travel meanwhile. The ACK then leads to HOLDING
-    ("the line is held"). `send` continues from there. When no message comes within `HOLDING_SHARE` of
-    `answer_timeout_s`, EOT gives the line back (`SendingHalf.release`).
+    `announce` bids for a message that is still being prepared, while bid and ACK are in transit. The ACK then leads to
+    HOLDING ("the line is held"). `send` continues from there. If no message follows within `HOLDING_SHARE` of
+    `answer_timeout_s`, EOT releases the line (`SendingHalf.release`).
 
 Noise
-    No check character covers the control bytes, so rules guard them. Behind `GARBAGE_SIZE` meaningless bytes a control
-    byte is one more of them, until silence: it may be data of a mutilated block. In DISCARDING only a whole block
-    counts. Two bytes are never what they seem (`_is_too_early`). One is an answer to a block that has not left yet, the
-    other a bid before our last answer can have been heard. The line made them of others; a second ACK would acknowledge
-    a block that was never received.
+    No check character covers the control bytes, so rules guard them. After `GARBAGE_SIZE` meaningless bytes a control
+    byte is meaningless too, until silence: it may be data of a mutilated block. In DISCARDING only a complete block
+    counts. Two bytes are never genuine (`_is_too_early`): an answer to a block that has not been sent yet, and a bid
+    before our last answer can have been received. The line corrupted other bytes into them; a second ACK would
+    acknowledge a block that was never received.
 
-What all this promises the owner is in the package's docstring. Source: computer-link specification, section 2.
+The guarantees to the owner are described in the package's docstring. Source: computer-link specification, section 2.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -81,8 +81,8 @@ from protocol.devices.s3.adlp.shared import Shared
 from protocol.devices.s3.adlp.transitions import TRANSITIONS, Action, State, Stimulus
 
 GARBAGE_SIZE = 5
-"""After so many meaningless bytes in one run a control byte is one more of them, until the line falls silent. Otherwise
-the data of a mutilated block would be answered. Mark: chosen (STX, length and addresses of a block).
+"""Number of consecutive meaningless bytes after which a control byte is meaningless too, until the line is silent.
+Otherwise, the data of a mutilated block would be answered. Mark: chosen (STX, length and addresses of a block).
 """
 
 _ACCEPTED_STYLES: dict[str, tuple[LengthStyle, ...]] = {
@@ -101,7 +101,7 @@ _CONTROL_STIMULI = {
 _ANSWERS = frozenset((Control.ACK, Control.NAK, Control.WACK, Control.RVI))
 _RECEIVING = frozenset((State.AWAITING_BLOCK, State.AWAITING_MORE, State.DISCARDING))
 
-# Asked for with every byte, by names of this module: until Python 3.12 an enum's own name costs five times that.
+# Used with every byte, so bound to module names: before Python 3.12 an enum member lookup is five times slower.
 _IDLE, _BIDDING, _HOLDING, _DISCARDING = State.IDLE, State.BIDDING, State.HOLDING, State.DISCARDING
 _AWAITING_ACK, _AWAITING_BLOCK, _AWAITING_MORE = State.AWAITING_ACK, State.AWAITING_BLOCK, State.AWAITING_MORE
 _BLOCK, _BAD_CHECKSUM = Stimulus.BLOCK, Stimulus.BAD_CHECKSUM
@@ -110,7 +110,7 @@ _ENQ = Control.ENQ
 
 
 class Link:
-    """An endpoint for bytes. Messages go out in the order in which they were queued, one at a time."""
+    """Byte endpoint of the link. Messages are sent one at a time, in the order in which they were queued."""
 
     def __init__(self, role: Role, profile: LinkProfile) -> None:
         self._role = role
@@ -129,7 +129,7 @@ class Link:
             self._table[state][stimulus] = actions[transition.action]
 
     def _actions(self) -> dict[Action, Callable[[], State]]:
-        """Return the method of each action; it returns the next state."""
+        """Return the method that performs each action and returns the next state."""
         sender, receiver = self._sender, self._receiver
         return {
             Action.BID: sender.bid,
@@ -162,7 +162,7 @@ class Link:
             Action.RECOGNISE_LATE: receiver.recognise_late,
         }
 
-    # --- questions of the owner
+    # --- owner's queries
 
     @property
     def state(self) -> State:
@@ -171,18 +171,18 @@ class Link:
 
     @property
     def receiving(self) -> bool:
-        """A message of the other side has begun and not ended."""
+        """Whether an incoming message has started and has not ended."""
         return self._shared.state in _RECEIVING
 
     @property
     def ahead(self) -> bool:
-        """A bid for the next message has gone out."""
+        """Whether a bid for the next message has been sent."""
         state = self._shared.state
         return state is _BIDDING or state is _HOLDING
 
     @property
     def verbose(self) -> bool:
-        """Whether each bid and ACK is told (`ROUTINE`) and not only counted; may be set at any time."""
+        """Whether each bid and ACK (`ROUTINE`) is reported in addition to being counted. May be set at any time."""
         return self._shared.journal.verbose
 
     @verbose.setter
@@ -191,36 +191,38 @@ class Link:
 
     @property
     def counters(self) -> Mapping[str, int]:
-        """Totals since the start by the text of `Count` and `NoticeKind`; a live read-only view."""
+        """Live, read-only totals since the start, by the values of `Count` and `NoticeKind`."""
         return self._shared.journal.counters
 
-    # --- actions of the owner
+    # --- owner's actions
 
     def send(self, telegrams: Sequence[bytes]) -> None:
-        """Queue one message, a block for each telegram.
+        """Queue one message, with one block per telegram.
 
-        Raises LocalProtocolError when there is no telegram, one is too long or states another length than it
-        has, or the queue is full.
+        Raises LocalProtocolError if there is no telegram, a telegram is too long or has a wrong length field, or
+        the queue is full.
         """
         self._sender.put(telegrams)
 
     def announce(self) -> None:
-        """Bid for a message that `send` is about to be given: the other side's ACK comes while it is still being made.
+        """Bid for a message that will be passed to `send` shortly, so that the other side's ACK arrives while the
+        message is being prepared.
 
-        If it takes longer than half the time that the other side waits for a block, the line is given back.
+        The line is released if the preparation takes longer than half the time that the other side waits for a
+        block.
         """
         self._sender.announced = True
 
     def note(self, kind: NoticeKind, text: str) -> None:
-        """Count, and tell as a notice, what the owner knows of the telegrams that it sends."""
+        """Report and count, as a notice, an observation of the owner about the telegrams that it sends."""
         self._notice(kind, text)
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes off the line. Data that came counts even when a deadline has passed unhandled before."""
+        """Process received bytes. They take precedence over any deadline that has passed and was not handled."""
         shared = self._shared
         shared.now = now
         for token in self._scanner.feed(data):
-            self._take(token)
+            self._process_token(token)
         waiting = shared.noise or self._scanner.pending or shared.state is _DISCARDING
         self._gap_deadline = now + shared.gap_time if waiting else None
 
@@ -229,7 +231,7 @@ class Link:
         return self._shared.journal.next_event()
 
     def data_to_send(self, now: float) -> bytes:
-        """Bytes for the line; a waiting message begins its bid here."""
+        """Return the bytes to send. If a message is waiting, its bid starts here."""
         shared, sender = self._shared, self._sender
         shared.now = now
         if shared.state is _IDLE:
@@ -245,14 +247,14 @@ class Link:
         return data
 
     def next_deadline(self) -> float | None:
-        """Return the next time-out, seconds."""
+        """Return the time of the next time-out, s."""
         gap, state = self._gap_deadline, self._shared.deadline
         if gap is None or state is None:
             return state if gap is None else gap
-        return gap if self._block_is_coming() else min(gap, state)
+        return gap if self._extend_for_block() else min(gap, state)
 
     def handle_deadline(self, now: float) -> None:
-        """Act on the time-outs up to now."""
+        """Handle all time-outs up to `now`."""
         shared = self._shared
         shared.now = now
         if self._gap_deadline is not None and now >= self._gap_deadline:
@@ -262,19 +264,21 @@ class Link:
             if pending or shared.state is _DISCARDING:
                 self._step(Stimulus.GAP)
             shared.end_noise()
-        if shared.deadline is not None and now >= shared.deadline and not self._block_is_coming():
+        if shared.deadline is not None and now >= shared.deadline and not self._extend_for_block():
             shared.deadline = None
             self._step(Stimulus.TIME_OUT)
 
     # --- from bytes to stimuli
 
-    def _take(self, token: Token) -> None:
+    def _process_token(self, token: Token) -> None:
         match token:
             case Control():
                 if self._shared.noise >= GARBAGE_SIZE:
                     self._step(_NOISE, 1)
                 elif self._is_too_early(token):
-                    self._notice(NoticeKind.STRAY_CONTROL, f"{token.name} too early to be about what we said")
+                    self._notice(
+                        NoticeKind.STRAY_CONTROL, f"{token.name} too early to answer our transmission"
+                    )
                 else:
                     self._step(_CONTROL_STIMULI[token], 1)
             case Block():
@@ -289,9 +293,10 @@ class Link:
                 self._step(_NOISE, len(token.data))
 
     def _is_too_early(self, control: Control) -> bool:
-        """Whether it came before the other side can have heard us: then it is a byte that the line made of another.
+        """Return whether a byte arrived so early that the other side cannot have received our bytes yet. The line
+        has then corrupted another byte into it.
 
-        A second ENQ would get a second ACK, and a second ACK acknowledges a block that was never received.
+        A second ENQ would get a second ACK, and a second ACK would acknowledge a block that was never received.
         """
         shared = self._shared
         if shared.state is _AWAITING_ACK:
@@ -299,11 +304,11 @@ class Link:
         if control is not _ENQ:
             return False
         if shared.state is _AWAITING_BLOCK:
-            return self._receiver.hears_bid_too_early()
+            return self._receiver.is_bid_too_early()
         return shared.state is _AWAITING_MORE and bool(shared.out)
 
-    def _block_is_coming(self) -> bool:
-        """Replace the state's own time-out by that of the gap while the expected block arrives."""
+    def _extend_for_block(self) -> bool:
+        """Return whether the gap time-out replaces the state's time-out, because the expected block is arriving."""
         state = self._shared.state
         return bool(self._scanner.pending) and (state is _AWAITING_BLOCK or state is _AWAITING_MORE)
 
@@ -311,13 +316,15 @@ class Link:
         self._shared.add_noise(size)
         self._sender.hear(size)
 
-    # --- the machine
+    # --- the state machine
 
     def _step(self, stimulus: Stimulus, size: int = 0) -> None:
-        """Look up and act. `size` is the length of what came, for the noise account."""
+        """Look up the transition for a stimulus and execute it. `size` is the length of the received item, for the
+        noise counter.
+        """
         shared = self._shared
-        whole = stimulus is _BLOCK or stimulus is _BAD_CHECKSUM
-        discarding = shared.state is _DISCARDING and not whole
+        is_complete = stimulus is _BLOCK or stimulus is _BAD_CHECKSUM
+        discarding = shared.state is _DISCARDING and not is_complete
         if discarding or stimulus is _NOISE or stimulus is _MUTILATED:
             self._add_noise(size)
         elif shared.noise and size:
@@ -334,9 +341,9 @@ class Link:
         stray = f"{stimulus} while {self._shared.state}"
         match stimulus:
             case Stimulus.NOISE | Stimulus.MUTILATED | Stimulus.GAP:
-                pass  # on the noise account already
+                pass  # already counted as noise
             case Stimulus.BAD_CHECKSUM:
-                self._add_noise(size)  # if it was cut short, its tail follows
+                self._add_noise(size)  # if it was truncated, its tail follows
                 self._notice(NoticeKind.STRAY_BLOCK, stray)
             case Stimulus.BLOCK:
                 self._sender.hear(size)
@@ -345,12 +352,12 @@ class Link:
                 self._notice(NoticeKind.STRAY_CONTROL, stray)
 
     def _collide(self) -> State:
-        """Both sides have bid."""
+        """Handle a collision: both sides have bid for the line."""
         winner = self._profile.collision_winner
-        self._notice(NoticeKind.COLLISION, f"both sides bid, the {winner} goes first")
+        self._notice(NoticeKind.COLLISION, f"both sides bid; the {winner} goes first")
         return _BIDDING if winner == self._role else self._receiver.accept_bid()
 
     def _interrupt(self) -> State:
-        """Handle a bid of the other side in place of the acknowledge of a block."""
+        """Handle a bid that the other side sent instead of acknowledging a block."""
         self._sender.leave_to_other_side()
         return self._receiver.accept_bid()

@@ -1,6 +1,6 @@
-"""The sending half of one end of the link: the queue, the bid, and the blocks until each is acknowledged.
+"""Sending half of one end of the link: the queue, the bid, and the blocks until each is acknowledged.
 
-Each public method that returns a `State` does one `Action` of the table in `transitions`.
+Each public method that returns a `State` performs one `Action` of the table in `transitions`.
 """
 
 from collections import deque
@@ -15,12 +15,13 @@ from protocol.devices.s3.adlp.transitions import State
 from protocol.endpoint import LocalProtocolError
 
 QUEUE_LIMIT = 16
-"""Messages that may wait to be sent. Mark: chosen."""
+"""Maximum number of queued messages. Mark: chosen."""
 HOLDING_SHARE = 0.5
-"""Share of the time that the other side waits for a block. For so long the line is held for an announced message.
-Mark: chosen."""
+"""Time for which the line is held for an announced message, as a fraction of the time for which the other side
+waits for a block. Mark: chosen.
+"""
 
-# Names of this module, for speed: until Python 3.12 an enum's own name costs five times that.
+# Bound to module names for speed: before Python 3.12 an enum member lookup is five times slower.
 _IDLE, _BIDDING, _HOLDING = State.IDLE, State.BIDDING, State.HOLDING
 _AWAITING_ACK = State.AWAITING_ACK
 _ENQ, _EOT, _STX, _STX_ODD = Control.ENQ, Control.EOT, Control.STX, Control.STX_ODD
@@ -31,36 +32,36 @@ _MESSAGE_SENT = MessageSent()
 
 @dataclass(slots=True)
 class _Message:
-    """State of the oldest queued message under way."""
+    """Progress of the oldest queued message."""
 
     index: int = 0
     bids: int = 1
     repeats: int = 0
     wacks: int = 0
     heard: int = 0
-    """Bytes that came since the first bid and meant nothing."""
+    """Number of meaningless bytes received since the first bid."""
     bid_refused: bool = False
     reversed: bool = False
-    """The other side asked for the line."""
+    """Whether the other side has requested the line."""
 
 
 class SendingHalf:
-    """Messages go out in the order in which they were queued, one at a time."""
+    """Sender that sends messages one at a time, in the order in which they were queued."""
 
     def __init__(self, shared: Shared) -> None:
         self._shared = shared
         self._profile = shared.profile
         self._notice = shared.notice
         self.queue: deque[tuple[bytes, ...]] = deque()
-        """Telegrams of the messages that wait to be sent."""
+        """Telegrams of the queued messages."""
         self.announced = False
-        """A bid is to go out, or has, for a message that is not there yet."""
+        """Whether a bid is due, or has been sent, for a message that is not queued yet."""
         self._blocks: list[bytes] = []
-        """Blocks of the oldest message; empty until the bid for it has gone out."""
+        """Blocks of the oldest message; empty until they are encoded."""
         self._message = _Message()
 
     def put(self, telegrams: Sequence[bytes]) -> None:
-        """Queue a message. Raises LocalProtocolError for one that cannot travel."""
+        """Queue a message. Raises LocalProtocolError if the message cannot be sent or the queue is full."""
         if not telegrams:
             raise LocalProtocolError("a message needs at least one telegram")
         if len(self.queue) >= QUEUE_LIMIT:
@@ -71,18 +72,20 @@ class SendingHalf:
         self.announced = False
 
     def encode_early(self) -> None:
-        """Make the oldest message's blocks while its bid is on the line and no side waits for them yet."""
+        """Encode the blocks of the oldest message while its bid is being transmitted and neither side waits for the
+        blocks.
+        """
         if self.queue and not self._blocks:
             self._encode()
 
     def hear(self, size: int) -> None:
-        """Count bytes without meaning: they tell a wrong rate from a silent line."""
+        """Count meaningless bytes. They distinguish a wrong rate from a silent line."""
         self._message.heard += size
 
-    # --- the bid
+    # --- bid
 
     def bid(self) -> State:
-        """Ask for the line, for the oldest message or for one that is announced."""
+        """Bid for the line, for the oldest message or for an announced one."""
         self._message = _Message()
         return self._put_bid()
 
@@ -93,7 +96,7 @@ class SendingHalf:
         return _BIDDING
 
     def bid_again(self) -> State:
-        """No answer to a bid came in time."""
+        """Repeat a bid that was not answered in time, up to the limit."""
         message = self._message
         if message.bids >= self._profile.bid_limit:
             return self._give_up(*_explain_silence(message))
@@ -103,24 +106,26 @@ class SendingHalf:
         return self._put_bid()
 
     def note_bid_refused(self) -> State:
-        """NAK to a bid. Assumed: it means "not now"; the next bid comes when this one's time is over."""
+        """Record a NAK to a bid. Assumed: it means "not now". The next bid follows at the time-out of this bid."""
         self._notice(NoticeKind.NAK_RECEIVED, "bid refused")
         self._message.bid_refused = True
         return _BIDDING
 
     def send_first(self) -> State:
-        """Send the first block after the bid was acknowledged, or hold the line until there is one."""
+        """Send the first block after the bid was acknowledged, or hold the line until there is a message."""
         self._notice(_ACK_RECEIVED, "bid acknowledged")
         return self._begin()
 
     def send_first_reversed(self) -> State:
-        """Send the first block after an acknowledge by RVI: as `send_first`, and listen after the message."""
+        """Send the first block after an acknowledge by RVI: do the same as `send_first`, and listen after the
+        message.
+        """
         self._note_reversed()
         return self._begin()
 
     def _begin(self) -> State:
         if self._shared.is_overdue():
-            return self.bid_again()  # held up on this side: the other no longer waits for a block
+            return self.bid_again()  # this side was delayed, so the other side no longer waits for a block
         if self.queue:
             return self._put_block()
         self.announced = False
@@ -132,23 +137,23 @@ class SendingHalf:
         return self.release() if self._shared.is_overdue() else self._put_block()
 
     def release(self) -> State:
-        """Give a held line back."""
-        self._notice(NoticeKind.RELEASED, "no message came for the bid in time")
+        """Release the line by EOT, because no message was queued in time."""
+        self._notice(NoticeKind.RELEASED, "no message received for the bid in time")
         self._shared.out.append(_EOT)
-        return self._leave()
+        return self._after_eot()
 
-    def _leave(self) -> State:
-        """Behind our EOT: idle, unless the other side asked for the line."""
+    def _after_eot(self) -> State:
+        """Return the state after our EOT: idle, or listening if the other side requested the line."""
         if not self._message.reversed:
             return _IDLE
         self._shared.arm(self._profile.answer_timeout_s)
         return State.LISTENING
 
     def resume(self) -> State:
-        """Return to idle: the other side did not use the line that it requested, or ended our bid."""
+        """Return to idle, because the other side did not use the line that it had requested, or ended our bid."""
         return _IDLE
 
-    # --- the blocks
+    # --- blocks
 
     def _encode(self) -> None:
         profile = self._profile
@@ -160,7 +165,7 @@ class SendingHalf:
 
     def _put_block(self) -> State:
         shared = self._shared
-        shared.unended = False  # a side that takes our block has left its own message
+        shared.unended = False  # a side that accepts our block has abandoned its own message
         if not self._blocks:
             self._encode()
         block = self._blocks[self._message.index]
@@ -169,19 +174,20 @@ class SendingHalf:
         return _AWAITING_ACK
 
     def send_next(self) -> State:
-        """Send the next block after an acknowledge, or EOT after the last."""
+        """Send the next block after an acknowledge, or EOT after the last block."""
         self._notice(_ACK_RECEIVED, "block acknowledged")
-        return self._go_on()
+        return self._continue()
 
     def send_next_reversed(self) -> State:
-        """Send the next block after an acknowledge by RVI: as `send_next`, and listen after the message.
+        """Send the next block after an acknowledge by RVI: do the same as `send_next`, and listen after the
+        message.
 
-        One EOT ends all blocks of a message, so "as soon as it can" is after the last block of this one.
+        One EOT ends all blocks of a message, so the line can be given up only after the last block.
         """
         self._note_reversed()
-        return self._go_on()
+        return self._continue()
 
-    def _go_on(self) -> State:
+    def _continue(self) -> State:
         message = self._message
         self._shared.journal.count(_BLOCKS_SENT)
         message.index += 1
@@ -191,19 +197,19 @@ class SendingHalf:
         self._shared.out.append(_EOT)
         self._drop_oldest()
         self._shared.journal.tell(_MESSAGE_SENT, _MESSAGES_SENT)
-        return self._leave()
+        return self._after_eot()
 
     def _note_reversed(self) -> None:
-        self._notice(NoticeKind.RVI, "line asked for")
+        self._notice(NoticeKind.RVI, "line requested")
         self._message.reversed = True
 
     def repeat_refused(self) -> State:
-        """NAK to a block."""
+        """Repeat a block that was refused by NAK."""
         self._notice(NoticeKind.NAK_RECEIVED, "block refused")
         return self._repeat("refused by NAK")
 
     def repeat_unanswered(self) -> State:
-        """No answer to a block came in time."""
+        """Repeat a block that was not answered in time."""
         self._notice(NoticeKind.TIME_OUT, "no answer to a block")
         return self._repeat("without an answer")
 
@@ -213,14 +219,14 @@ class SendingHalf:
             self._shared.out.append(_EOT)
             return self._give_up(
                 LinkFailure.REPEATS_EXHAUSTED,
-                f"a block was sent {message.repeats + 1} times and not acknowledged, the last time {how}",
+                f"a block was sent {message.repeats + 1} times and not acknowledged; the last time {how}",
             )
         message.repeats += 1
         self._notice(NoticeKind.REPEAT, f"repeat {message.repeats}")
         return self._put_block()
 
     def wait_longer(self) -> State:
-        """WACK to a bid or to a block."""
+        """Extend the time-out after a WACK to a bid or to a block, up to the limit."""
         message = self._message
         message.wacks += 1
         self._notice(NoticeKind.WACK, f"asked to wait {message.wacks} times")
@@ -233,21 +239,21 @@ class SendingHalf:
     # --- failure
 
     def abort(self) -> State:
-        """EOT to a block."""
+        """Abandon the message, because the receiver answered a block with EOT."""
         return self._give_up(LinkFailure.ABORTED, "the receiver answered a block with EOT")
 
     def leave_to_other_side(self) -> State:
-        """ENQ to a block: our message is given up.
+        """Abandon our message, because the receiver answered a block with ENQ.
 
-        Assumed: a receiver that bids has left our message. Most likely it took the block, its ACK was lost and it
-        treated the message as ended. To repeat the message would have an order done twice.
+        Assumed: a receiver that bids no longer expects our message. Most likely, it accepted the block, its ACK was
+        lost, and it considered the message complete. Repeating the message could execute an order twice.
         """
         return self._give_up(LinkFailure.INTERRUPTED, "the receiver bid (ENQ) instead of answering a block")
 
     def _drop_oldest(self) -> None:
         if self.queue:
             self.queue.popleft()
-        else:  # the bid has failed before its message was there
+        else:  # the bid failed before its message was queued
             self.announced = False
         self._blocks = []
 
@@ -258,32 +264,34 @@ class SendingHalf:
 
 
 def _stx(alternation: str, number: int, size: int) -> int:
-    """How the block of a message with this number, from 0, begins; `size` is its telegram's."""
+    """Return the STX of a block. `number` is its index in the message, from 0; `size` is the size of its telegram."""
     counted = {"off": 0, "toggle": number, "parity": size}[alternation]
     return _STX_ODD if counted % 2 else _STX
 
 
 def _check_telegram(telegram: bytes, max_telegram: int) -> None:
-    """Raise LocalProtocolError for a telegram that no receiver could take."""
+    """Raise LocalProtocolError if no receiver could decode the telegram."""
     if len(telegram) > max_telegram:
         raise LocalProtocolError(
             f"a telegram of {len(telegram)} bytes is too long for a block of {max_telegram}"
         )
     if len(telegram) not in telegram_sizes(int.from_bytes(telegram[:2], "big"), LENGTH_STYLES):
         raise LocalProtocolError(
-            f"a telegram of {len(telegram)} bytes states another length: its end could not be found"
+            f"a telegram of {len(telegram)} bytes has a wrong length field: its end could not be found"
         )
 
 
 def _explain_silence(message: _Message) -> tuple[LinkFailure, str, str]:
-    """Why no bid for a message was acknowledged: the failure, its text, and checks for an operator."""
+    """Return the reason why no bid for a message was acknowledged: the failure, its text, and checks for an
+    operator.
+    """
     if message.bid_refused:
         return LinkFailure.BID_REFUSED, f"{message.bids} bids (ENQ) were refused by NAK", ""
     if message.heard:
-        text = f"{message.bids} bids (ENQ) were answered by {message.heard} bytes without meaning"
+        text = f"{message.bids} bids (ENQ) were answered by {message.heard} meaningless bytes"
         return LinkFailure.ONLY_NOISE, text, "check the rate and the parity on both sides"
     return (
         LinkFailure.NO_ANSWER,
-        f"nothing came after {message.bids} bids (ENQ)",
-        "check cable and power, rate and parity, and that the robot has given the link control",
+        f"nothing received after {message.bids} bids (ENQ)",
+        "check cable and power, rate and parity, and that the robot has enabled link control",
     )

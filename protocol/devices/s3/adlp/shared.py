@@ -1,4 +1,4 @@
-"""Parts that the sending and the receiving half of one end share: state, clock, bytes to send, noise account."""
+"""State that the sending and the receiving half of one end share: state, clock, bytes to send, noise counter."""
 
 from protocol.devices.s3.adlp.events import NoticeKind
 from protocol.devices.s3.adlp.journal import Count, Journal
@@ -7,7 +7,7 @@ from protocol.devices.s3.adlp.transitions import State
 
 
 class Shared:
-    """One end's place in the conversation. Only `Link` changes `state`; the halves return the next one."""
+    """Shared state of one end of the link. Only `Link` changes `state`; the halves return the next state."""
 
     __slots__ = (
         "_character_time",
@@ -26,40 +26,46 @@ class Shared:
     def __init__(self, profile: LinkProfile) -> None:
         self.profile = profile
         self.gap_time = profile.gap_time
-        """Longest silence inside a block, s."""
+        """Maximum silence inside a block, s."""
         self._character_time = profile.character_time
         self.journal = Journal()
         self.notice = self.journal.notice
         self.state = State.IDLE
         self.now = 0.0
-        """Time of the call that is being served, s."""
+        """Time of the current call, s."""
         self.deadline: float | None = None
-        """When the present state times out, s."""
+        """Time-out of the current state, s; None if there is none."""
         self.out = bytearray()
-        """Bytes for the line that are not taken yet."""
+        """Bytes to send that have not been taken yet."""
         self.noise = 0
-        """Length of the present run of bytes without meaning."""
+        """Number of bytes in the current run of meaningless bytes."""
         self.unended = False
-        """The last message received was taken as ended without its EOT: its last block may be repeated."""
+        """Whether the last message received was considered complete without its EOT. Its last block may then be
+        repeated.
+        """
 
     def arm(self, seconds: float, characters: int = 1) -> None:
-        """Time out so long after the characters just handed out have left the line."""
+        """Set the time-out. It starts at the end of transmission of this number of characters, which were just
+        returned for sending.
+        """
         self.deadline = self.now + characters * self._character_time + seconds
 
     def is_overdue(self) -> bool:
-        """Whether the time-out of this state has passed and was not handled: the owner was held up for longer."""
+        """Return whether the time-out of the current state has passed and was not handled, because the owner was
+        delayed.
+        """
         return self.deadline is not None and self.now > self.deadline
 
     def time_of(self, characters: float) -> float:
-        """Time of so many characters on the line, s."""
+        """Return the transmission time of a number of characters, s."""
         return characters * self._character_time
 
     def add_noise(self, size: int) -> None:
-        """Put bytes without meaning on the account."""
+        """Count meaningless bytes."""
         self.noise += size
         self.journal.count(Count.NOISE_BYTES, size)
 
     def end_noise(self) -> None:
-        """Tell of the present run of noise and close it."""
-        self.notice(NoticeKind.NOISE, f"{self.noise} bytes without meaning dropped")
+        """Report the current run of noise and reset its counter."""
+        self.notice(NoticeKind.NOISE, f"{self.noise} meaningless bytes dropped")
         self.noise = 0

@@ -1,6 +1,6 @@
-"""The data link's behaviour as one table: state × stimulus → action and the states it may lead to.
+"""Behaviour of the data link as one table: state × stimulus → action and the possible next states.
 
-A pair that is not in the table is ignored and counted. Source: computer-link specification, section 2.
+A combination that is not in the table is ignored and counted. Source: computer-link specification, section 2.
 """
 
 from dataclasses import dataclass
@@ -8,27 +8,29 @@ from enum import StrEnum
 
 
 class State(StrEnum):
-    """State of an end of the link between two stimuli."""
+    """State of one end of the link between two stimuli."""
 
     IDLE = "idle"
     LISTENING = "listening"
-    """Idle, but the other side asked for the line (RVI): it may bid first."""
+    """Idle, but the other side requested the line (RVI) and may bid first."""
     BIDDING = "bidding"
-    """We sent ENQ."""
+    """We sent ENQ and wait for its acknowledge."""
     HOLDING = "holding the line"
-    """Our bid is acknowledged, and the message that it was for is not there yet."""
+    """Our bid was acknowledged, but its message is not queued yet."""
     AWAITING_ACK = "awaiting ACK"
-    """We sent a block."""
+    """We sent a block and wait for its acknowledge."""
     AWAITING_BLOCK = "awaiting block"
-    """We acknowledged a bid or refused a block: a block must come."""
+    """We acknowledged a bid or refused a block. A block must follow."""
     AWAITING_MORE = "awaiting more"
-    """We acknowledged a block: another one or EOT may come."""
+    """We acknowledged a block. Another block or EOT may follow."""
     DISCARDING = "discarding"
-    """A block should have come and garbage did: wait for silence, so that our NAK does not meet the rest."""
+    """Garbage arrived instead of a block. We wait for silence, so that our NAK does not collide with the remaining
+    bytes.
+    """
 
 
 class Stimulus(StrEnum):
-    """Stimuli of an end of the link."""
+    """Event that triggers a transition."""
 
     SEND = "message queued"
     ENQ = "ENQ"
@@ -42,12 +44,12 @@ class Stimulus(StrEnum):
     MUTILATED = "mutilated block"
     NOISE = "noise"
     GAP = "gap"
-    """A block stopped in the middle, or garbage ended."""
+    """A block stopped before its end, or garbage ended."""
     TIME_OUT = "time-out"
 
 
 class Action(StrEnum):
-    """Actions of an end. `Link._actions` names the method of each."""
+    """Action of one end of the link. `Link._actions` lists the method for each action."""
 
     BID = "bid"
     BID_AGAIN = "bid_again"
@@ -81,7 +83,9 @@ class Action(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """One arrow of the state diagram, or several where a limit or the profile decides."""
+    """Entry of the table: an action and its possible next states. There are several if a limit or the profile
+    decides.
+    """
 
     action: Action
     next: tuple[State, ...]

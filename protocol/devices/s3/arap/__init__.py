@@ -1,4 +1,6 @@
-"""ARAP, the telegrams of the S3 computer link: codes, payloads, the PC's end, captures in words."""
+"""ARAP, the telegrams of the S3 computer link: codes, payloads, the PC's end of the link, and the description of
+captures.
+"""
 
 from protocol.devices.s3.arap.blocks import join_blocks, split_telegram
 from protocol.devices.s3.arap.codes import (

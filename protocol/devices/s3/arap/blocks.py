@@ -1,7 +1,8 @@
-"""A telegram whose data exceed one block travels as several telegrams, a block each.
+"""Splitting of a telegram whose data exceeds one block into several telegrams, one per block, and joining of such
+telegrams.
 
-Observed: all but the last have a "further block follows" type, and the data behind the headers join up. Assumed:
-the last has the type that a single telegram would have, and every one repeats function and suffix.
+Observed: all telegrams but the last have a type that means "further block follows", and their data is concatenated.
+Assumed: the last telegram has the type of a single telegram, and all of them have the same function and suffix.
 """
 
 from collections.abc import Sequence
@@ -11,26 +12,26 @@ from protocol.devices.s3.arap.codes import TelegramType
 from protocol.devices.s3.arap.telegram import Telegram
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
-# Asked for with every telegram, by names of this module: until Python 3.12 an enum's own name costs five times that.
+# Used with every telegram, so bound to module names: before Python 3.12 an enum member lookup is five times slower.
 _FURTHER_FROM_ROBOT, _FURTHER_FROM_PC = TelegramType.FURTHER_FROM_ROBOT, TelegramType.FURTHER_FROM_PC
 
 
 def further_type(from_robot: bool) -> TelegramType:
-    """Type of every block but the last of a long telegram."""
+    """Return the type of every telegram but the last when a telegram with this type is split."""
     return _FURTHER_FROM_ROBOT if from_robot else _FURTHER_FROM_PC
 
 
 def split_telegram(telegram: Telegram, max_telegram: int) -> tuple[Telegram, ...]:
-    """Split a telegram for its blocks: one, or as many as blocks of `max_telegram` bytes need.
+    """Split a telegram into the minimum number of telegrams of at most `max_telegram` bytes.
 
-    Raises LocalProtocolError when that is more than one message may have.
+    Raises LocalProtocolError if one message cannot hold that many.
     """
     room = max_telegram - HEADER_SIZE
     data = telegram.data
     parts = [data[at : at + room] for at in range(0, len(data), room)] or [b""]
     if len(parts) > MESSAGE_LIMIT:
         raise LocalProtocolError(
-            f"{len(data)} bytes of data are too long: {MESSAGE_LIMIT} blocks of {room} are the most"
+            f"{len(data)} bytes of data are too long; allowed: at most {MESSAGE_LIMIT} blocks of {room}"
         )
     further = further_type(telegram.from_robot)
     return (
@@ -40,9 +41,9 @@ def split_telegram(telegram: Telegram, max_telegram: int) -> tuple[Telegram, ...
 
 
 def join_blocks(blocks: Sequence[Telegram]) -> Telegram:
-    """Join the blocks of a telegram: the header of the last, the data of all in order.
+    """Join the telegrams of several blocks: the header of the last one, and the data of all in order.
 
-    Raises RemoteProtocolError when they do not belong together, or the last announces another one.
+    Raises RemoteProtocolError if they do not belong together, or if the last one announces another block.
     """
     last = blocks[-1]
     further = further_type(last.from_robot)
@@ -50,7 +51,9 @@ def join_blocks(blocks: Sequence[Telegram]) -> Telegram:
         return last
     for number, block in enumerate(blocks[:-1], 1):
         if (block.function, block.type) != (last.function, further):
-            raise RemoteProtocolError(f"block {number} of {len(blocks)} is none of a long telegram: {block}")
+            raise RemoteProtocolError(
+                f"block {number} of {len(blocks)} is not part of a long telegram: {block}"
+            )
     if last.type == further:
-        raise RemoteProtocolError(f"a further block was announced and did not come: {last}")
+        raise RemoteProtocolError(f"a further block was announced but not received: {last}")
     return last._replace(data=b"".join(block.data for block in blocks))

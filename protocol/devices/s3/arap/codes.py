@@ -1,4 +1,4 @@
-"""Numbers of ARAP telegrams and what they mean, all observed.
+"""Codes in ARAP telegrams and their meanings, all observed.
 
 Source: computer-link specification, section 3.
 """
@@ -7,7 +7,7 @@ from enum import IntEnum
 
 
 class FunctionCode(IntEnum):
-    """Subject of a telegram. Payloads are known for 2, 3, 19, 20, 24, 29 and 127 only."""
+    """Function of a telegram. The payloads are known only for 2, 3, 19, 20, 24, 29 and 127."""
 
     SEND_PROGRAM = 1
     START_PROGRAM = 2
@@ -39,36 +39,36 @@ class FunctionCode(IntEnum):
     ARAP_VERSION = 45
     RESOLVER_VALUE = 46
     SPONTANEOUS = 127
-    """Status or error that the controller tells unasked."""
+    """Unsolicited status or error of the controller."""
 
     @property
     def text(self) -> str:
-        """Text for people to read."""
+        """Name of the function for display."""
         return self.name.lower().replace("_", " ").replace("tcp", "TCP").replace("arap", "ARAP")
 
 
 class TelegramType(IntEnum):
-    """Role of a telegram in the exchange."""
+    """Role of a telegram in an exchange."""
 
     ORDER = 0x01
-    """Order or query."""
+    """Order or query from the PC."""
     RESPONSE = 0x02
     SPONTANEOUS = 0x03
     REFUSAL = 0x06
     FURTHER_FROM_PC = 0x09
-    """A further block follows, from the PC."""
+    """Part of a telegram from the PC; a further block follows."""
     FURTHER_FROM_ROBOT = 0x0A
-    """A further block follows, from the controller."""
+    """Part of a telegram from the controller; a further block follows."""
 
     @property
     def text(self) -> str:
-        """Text for people to read."""
+        """Name of the type for display."""
         return _TYPE_TEXTS[self]
 
 
 TYPE_FLAG = 0x10
-"""The observed client added this to a type at times and never set the variable that decides it. Its effect is unknown;
-an emulated controller refuses such an order with code 11 (assumed). Mark: observed.
+"""Number that the observed client sometimes added to a type, depending on a variable that it never set. Its effect
+is unknown. An emulated controller refuses such an order with code 11 (assumed). Mark: observed.
 """
 TYPE_FLAG_TEXT = "with a flag of the observed client, effect unknown"
 
@@ -83,7 +83,7 @@ _TYPE_TEXTS = {
 
 
 class RefusalCode(IntEnum):
-    """Why the controller refuses an order."""
+    """Reason why the controller refuses an order."""
 
     UNSPECIFIED_0 = 0
     PROGRAM_RUNNING = 1
@@ -116,7 +116,7 @@ class RefusalCode(IntEnum):
 
     @property
     def text(self) -> str:
-        """Text for people to read."""
+        """Text of the reason for display."""
         return _REFUSAL_TEXTS.get(self, "unspecified")
 
 
@@ -151,17 +151,17 @@ _REFUSAL_TEXTS = {
 
 _REFUSAL_REMEDIES = {
     RefusalCode.PROGRAM_RUNNING: "stop the program first",
-    RefusalCode.WRONG_SUFFIX: "this controller knows the order in another form: compare suffix and version",
-    RefusalCode.WRONG_PROGRAM_NUMBER: "name a program that is in the controller's memory",
+    RefusalCode.WRONG_SUFFIX: "this controller supports the order in another form: compare suffix and version",
+    RefusalCode.WRONG_PROGRAM_NUMBER: "select a program that is in the controller's memory",
     RefusalCode.WRONG_BLOCK_NUMBER: "send the whole order again; does it allow several blocks?",
     RefusalCode.WRONG_KEY_MODE: (
-        "turn the controller's key to AUTO and let the pendant give the link control (TO SC)"
+        "turn the controller's key to AUTO and enable link control at the pendant (TO SC)"
     ),
-    RefusalCode.WRONG_OPERATION_MODE: "the controller is in standby: let it go to operation",
-    RefusalCode.NO_SUCH_PROGRAM: "name a program that is in the controller's memory",
+    RefusalCode.WRONG_OPERATION_MODE: "the controller is in standby: switch it to operation",
+    RefusalCode.NO_SUCH_PROGRAM: "select a program that is in the controller's memory",
     RefusalCode.BLOCK_TOO_BIG: "lower the link profile's max_telegram",
     RefusalCode.NO_SPACE_LEFT: "delete programs from the controller's memory",
-    RefusalCode.WRONG_FUNCTION_CODE: "this controller does not know the order, or lacks the option for it",
+    RefusalCode.WRONG_FUNCTION_CODE: "this controller does not support the order, or lacks the option for it",
     RefusalCode.DISC_ERROR: "check the disc in the controller's drive",
     RefusalCode.STOPPED: "release the stop at the controller's panel, then start again",
     RefusalCode.OUTSIDE_WORK_AREA: (
@@ -170,13 +170,13 @@ _REFUSAL_REMEDIES = {
     RefusalCode.WORK_STOP: "release the work stop, then start again",
     RefusalCode.LOCATION_NOT_READABLE: "activate a TCP below 20",
     RefusalCode.NO_MOVE_WITH_TCP: "activate a TCP below 20",
-    RefusalCode.ANALOG_OUT_OF_RANGE: "order a value within the output's range",
+    RefusalCode.ANALOG_OUT_OF_RANGE: "order a value inside the output's range",
     RefusalCode.TELEGRAM_INCOMPLETE: "the telegram is shorter than the controller expects: compare its length",
 }
 
 
 class Mode(IntEnum):
-    """Suffix of write mode."""
+    """Operation mode, used as the suffix of the order write mode."""
 
     STANDBY = 0
     OPERATION = 1
@@ -185,7 +185,7 @@ class Mode(IntEnum):
 
 
 class MoveKind(IntEnum):
-    """Suffix of move: place of the telegram in a movement sequence."""
+    """Role of a telegram in a movement sequence, used as the suffix of the order move."""
 
     POINT = 0
     START = 2
@@ -193,7 +193,7 @@ class MoveKind(IntEnum):
 
 
 class SpontaneousKind(IntEnum):
-    """Suffix of a spontaneous telegram."""
+    """Kind of an unsolicited telegram, used as its suffix."""
 
     SYSTEM_ERROR = 7
     VISION_INIT = 9
@@ -202,22 +202,22 @@ class SpontaneousKind(IntEnum):
 
 
 def function_text(code: int) -> str:
-    """Name of a function code, known or not."""
+    """Return the name of a function code, which may be unknown."""
     return FunctionCode(code).text if code in _FUNCTIONS else f"unknown function {code}"
 
 
 def refusal_remedy(code: int) -> str:
-    """Remedy of an operator for a refusal; empty where none is known."""
+    """Return an operator's remedy for a refusal; empty if none is known."""
     return _REFUSAL_REMEDIES.get(RefusalCode(code), "") if code in _REFUSALS else ""
 
 
 def suffixes_of(function: int) -> dict[int, str]:
-    """Known suffixes of a function with their meanings."""
+    """Return the known suffixes of a function, with their meanings."""
     return dict(_SUFFIXES.get(function, {}))
 
 
 def type_text(code: int) -> str:
-    """Name of a telegram type, known or not."""
+    """Return the name of a telegram type, which may be unknown."""
     if code in _TYPES:
         return TelegramType(code).text
     if (plain := plain_type(code)) in _TYPES:
@@ -226,12 +226,12 @@ def type_text(code: int) -> str:
 
 
 def plain_type(code: int) -> int:
-    """Return the type of a telegram from the PC without `TYPE_FLAG`; any other as it is."""
+    """Return the type of a telegram from the PC without `TYPE_FLAG`. Other types are returned unchanged."""
     return code & ~TYPE_FLAG if code in _FLAGGED else code
 
 
 def refusal_text(code: int) -> str:
-    """Reason behind a refusal code, known or not."""
+    """Return the text of a refusal code, which may be unknown."""
     return RefusalCode(code).text if code in _REFUSALS else f"unknown refusal code {code}"
 
 
@@ -255,5 +255,5 @@ _SUFFIXES: dict[int, dict[int, str]] = {
 
 
 def suffix_text(function: int, suffix: int) -> str:
-    """Meaning of a function suffix; empty where none is known."""
+    """Return the meaning of a function suffix; empty if it is unknown."""
     return _SUFFIXES.get(function, {}).get(suffix, "")

@@ -1,4 +1,4 @@
-"""A captured piece of a computer link put into words, for the decode command and the monitor."""
+"""Textual description of bytes captured from a computer link, for the decode command and the monitor."""
 
 from typing import Any, TypeAlias
 
@@ -31,11 +31,11 @@ CONTROL_TEXTS = {
     Control.ENQ: "bid for the line",
     Control.ACK: "acknowledged",
     Control.WACK: "wait",
-    Control.RVI: "acknowledged, the receiver asks for the line",
+    Control.RVI: "acknowledged, the receiver requests the line",
     Control.NAK: "refused",
     Control.EOT: "end of the message",
 }
-"""Meaning of the control bytes."""
+"""Meaning of each control byte."""
 
 
 def describe(
@@ -44,11 +44,11 @@ def describe(
     max_telegram: int = LinkProfile().max_telegram,
     orders: OrderBook = KNOWN,
 ) -> list[dict[str, Any]]:
-    """Control bytes, blocks and everything else in a capture, in order, as plain values.
+    """Describe the control bytes, blocks and all other bytes in a capture, in order, as plain values.
 
-    Every item has `offset`, `size`, `kind` ("control", "block", "error" or "noise") and `meaning`. A block
-    adds its `direction`, `stx`, `header`, `checksum` and `fields`; `problem` and `problem_offset` say what is
-    wrong with it. Never raises for what the bytes are.
+    Every item has `offset`, `size`, `kind` ("control", "block", "error" or "noise") and `meaning`. A block adds its
+    `direction`, `stx`, `header`, `checksum` and `fields`. `problem` and `problem_offset` describe an error. Never
+    raises, regardless of the bytes.
     """
     items: list[dict[str, Any]] = []
     at = 0
@@ -69,7 +69,7 @@ def describe(
 
 
 def _item_at(raw: bytes, at: int, stuffing: DleStuffing, max_telegram: int) -> tuple[_Item, Telegram | None]:
-    """Meaning of these bytes, and the telegram in them if one can be read."""
+    """Return the description of the item at this position, and the telegram in it if it can be decoded."""
     byte = raw[at]
     if (control := SINGLE_CONTROLS.get(byte)) is not None:
         item: _Item = {
@@ -90,34 +90,36 @@ def _noise(raw: bytes, at: int) -> _Item:
         "offset": at,
         "size": 1,
         "kind": "noise",
-        "meaning": "no control byte and outside a block",
+        "meaning": "not a control byte, and outside a block",
         "bytes": f"{raw[at]:02X}",
     }
 
 
 def _block_at(raw: bytes, at: int, stuffing: DleStuffing, max_telegram: int) -> tuple[_Item, Telegram | None]:
-    # Byte 2 of the telegram tells the direction, and only the PC may state its length in two ways.
+    # Byte 2 of the telegram gives the direction, and only the PC may state its length in two ways.
     head = raw[at + 2 : at + 2 + HEADER_SIZE]
     if stuffing == "double":
         head = head.replace(_DLE * 2, _DLE)
     from_robot = head[2:3] != bytes((FROM_PC,))
-    found = _decode(raw, at, [BlockFormat(stuffing, (style,), max_telegram) for style in _styles(from_robot)])
-    match found:
+    result = _decode(
+        raw, at, [BlockFormat(stuffing, (style,), max_telegram) for style in _styles(from_robot)]
+    )
+    match result:
         case Block():
-            return _describe_block(at, found, from_robot)
+            return _describe_block(at, result, from_robot)
         case Flaw(at=1):
             return _noise(raw, at), None
         case Flaw(whole=True):
-            telegram = raw[at + 2 : at + found.size - 3]
+            telegram = raw[at + 2 : at + result.size - 3]
             if stuffing == "double":
                 telegram = telegram.replace(_DLE * 2, _DLE)
-            item, readable = _describe_block(at, Block(telegram, raw[at + 1], found.size), from_robot)
-            item["checksum"] |= {"got": f"{raw[at + found.size - 1]:02X}", "right": False}
-            item["problem"] = found.text
-            item["problem_offset"] = at + found.at
+            item, readable = _describe_block(at, Block(telegram, raw[at + 1], result.size), from_robot)
+            item["checksum"] |= {"got": f"{raw[at + result.size - 1]:02X}", "right": False}
+            item["problem"] = result.text
+            item["problem_offset"] = at + result.at
             return item, readable
         case Flaw():
-            return _error(at, _extent(raw, at, 2), f"block: {found.text}", at + found.at), None
+            return _error(at, _extent(raw, at, 2), f"block: {result.text}", at + result.at), None
         case _:
             size = _extent(raw, at, len(raw) - at)
             return _error(at, size, "block: the capture ends before its length is reached", len(raw)), None
@@ -128,14 +130,16 @@ def _styles(from_robot: bool) -> tuple[LengthStyle, ...]:
 
 
 def _decode(raw: bytes, at: int, formats: list[BlockFormat]) -> Block | Flaw | None:
-    """Return the best reading. Nothing more will come, so an incomplete reading is rejected."""
-    readings = [found for form in formats if (found := form.decode(raw, at)) is not None]
-    readings.sort(key=lambda found: (isinstance(found, Flaw), not (isinstance(found, Flaw) and found.whole)))
+    """Return the best decoding. An incomplete decoding is rejected, because no more bytes follow."""
+    readings = [result for form in formats if (result := form.decode(raw, at)) is not None]
+    readings.sort(
+        key=lambda result: (isinstance(result, Flaw), not (isinstance(result, Flaw) and result.whole))
+    )
     return readings[0] if readings else None
 
 
 def _extent(raw: bytes, at: int, otherwise: int) -> int:
-    """Size of what probably is the block, judged by the next DLE ETX alone."""
+    """Return the probable size of the block, determined only from the next DLE ETX."""
     trailer = raw.find(bytes((Control.DLE, Control.ETX)), at + 2)
     return min(trailer + 3, len(raw)) - at if trailer >= 0 else otherwise
 
@@ -184,7 +188,7 @@ def _describe_block(at: int, block: Block, from_robot: bool) -> tuple[_Item, Tel
 
 
 def _describe_telegram(item: _Item, telegram: Telegram, before: Telegram | None, orders: OrderBook) -> None:
-    """Add what the telegram means; `before` is the last one, whose continuation it may be."""
+    """Add the meaning of the telegram to the item. `before` is the previous telegram, which this one may continue."""
     definition = orders.of_function(telegram.function)
     item["meaning"] = str(telegram)
     item["header"] |= {

@@ -1,4 +1,4 @@
-"""The PC's end of the computer link: one order at a time over an ADLP link."""
+"""PC end of the computer link. It sends one order at a time over an ADLP link."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -26,26 +26,28 @@ from protocol.devices.s3.arap.messages import Refusal, Spontaneous
 from protocol.devices.s3.arap.telegram import Telegram
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
-# Asked for with every answer, by names of this module: until Python 3.12 an enum's own name costs five times that.
+# Used with every answer, so bound to module names: before Python 3.12 an enum member lookup is five times slower.
 _RESPONSE, _SPONTANEOUS = TelegramType.RESPONSE, TelegramType.SPONTANEOUS
 
 
 class OrderFailure(StrEnum):
-    """Why an order got no answer although the link did its part; the other reasons are `LinkFailure`."""
+    """Reason why an order got no valid answer although the link delivered it. `LinkFailure` lists all other reasons."""
 
     TIME_OUT = "no answer telegram in time"
     UNFIT_ANSWER = "answer does not fit"
 
 
 class Answered(NamedTuple):
-    """The order was done, or the query is answered."""
+    """The order was executed, or the query was answered."""
 
     order: Telegram
-    """The order as it was sent in several blocks, like `answer`."""
+    """Order that was sent, with all blocks joined: the header of the last block, and the data of all blocks in
+    order.
+    """
     answer: Telegram
-    """All blocks in one: the header of the last, the data of all in order."""
+    """Answer with all blocks joined: the header of the last block, and the data of all blocks in order."""
     blocks: tuple[Telegram, ...]
-    """The telegrams as they came, one or more."""
+    """Telegrams of the answer as received, at least one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,25 +60,25 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class OrderFailed:
-    """Unknown whether the order was done: the link failed, or the answer is missing or wrong."""
+    """It is unknown whether the order was executed, because the link failed, or the answer is missing or wrong."""
 
     order: Telegram
     reason: LinkFailure | OrderFailure
     text: str
     remedy: str = ""
-    """Checks for an operator; empty where none is known."""
+    """Checks that an operator should make; empty if none is known."""
 
 
 @dataclass(frozen=True, slots=True)
 class SpontaneousReceived:
-    """The controller told something unasked."""
+    """The controller sent an unsolicited message."""
 
     spontaneous: Spontaneous
 
 
 @dataclass(frozen=True, slots=True)
 class UnexpectedReceived:
-    """A telegram came that answers nothing and could not be understood as spontaneous."""
+    """A telegram was received that is neither an answer to the order nor a valid unsolicited message."""
 
     raw: bytes
     text: str
@@ -85,18 +87,18 @@ class UnexpectedReceived:
 ArapEvent: TypeAlias = (
     Answered | Refused | OrderFailed | SpontaneousReceived | UnexpectedReceived | LinkFailed | LinkNotice
 )
-"""`LinkFailed` for a message of the controller that was lost, and for an order whose ACK was lost while its answer may
-come. A lost order is `OrderFailed`.
+"""Event of the host. `LinkFailed` reports a lost message of the controller, or an order whose ACK was lost while
+its answer may still come. A lost order is reported by `OrderFailed`.
 """
 
 
 class ArapHost:
-    """An endpoint for bytes that takes orders and tells what became of them."""
+    """Byte endpoint that accepts orders and reports their outcome."""
 
     def __init__(self, profile: LinkProfile) -> None:
         self._profile = profile
         self.link = Link(Role.HOST, profile)
-        """The data link, for its counters and state."""
+        """Data link, for access to its counters and state."""
         self._order: Telegram | None = None
         self._blocks: list[Telegram] = []
         self._deadline: float | None = None
@@ -104,13 +106,14 @@ class ArapHost:
 
     @property
     def outstanding(self) -> Telegram | None:
-        """The order that has no answer yet."""
+        """Order that has not been answered yet, or None."""
         return self._order
 
     def order(self, *telegrams: Telegram) -> None:
-        """Send an order: one telegram, or those of a long one in order (`split_telegram`).
+        """Send an order: one telegram, or the telegrams of a long order in sequence (`split_telegram`).
 
-        Raises LocalProtocolError while another one has no answer, or when it cannot be sent; nothing is sent then.
+        Raises LocalProtocolError if another order has not been answered yet, or if the order cannot be sent.
+        Nothing is sent then.
         """
         if self._order is not None:
             raise LocalProtocolError(f"the answer to an order is outstanding: {self._order}")
@@ -123,47 +126,47 @@ class ArapHost:
         if self._profile.dle_stuffing == "off" and any(TRAILER in raw for raw in raws):
             self.link.note(
                 NoticeKind.TRAILER_SENT,
-                f"a controller that ends a block at the first DLE ETX cannot take this order: {order}",
+                f"a controller that ends a block at the first DLE ETX cannot receive this order: {order}",
             )
         self._order = order
         self._blocks.clear()
 
     def announce(self) -> None:
-        """Bid for an order that `order` is about to be given; see `Link.announce`.
+        """Bid for an order that will be passed to `order` shortly; see `Link.announce`.
 
-        Raises LocalProtocolError while an order has no answer.
+        Raises LocalProtocolError if an order has not been answered yet.
         """
         if self._order is not None:
             raise LocalProtocolError(f"the answer to an order is outstanding: {self._order}")
         self.link.announce()
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes off the line."""
+        """Process received bytes."""
         self.link.receive(data, now)
-        self._take_events(now)
+        self._process_events(now)
 
     def next_event(self) -> ArapEvent | None:
         """Return the oldest event not yet taken, or None."""
         return self._events.popleft() if self._events else None
 
     def data_to_send(self, now: float) -> bytes:
-        """Bytes for the line."""
+        """Return the bytes to send."""
         return self.link.data_to_send(now)
 
     def next_deadline(self) -> float | None:
-        """Return the next time-out of the link or of the order."""
+        """Return the time of the next time-out of the link or of the order, s."""
         link, order = self.link.next_deadline(), self._deadline
         if link is None or order is None:
             return order if link is None else link
         return min(link, order)
 
     def handle_deadline(self, now: float) -> None:
-        """Act on the time-outs up to now."""
+        """Handle all time-outs up to `now`."""
         self.link.handle_deadline(now)
-        self._take_events(now)
+        self._process_events(now)
         if self._order is None or self._deadline is None or now < self._deadline:
             return
-        if self.link.receiving:  # perhaps the answer, of many blocks; the link sees to it that this ends
+        if self.link.receiving:  # possibly the answer, in many blocks; the link bounds its duration
             self._deadline = now + self._profile.order_timeout_s
             return
         self._fail(
@@ -172,19 +175,19 @@ class ArapHost:
             f"no answer telegram within {self._profile.order_timeout_s:g} s to: {self._order}",
         )
 
-    def _take_events(self, now: float) -> None:
+    def _process_events(self, now: float) -> None:
         while (event := self.link.next_event()) is not None:
             match event:
                 case MessageReceived(telegrams):
                     for raw in telegrams:
-                        self._take_telegram(raw, now)
+                        self._process_telegram(raw, now)
                 case MessageSent():
                     self._deadline = now + self._profile.order_timeout_s
                 case LinkFailed(reason, text, remedy) if (
                     reason not in INCOMING_FAILURES and self._order is not None
                 ):
                     if reason is LinkFailure.INTERRUPTED:
-                        # The bid that interrupted is most likely that of the answer.
+                        # The bid that interrupted us most likely precedes the answer.
                         self._deadline = now + self._profile.order_timeout_s
                         self._keep(event)
                     else:
@@ -192,12 +195,12 @@ class ArapHost:
                 case _:
                     self._keep(event)
 
-    def _take_telegram(self, raw: bytes, now: float) -> None:
+    def _process_telegram(self, raw: bytes, now: float) -> None:
         sent_order = self._order if self._deadline is not None else None
         try:
             telegram = Telegram.decode(raw, from_robot=True)
         except RemoteProtocolError as error:
-            self._take_unfit(sent_order, raw, str(error))
+            self._process_unmatched(sent_order, raw, str(error))
             return
         if telegram.type == _SPONTANEOUS:
             try:
@@ -205,14 +208,14 @@ class ArapHost:
             except RemoteProtocolError as error:
                 self._keep(UnexpectedReceived(raw, str(error)))
         elif sent_order is None:
-            self._keep(UnexpectedReceived(raw, f"nothing was ordered, but there came: {telegram}"))
+            self._keep(UnexpectedReceived(raw, f"received without an outstanding order: {telegram}"))
         else:
             try:
-                self._take_answer(sent_order, telegram, now)
+                self._process_answer(sent_order, telegram, now)
             except RemoteProtocolError as error:
-                self._take_unfit(sent_order, raw, str(error))
+                self._process_unmatched(sent_order, raw, str(error))
 
-    def _take_answer(self, order: Telegram, telegram: Telegram, now: float) -> None:
+    def _process_answer(self, order: Telegram, telegram: Telegram, now: float) -> None:
         if telegram.function != order.function:
             raise RemoteProtocolError(f"the answer is to another order: {telegram}")
         if telegram.type == _RESPONSE:
@@ -230,7 +233,7 @@ class ArapHost:
             case _:
                 raise RemoteProtocolError(f"no answer has this type: {telegram}")
 
-    def _take_unfit(self, order: Telegram | None, raw: bytes, text: str) -> None:
+    def _process_unmatched(self, order: Telegram | None, raw: bytes, text: str) -> None:
         if order is None:
             self._keep(UnexpectedReceived(raw, text))
         else:

@@ -1,6 +1,6 @@
 """Field tables of the known ARAP payloads. Source: computer-link specification, section 3.
 
-Offsets are written as byte numbers of the telegram, as in the specification, less the 8 bytes of its header.
+Offsets are written as in the specification, as the byte number in the telegram minus the 8 bytes of the header.
 """
 
 from dataclasses import replace
@@ -11,24 +11,24 @@ from protocol.marks import Mark
 
 STEPS_PER_METRE = 8000
 POSITION_STEP = 1.0 / STEPS_PER_METRE
-"""One unit of a position word, 0.125 mm, in m. Mark: observed."""
+"""Size of one unit of a position word, m (0.125 mm). Mark: observed."""
 POSITION_WORD_LIMIT = 32767
-"""Largest position word that is sent, ±4.095875 m. Mark: observed."""
+"""Largest magnitude of a position word that is sent; it equals 4.095875 m. Mark: observed."""
 QUATERNION_ONE = 16384
-"""Quaternion word of 1.0. Mark: observed."""
+"""Quaternion word that represents 1.0. Mark: observed."""
 VELOCITY_STEP = POSITION_STEP
-"""One unit of a velocity word, 0.125 mm/s, in m/s. Mark: observed."""
+"""Size of one unit of a velocity word, m/s (0.125 mm/s). Mark: observed."""
 RUN_SPEED_ONE = 8192
-"""Run speed word of 1.0. Mark: observed."""
+"""Run speed word that represents 1.0. Mark: observed."""
 
 FLAG_BITS_16 = {"local": 0, "interrupt_permitted": 1, "programming_unit": 2, "key_auto": 3}
-"""Bits of status byte 16. Mark: assumed."""
+"""Bit numbers of the flags in byte 16 of the status. Mark: assumed."""
 FLAG_BITS_17 = {"standby": 0, "operation": 1, "execution": 2, "emergency_stop": 3}
-"""Bits of status byte 17. Mark: observed."""
+"""Bit numbers of the flags in byte 17 of the status. Mark: observed."""
 MOVE_FLAG_ENDS = 2
-"""Set in the first and the last telegram of a movement. Mark: observed."""
+"""Move flag that is set in the first and the last telegram of a movement. Mark: observed."""
 MOVE_FLAG_ROBOT_COORDINATES = 4
-"""Robot coordinates; clear means rectangular. Mark: observed."""
+"""Move flag for robot coordinates. If it is clear, the coordinates are rectangular. Mark: observed."""
 
 
 def _word(byte: int, name: str, mark: Mark, meaning: str) -> Field:
@@ -55,7 +55,7 @@ HEADER = Layout(
     HEADER_SIZE,
     ">",
     (
-        Field("length", 0, "H", Mark.OBSERVED, "of the whole telegram; from the PC also of its data alone"),
+        Field("length", 0, "H", Mark.OBSERVED, "of the entire telegram; from the PC also of its data alone"),
         Field("source", 2, "B", Mark.OBSERVED, "1 from the PC, 0 from the S3"),
         Field("destination", 3, "B", Mark.OBSERVED, "0"),
         Field("function", 4, "B", Mark.OBSERVED, "function code"),
@@ -63,7 +63,7 @@ HEADER = Layout(
         Field("suffix", 6, "H", Mark.OBSERVED, "function suffix"),
     ),
 )
-"""Its offsets count from the telegram's first byte, unlike those of the payloads."""
+"""Layout of the header. Its offsets count from the telegram's first byte, unlike the offsets of the payloads."""
 STATUS = Layout(
     "status",
     32 - HEADER_SIZE,
@@ -87,7 +87,7 @@ MOVE = Layout(
         Field("flags", 13 - HEADER_SIZE, "B", Mark.OBSERVED, "2 first or last telegram, 4 robot coordinates"),
         replace(_word(14, "velocity", Mark.OBSERVED, "velocity"), scale=VELOCITY_STEP, unit="m/s"),
         replace(
-            _word(16, "run_speed", Mark.OBSERVED, "run speed, share of the velocity"),
+            _word(16, "run_speed", Mark.OBSERVED, "run speed, factor on the velocity"),
             scale=1.0 / RUN_SPEED_ONE,
         ),
         *_POSE,
@@ -99,7 +99,7 @@ STOP_PROGRAM = Layout("stop program", 0, ">", ())
 WRITE_MODE = Layout("write mode", 0, ">", ())
 READ_STATUS = Layout("read status", 0, ">", ())
 RECEIVE_PROGRAM = Layout("receive program", 4, ">", (_word(8, "program", Mark.OBSERVED, "program number"),))
-"""Two bytes of 0 follow the program number."""
+"""Request for the bytes of a program. Two bytes of 0 follow the program number."""
 PROGRAM_ANSWER = Layout(
     "program answer",
     4,
@@ -109,7 +109,7 @@ PROGRAM_ANSWER = Layout(
         _word(10, "program", Mark.OBSERVED, "program number"),
     ),
 )
-"""Beginning of the answer to receive program; the program's bytes follow, over several blocks."""
+"""Start of the answer to receive program. The bytes of the program follow, in several blocks if needed."""
 SPONTANEOUS = Layout(
     "spontaneous",
     4,

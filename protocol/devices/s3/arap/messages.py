@@ -1,4 +1,4 @@
-"""Known payloads as typed values in SI units. Source: computer-link specification, section 3."""
+"""Typed values of the known payloads, in SI units. Source: computer-link specification, section 3."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -22,12 +22,12 @@ from protocol.geometry import Quaternion, Vector
 Words3: TypeAlias = tuple[int, int, int]
 Words4: TypeAlias = tuple[int, int, int, int]
 
-# Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs five times that.
+# Used in every cycle, so bound to module names: before Python 3.12 an enum member lookup is five times slower.
 _READ_STATUS, _MOVE, _POINT = FunctionCode.READ_STATUS, FunctionCode.MOVE, MoveKind.POINT
 _RESPONSE, _ORDER = TelegramType.RESPONSE, TelegramType.ORDER
 
 MOVE_LENGTHS = (52, 60)
-"""Lengths of a move telegram that an emulated controller takes. Mark: derived (52), observed (60)."""
+"""Sizes of a move telegram that an emulated controller accepts, in bytes. Mark: derived (52), observed (60)."""
 
 
 def _to_word(value: float, per_unit: float, low: int, high: int, what: str) -> int:
@@ -37,7 +37,7 @@ def _to_word(value: float, per_unit: float, low: int, high: int, what: str) -> i
 
 
 def position_words(position: Sequence[float]) -> Words3:
-    """Position in m as device words of 0.125 mm, rounded to the nearest.
+    """Convert a position, m, to the nearest device words, in units of 0.125 mm.
 
     Raises LocalProtocolError outside ±4.095875 m.
     """
@@ -51,13 +51,15 @@ def position_words(position: Sequence[float]) -> Words3:
 
 
 def position_from_words(words: Sequence[int]) -> Vector:
-    """Position in m that device words of 0.125 mm mean."""
+    """Convert device words, in units of 0.125 mm, to a position, m."""
     (x, y, z), steps = words, layouts.STEPS_PER_METRE
     return x / steps, y / steps, z / steps
 
 
 def quaternion_words(quaternion: Sequence[float]) -> Words4:
-    """Quaternion w x y z as device words of 1/16384. Raises LocalProtocolError for a component beyond ±1."""
+    """Convert a quaternion w x y z to device words, in units of 1/16384. Raises LocalProtocolError for a component
+    beyond ±1.
+    """
     w, x, y, z = quaternion
     one = layouts.QUATERNION_ONE
     return (
@@ -69,22 +71,24 @@ def quaternion_words(quaternion: Sequence[float]) -> Words4:
 
 
 def quaternion_from_words(words: Sequence[int]) -> Quaternion:
-    """Quaternion w x y z that device words of 1/16384 mean, not normalised."""
+    """Convert device words, in units of 1/16384, to a quaternion w x y z, which is not normalised."""
     (w, x, y, z), one = words, layouts.QUATERNION_ONE
     return w / one, x / one, y / one, z / one
 
 
 def _without_trailer(words: Sequence[int], exact: Sequence[float]) -> list[int]:
-    """Words whose bytes hold no DLE ETX: one that does, or begins one, gives way by a step.
+    """Return words whose bytes do not contain DLE ETX. A word that contains or starts DLE ETX is changed by one
+    step.
 
-    It goes to that neighbour which is nearer to the exact value, up where both are equally near. So each is less than
-    one step from it, or exactly one where the exact value is the word itself.
+    The changed word is the neighbour nearer to the exact value; if both neighbours are equally near, it is the
+    upper one. Each word is therefore less than one step from the exact value, or exactly one step if the original
+    word was exact.
     """
-    whole, (first, second) = int.from_bytes(TRAILER, "big"), TRAILER
+    trailer, (first, second) = int.from_bytes(TRAILER, "big"), TRAILER
     high_bytes = [word >> 8 & 0xFF for word in words[1:]]
     return [
         word + (1 if value >= word else -1)
-        if word & 0xFFFF == whole or (word & 0xFF, high) == (first, second)
+        if word & 0xFFFF == trailer or (word & 0xFF, high) == (first, second)
         else word
         for word, value, high in zip(words, exact, [*high_bytes, 0], strict=True)
     ]
@@ -96,7 +100,7 @@ def _expect(telegram: Telegram, function: int, *types: int) -> None:
 
 
 def _flags(names: Mapping[str, int]) -> tuple[tuple[bool, ...], ...]:
-    """Meaning of every value of a byte, in the order of the names of its bits."""
+    """Return the flags for every value of a byte, in the order of `names`, which gives the bit number of each flag."""
     return tuple(tuple(bool(byte >> bit & 1) for bit in names.values()) for byte in range(256))
 
 
@@ -104,16 +108,16 @@ _FLAGS_16, _FLAGS_17 = _flags(layouts.FLAG_BITS_16), _flags(layouts.FLAG_BITS_17
 
 
 class Status(NamedTuple):
-    """Answer to read status: state and pose of the tool in the base frame, as device words."""
+    """Answer to read status: state of the controller, and pose of the tool in the base frame as device words."""
 
     position_words: Words3
-    """X Y Z, 0.125 mm."""
+    """Position X Y Z in units of 0.125 mm."""
     quaternion_words: Words4
-    """Q1 … Q4, 1/16384."""
+    """Orientation Q1 … Q4 in units of 1/16384."""
     program: int = 0
-    """Number of the program."""
+    """Number of the current program."""
     instruction: int = 0
-    """Number of the instruction."""
+    """Number of the current instruction."""
     tcp: int = 0
     """Number of the active TCP."""
     frame: int = 0
@@ -121,9 +125,9 @@ class Status(NamedTuple):
     local: bool = False
     interrupt_permitted: bool = False
     programming_unit: bool = False
-    """The programming unit is connected."""
+    """Whether the programming unit is connected."""
     key_auto: bool = False
-    """The key stands in AUTO."""
+    """Whether the key switch is in position AUTO."""
     standby: bool = False
     operation: bool = False
     execution: bool = False
@@ -136,12 +140,12 @@ class Status(NamedTuple):
 
     @property
     def quaternion(self) -> Quaternion:
-        """Tool orientation in the base frame, w x y z, as reported (norm 1 within rounding)."""
+        """Tool orientation in the base frame, w x y z, as reported. Its norm is 1 within rounding."""
         return quaternion_from_words(self.quaternion_words)
 
     @classmethod
     def from_telegram(cls, telegram: Telegram) -> Self:
-        """Read a status answer. Raises RemoteProtocolError for an incomplete one."""
+        """Decode a status from an answer. Raises RemoteProtocolError if the answer is incomplete."""
         _expect(telegram, _READ_STATUS, _RESPONSE)
         row = layouts.STATUS.unpack_row(telegram.data)
         program, instruction, tcp, frame, flags_16, flags_17, x, y, z, q1, q2, q3, q4 = row
@@ -149,7 +153,9 @@ class Status(NamedTuple):
         return cls((x, y, z), (q1, q2, q3, q4), program, instruction, tcp, frame, *flags)
 
     def to_telegram(self) -> Telegram:
-        """Return the controller's answer. Raises LocalProtocolError for a number that its field cannot hold."""
+        """Encode the status as the controller's answer. Raises LocalProtocolError if a number does not fit into its
+        field.
+        """
         flags_16, flags_17 = (
             sum(getattr(self, name) << bit for name, bit in bits.items())
             for bits in (layouts.FLAG_BITS_16, layouts.FLAG_BITS_17)
@@ -162,26 +168,28 @@ class Status(NamedTuple):
 
 
 class Move(NamedTuple):
-    """One telegram of a movement sequence: a start, any number of points, an end at the last point."""
+    """One telegram of a movement sequence, which consists of a start, any number of points, and an end at the last
+    point.
+    """
 
     kind: MoveKind
     position: Vector = (0.0, 0.0, 0.0)
-    """Absolute target of the tool in the base frame, m; zeros in a start."""
+    """Absolute target position of the tool in the base frame, m; zeros in a start."""
     quaternion: Quaternion = (0.0, 0.0, 0.0, 0.0)
-    """Target orientation w x y z; zeros in a start."""
+    """Target orientation w x y z in the base frame; zeros in a start."""
     velocity: float = 0.0
-    """m/s"""
+    """Velocity, m/s."""
     run_speed: float = 1.0
-    """Share of the velocity, 0 … 7.9998."""
+    """Factor by which the velocity is multiplied, 0 … 7.9998."""
     robot_coordinates: bool = False
-    """Robot coordinates instead of rectangular ones."""
+    """Whether robot coordinates are used instead of rectangular coordinates."""
 
     def to_telegram(self, move_length: int = 52, *, avoid_trailer: bool = False) -> Telegram:
-        """Return the order, `move_length` bytes in all, values rounded to device words.
+        """Encode the order as a telegram of `move_length` bytes, with values rounded to device words.
 
-        With `avoid_trailer` each word of position and orientation that would hold DLE ETX, or begin one, gives way to a
-        neighbour: a coordinate is then up to one step of 0.125 mm from what was ordered, where rounding alone makes
-        half a step. Raises LocalProtocolError for a value out of range.
+        With `avoid_trailer`, each word of position and orientation that would contain or start DLE ETX is replaced
+        by a neighbour. A coordinate then differs from the ordered one by up to one step of 0.125 mm, instead of
+        half a step due to rounding. Raises LocalProtocolError if a value is out of range.
         """
         pose: Sequence[int] = (*position_words(self.position), *quaternion_words(self.quaternion))
         if avoid_trailer:
@@ -200,9 +208,10 @@ class Move(NamedTuple):
 
     @classmethod
     def from_telegram(cls, telegram: Telegram, lengths: Collection[int] = MOVE_LENGTHS) -> Self:
-        """Read a move.
+        """Decode a move.
 
-        Raises RemoteProtocolError for another telegram, a length that is not accepted or an unknown suffix.
+        Raises RemoteProtocolError if the telegram is not a move, has a length that is not accepted, or has an
+        unknown suffix.
         """
         _expect(telegram, FunctionCode.MOVE, TelegramType.ORDER)
         length = len(telegram.data) + HEADER_SIZE
@@ -225,24 +234,26 @@ class Move(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ProgramAnswer:
-    """Answer to receive program, all blocks in one."""
+    """Answer to receive program, with all blocks joined."""
 
     program: int
     """Number of the program."""
     content: bytes
-    """Bytes of the program as the controller keeps them."""
+    """Bytes of the program as stored in the controller."""
     error: int = 0
-    """0 for none; other values are not known."""
+    """Error code; 0 means no error, and the meaning of other values is unknown."""
 
     @classmethod
     def from_telegram(cls, telegram: Telegram) -> Self:
-        """Read the answer. Raises RemoteProtocolError for another telegram."""
+        """Decode the answer. Raises RemoteProtocolError if the telegram is not such an answer."""
         _expect(telegram, FunctionCode.RECEIVE_PROGRAM, TelegramType.RESPONSE)
         raw = layouts.PROGRAM_ANSWER.unpack(telegram.data)
         return cls(int(raw["program"]), telegram.data[layouts.PROGRAM_ANSWER.size :], int(raw["error"]))
 
     def to_telegram(self) -> Telegram:
-        """Return the controller's answer, to be split into blocks. Raises LocalProtocolError past 65535."""
+        """Encode the controller's answer, which must then be split into blocks. Raises LocalProtocolError if a
+        number exceeds 65535.
+        """
         head = layouts.PROGRAM_ANSWER.pack({"error": self.error, "program": self.program})
         function, type_ = FunctionCode.RECEIVE_PROGRAM, TelegramType.RESPONSE
         return Telegram(function, type_, 0, head + self.content, from_robot=True)
@@ -250,51 +261,51 @@ class ProgramAnswer:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """The controller's refusal of an order."""
+    """Refusal of an order by the controller."""
 
     code: int
 
     @property
     def text(self) -> str:
-        """The reason, for people to read."""
+        """Text of the reason for display."""
         return refusal_text(self.code)
 
     @classmethod
     def from_telegram(cls, telegram: Telegram) -> Self:
-        """Read a refusal. Raises RemoteProtocolError for an incomplete one."""
+        """Decode a refusal. Raises RemoteProtocolError if it is incomplete."""
         _expect(telegram, telegram.function, TelegramType.REFUSAL)
         return cls(int(layouts.REFUSAL.unpack(telegram.data)["code"]))
 
     def to_telegram(self, order: Telegram) -> Telegram:
-        """Return the controller's refusal of this order. Assumed: its suffix is 0."""
+        """Encode the controller's refusal of this order. Assumed: its suffix is 0."""
         data = layouts.REFUSAL.pack({"code": self.code})
         return Telegram(order.function, TelegramType.REFUSAL, 0, data, from_robot=True)
 
 
 @dataclass(frozen=True, slots=True)
 class Spontaneous:
-    """A status or error that the controller tells unasked."""
+    """Unsolicited status or error of the controller."""
 
     suffix: int
-    """`SpontaneousKind` where known."""
+    """Kind of the message, a `SpontaneousKind` if it is known."""
     x: int
     y: int
 
     @property
     def text(self) -> str:
-        """Kind and number as the controller's manuals write it, "x.y"."""
+        """Kind and number in the format of the controller's manuals, "x.y"."""
         kind = suffix_text(FunctionCode.SPONTANEOUS, self.suffix) or f"unknown kind {self.suffix}"
         return f"{kind} {self.x}.{self.y}"
 
     @classmethod
     def from_telegram(cls, telegram: Telegram) -> Self:
-        """Read a spontaneous telegram. Raises RemoteProtocolError for an incomplete one."""
+        """Decode an unsolicited telegram. Raises RemoteProtocolError if it is incomplete."""
         _expect(telegram, FunctionCode.SPONTANEOUS, TelegramType.SPONTANEOUS)
         raw = layouts.SPONTANEOUS.unpack(telegram.data)
         return cls(telegram.suffix, int(raw["x"]), int(raw["y"]))
 
     def to_telegram(self) -> Telegram:
-        """Text of the controller's message."""
+        """Encode the unsolicited message as a telegram."""
         data = layouts.SPONTANEOUS.pack({"x": self.x, "y": self.y})
         return Telegram(
             FunctionCode.SPONTANEOUS, TelegramType.SPONTANEOUS, self.suffix, data, from_robot=True
@@ -302,17 +313,19 @@ class Spontaneous:
 
 
 def write_mode(mode: Mode) -> Telegram:
-    """Order to change the operation mode."""
+    """Create the order to change the operation mode."""
     return Telegram(FunctionCode.WRITE_MODE, TelegramType.ORDER, mode)
 
 
 def start_program(program: int, from_start: bool = True) -> Telegram:
-    """Order to run a program, from its start or where it stopped. Raises LocalProtocolError past 65535."""
+    """Create the order to run a program, from its start or from where it stopped. Raises LocalProtocolError if its
+    number exceeds 65535.
+    """
     data = layouts.START_PROGRAM.pack({"program": program})
     return Telegram(FunctionCode.START_PROGRAM, TelegramType.ORDER, 0 if from_start else 1, data)
 
 
 def receive_program(program: int) -> Telegram:
-    """Query of a program's bytes. Raises LocalProtocolError past 65535."""
+    """Create the query for the bytes of a program. Raises LocalProtocolError if its number exceeds 65535."""
     data = layouts.RECEIVE_PROGRAM.pack({"program": program})
     return Telegram(FunctionCode.RECEIVE_PROGRAM, TelegramType.ORDER, 1, data)

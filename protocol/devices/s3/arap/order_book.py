@@ -1,4 +1,4 @@
-"""All orders that are known on one link: those of the specification and those of the site."""
+"""Catalogue of all orders known on one link: the orders of the specification and the orders that the site defines."""
 
 import difflib
 from collections.abc import Sequence
@@ -24,90 +24,93 @@ _SPONTANEOUS = Payload(layouts.SPONTANEOUS)
 
 @dataclass(frozen=True, slots=True)
 class TelegramText:
-    """A telegram's data for people to read."""
+    """Description of a telegram's data for display."""
 
     fields: list[dict[str, object]]
-    """Every field as `Layout.describe` tells it."""
+    """Descriptions of all fields, as returned by `Layout.describe`."""
     remark: str = ""
-    """Meaning of the data as a whole."""
+    """Meaning of the complete data; empty if there is none."""
 
 
 class OrderBook:
     """Definitions of orders by name and by function code.
 
-    Raises DefinitionError for a definition that cannot be or comes twice; its path begins with the order's name.
+    Raises DefinitionError for an invalid or duplicate definition. The error's path starts with the name of the
+    order.
     """
 
     def __init__(self, site: Sequence[OrderDefinition] = (), max_telegram: int = 0xFFFF) -> None:
         self.site = tuple(site)
-        """Additions of the site."""
+        """Definitions that the site has added."""
         self._by_function = dict(_KNOWN_FUNCTIONS)
         self._by_name = {definition.name: definition for definition in KNOWN_ORDERS}
         self._extensions: dict[int, OrderDefinition] = {}
-        seen: dict[int, str] = {}
+        names: dict[int, str] = {}
         for definition in self.site:
             try:
                 check_definition(definition, max_telegram)
             except DefinitionError as error:
                 raise DefinitionError(str(error), definition.name, *error.path) from error
-            if (other := seen.setdefault(definition.function, definition.name)) != definition.name:
+            if (other := names.setdefault(definition.function, definition.name)) != definition.name:
                 raise DefinitionError(
-                    f"{definition.function} is the function of {other} already", definition.name, "function"
+                    f"{definition.function} is already the function of {other}", definition.name, "function"
                 )
             if definition.extends:
                 self._extensions[definition.function] = definition
-            whole = merged(definition) if definition.extends else definition
-            self._by_function[definition.function] = whole
-            self._by_name[definition.name] = whole
+            order = merged(definition) if definition.extends else definition
+            self._by_function[definition.function] = order
+            self._by_name[definition.name] = order
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Every order that can be called by its name."""
+        """Names of all orders that can be called."""
         return tuple(self._by_name)
 
     def named(self, name: str) -> OrderDefinition:
-        """Return the order of this name. Raises LocalProtocolError with the known names."""
+        """Return the order with this name. If there is none, raise LocalProtocolError that names a similar order or
+        all known ones.
+        """
         definition = self._by_name.get(name)
         if definition is None:
             close = difflib.get_close_matches(name, self._by_name, 1)
             hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(self._by_name)}"
-            raise LocalProtocolError(f"there is no order {name!r}; {hint}")
+            raise LocalProtocolError(f"unknown order {name!r}; {hint}")
         return definition
 
     def of_function(self, function: int) -> OrderDefinition | None:
-        """Return the order with this function code, extended where the site does so, or None."""
+        """Return the order with this function code, including the site's extension; None if there is none."""
         return self._by_function.get(function)
 
     def extension_of(self, function: int) -> OrderDefinition | None:
-        """Additions of the site to a known order: its additional fields alone, or None."""
+        """Return the site's extension of a known order, with only its additional fields; None if there is none."""
         return self._extensions.get(function)
 
     def payloads_of(self, function: int, type_: int) -> tuple[Payload, ...]:
-        """Possible layouts of a telegram's data, the most detailed first; none where nothing is known."""
+        """Return the possible layouts of a telegram's data, the most detailed first; empty if none is known."""
         type_ = plain_type(type_)
         if type_ == TelegramType.REFUSAL:
             return (_REFUSAL,)
         if (function, type_) == (FunctionCode.SPONTANEOUS, TelegramType.SPONTANEOUS):
             return (_SPONTANEOUS,)
-        found = [self._by_function[function]] if function in self._by_function else []
+        payloads = [self._by_function[function]] if function in self._by_function else []
         if function in self._extensions:
-            found.append(_KNOWN_FUNCTIONS[function])
+            payloads.append(_KNOWN_FUNCTIONS[function])
         if type_ in (TelegramType.ORDER, TelegramType.FURTHER_FROM_PC):
-            return tuple(definition.order for definition in found)
+            return tuple(definition.order for definition in payloads)
         if type_ in (TelegramType.RESPONSE, TelegramType.FURTHER_FROM_ROBOT):
-            return tuple(definition.answer for definition in found)
+            return tuple(definition.answer for definition in payloads)
         return ()
 
     def suffix_text(self, function: int, suffix: int) -> str:
-        """Meaning of a function suffix; empty where none is known."""
+        """Return the meaning of a function suffix; empty if it is unknown."""
         definition = self._by_function.get(function)
         meaning = definition.suffixes.get(suffix, "") if definition else ""
         return meaning or suffix_text(function, suffix)
 
     def describe(self, telegram: Telegram, continued: bool = False) -> TelegramText:
-        """Describe the data. `continued`: an earlier block of the same telegram came before.
+        """Describe the data of a telegram. `continued` says that an earlier block of the same telegram precedes it.
 
-        Raises RemoteProtocolError when the data are too short for what they should be.
+        Raises RemoteProtocolError if the data is too short.
         """
         payloads = self.payloads_of(telegram.function, telegram.type)
         if not payloads:
@@ -125,4 +128,4 @@ class OrderBook:
 
 
 KNOWN = OrderBook()
-"""The orders of the specification alone."""
+"""Catalogue with only the orders of the specification."""

@@ -1,6 +1,8 @@
-"""Known facts of an order, as data: one definition gives encoder, decoder, description and emulated answer.
+"""Definitions of orders as data. One definition determines the encoder, the decoder, the description and the
+emulated answer.
 
-The definitions of `KNOWN_ORDERS` are those of the computer-link specification, section 3; a site adds its own.
+The definitions in `KNOWN_ORDERS` are from the computer-link specification, section 3. A site adds its own
+definitions.
 """
 
 import math
@@ -21,13 +23,13 @@ from protocol.marks import Mark
 
 Blocks: TypeAlias = Literal["one", "several"]
 RESERVED_NAMES = frozenset(("suffix",))
-"""Names that no field may have: a call gives them another meaning."""
+"""Names that no field may have, because they have another meaning in a call."""
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _EMPTY = Payload(layouts.EMPTY)
 
 
 class DefinitionError(ValueError):
-    """A definition of an order cannot be; `path` is where: part, number of the field, entry."""
+    """Invalid definition of an order. `path` is the location of the error: part, number of the field, entry."""
 
     def __init__(self, text: str, *path: str | int) -> None:
         super().__init__(text)
@@ -36,46 +38,47 @@ class DefinitionError(ValueError):
 
 @dataclass(frozen=True)
 class Emulation:
-    """Answers of an emulated controller: its memory gives back the bytes that were written into it.
+    """Rules for the answers of an emulated controller, whose memory returns the values that were written to it.
 
-    Every field of an order that is no key is stored. A field of the answer has the value of the order's field of that
-    name. Else it has the stored value of that name, else its initial value, else 0.
+    Every field of an order that is not a key is stored. A field of the answer has the value of the order's field
+    with the same name. If the order has none, the answer's field has the stored value with that name; if none is
+    stored, its initial value; and if it has none, 0.
     """
 
     memory: str = ""
-    """Name of the memory; orders that name the same one share it. Empty: nothing is stored."""
+    """Name of the memory. Orders with the same name share one memory. If it is empty, nothing is stored."""
     key: tuple[str, ...] = ()
-    """Fields of the order that choose the place in the memory, such as the number of a register."""
+    """Fields of the order that select the location in the memory, such as the number of a register."""
     initial: Mapping[str, Value] = field(default_factory=dict)
-    """Values of the answer's fields, in their units, before anything was written."""
+    """Initial values of the answer's fields, in the units of the fields."""
 
 
 @dataclass(frozen=True)
 class OrderDefinition:
-    """One order with its answer."""
+    """Definition of one order and its answer."""
 
     name: str
-    """How it is called."""
+    """Name with which the order is called."""
     function: int
-    """Function code."""
+    """Function code of the order."""
     order: Payload = _EMPTY
     answer: Payload = _EMPTY
     suffixes: Mapping[int, str] = field(default_factory=lambda: {0: ""})
-    """Function suffixes that the order may have, with their meanings; the first is the usual one."""
+    """Function suffixes that the order may have, with their meanings. The first one is the default."""
     mark: Mark = Mark.OBSERVED
     meaning: str = ""
     blocks: Blocks = "one"
-    """Whether the order may travel in several blocks; an answer always may."""
+    """Whether the order may be sent in several blocks. An answer always may."""
     extends: bool = False
-    """The fields come beside those of the known order with this function code."""
+    """Whether the fields are added to the fields of the known order with this function code."""
     emulation: Emulation = Emulation()
 
     def telegrams(
         self, values: Mapping[str, Value], suffix: int | None, profile: LinkProfile
     ) -> tuple[Telegram, ...]:
-        """Encode the order with these values in their units, for a link with this profile.
+        """Encode the order with these values, given in the units of the fields, for a link with this profile.
 
-        Raises LocalProtocolError naming what is unknown, out of range or too long.
+        Raises LocalProtocolError that names what is unknown, out of range or too long.
         """
         chosen = next(iter(self.suffixes)) if suffix is None else suffix
         if chosen not in self.suffixes:
@@ -113,13 +116,13 @@ KNOWN_ORDERS = (
         (1,),
     ),
 )
-"""Orders whose payload is known. That their answers carry no data, where none are listed, is assumed."""
+"""Orders with a known payload. Assumed: where no answer is listed, the answer carries no data."""
 _KNOWN_FUNCTIONS = {known.function: known for known in KNOWN_ORDERS}
 _EXTENDABLE = _KNOWN_FUNCTIONS.keys() - {FunctionCode.RECEIVE_PROGRAM}
 
 
 def merged(extension: OrderDefinition) -> OrderDefinition:
-    """Return the known order with the fields that an extension adds."""
+    """Return the known order together with the fields that an extension adds."""
     known = _KNOWN_FUNCTIONS[extension.function]
     return replace(
         extension,
@@ -139,17 +142,19 @@ def _merge(known: Payload, more: Payload) -> Payload:
 
 
 def check_definition(definition: OrderDefinition, max_telegram: int) -> None:
-    """Raise DefinitionError for the first thing in a site's definition that cannot be."""
+    """Raise DefinitionError for the first error in a site's definition."""
     if not _NAME.fullmatch(definition.name):
-        raise DefinitionError("a name is small letters, digits and underscores, a letter first")
+        raise DefinitionError(
+            "a name consists of lower-case letters, digits and underscores, and starts with a letter"
+        )
     if any(definition.name == known.name for known in KNOWN_ORDERS):
-        raise DefinitionError("this name is that of an order whose payload is known; choose another")
+        raise DefinitionError("this name belongs to an order with a known payload; choose another")
     _check_function(definition)
     for suffix in definition.suffixes:
         if not 0 <= suffix <= 0xFFFF:
             raise DefinitionError(f"{suffix} is outside 0 … 65535", "suffixes", str(suffix))
     if not definition.suffixes:
-        raise DefinitionError("there must be at least one", "suffixes")
+        raise DefinitionError("at least one is required", "suffixes")
     if definition.blocks == "several" and definition.order.rest is None:
         raise DefinitionError("only an order with a field of type bytes needs several blocks", "blocks")
     known = _KNOWN_FUNCTIONS.get(definition.function)
@@ -178,13 +183,13 @@ _Spans: TypeAlias = tuple[tuple[int, int, str], ...]
 
 
 def _spans(layout: Layout) -> _Spans:
-    """First byte of the data, the one behind the last, and name of every field."""
+    """Return, for every field, its first data byte, the byte after its last one, and its name."""
     return tuple((item.offset, item.offset + field_size(item), item.name) for item in layout.fields)
 
 
-def _check_payload(part: str, payload: Payload, taken: _Spans, max_telegram: int) -> None:
-    """Check the fields of one direction beside those that are known already."""
-    names = [name for _, _, name in taken]
+def _check_payload(part: str, payload: Payload, occupied: _Spans, max_telegram: int) -> None:
+    """Check the fields of one direction together with the known fields. Raises DefinitionError."""
+    names = [name for _, _, name in occupied]
     for index, name in enumerate(payload.names):
         if not _NAME.fullmatch(name) or name in RESERVED_NAMES:
             raise DefinitionError(f"{name!r} cannot be the name of a field", part, index, "name")
@@ -196,21 +201,21 @@ def _check_payload(part: str, payload: Payload, taken: _Spans, max_telegram: int
             raise DefinitionError("must be a number other than 0", part, index, "scale")
     spans = _spans(payload.layout)
     for index, (begin, end, _) in enumerate(spans):
-        fault = _place_fault(begin, end, (*taken, *spans[:index]), max_telegram)
+        fault = _position_fault(begin, end, (*occupied, *spans[:index]), max_telegram)
         if fault:
             raise DefinitionError(fault, part, index, "byte")
-    end = HEADER_SIZE + max((end for _, end, _ in (*spans, *(taken if payload.rest else ()))), default=0)
+    end = HEADER_SIZE + max((end for _, end, _ in (*spans, *(occupied if payload.rest else ()))), default=0)
     length = payload.layout.size + HEADER_SIZE
     if not end <= length <= max_telegram:
         entry = (part, len(spans), "byte") if payload.rest else (f"{part}_length",)
         raise DefinitionError(
-            f"{length} is not between {end}, where the fields end, and {max_telegram}, where a block ends",
+            f"{length} must be between {end}, the end of the fields, and {max_telegram}, the end of a block",
             *entry,
         )
 
 
-def _place_fault(begin: int, end: int, others: _Spans, max_telegram: int) -> str:
-    """Fault of a field that covers these bytes of the data, in words; empty if there is none."""
+def _position_fault(begin: int, end: int, others: _Spans, max_telegram: int) -> str:
+    """Return the reason why a field may not occupy these bytes of the data; empty if it may."""
     first, last = begin + HEADER_SIZE, end + HEADER_SIZE - 1
     if begin < 0:
         return f"{first} is inside the header; data begin at byte {HEADER_SIZE}"
@@ -228,9 +233,9 @@ def _check_emulation(definition: OrderDefinition) -> None:
     fixed = [item.name for item in definition.order.layout.fields]
     for name in emulation.key:
         if name not in fixed:
-            raise DefinitionError(f"the order has no number {name}", "emulator", "key")
+            raise DefinitionError(f"the order has no numeric field {name}", "emulator", "key")
     if emulation.key and not emulation.memory:
-        raise DefinitionError("a key needs the name of a memory", "emulator", "key")
+        raise DefinitionError("a key requires the name of a memory", "emulator", "key")
     for name, value in emulation.initial.items():
         try:
             definition.answer.encode({name: value})

@@ -1,4 +1,6 @@
-"""A telegram's data as named values in display units: fields at fixed places, then perhaps bytes of any number."""
+"""Data of a telegram as named values in display units: fields at fixed offsets, optionally followed by any number
+of bytes.
+"""
 
 import math
 import struct
@@ -11,19 +13,19 @@ from protocol.fields import Field, Layout
 from protocol.marks import Mark
 
 Value: TypeAlias = float | bytes
-"""Value of a field: a number in the field's unit, whole where the field counts, or bytes."""
+"""Value of a field: a number in the field's unit, an integer if one raw unit is 1, or bytes."""
 
 FIELD_TYPES = {"u8": "B", "s8": "b", "u16": "H", "s16": "h", "u32": "I", "s32": "i", "f32": "f"}
-"""Types of fields as an orders file names them, with their `struct` characters; all big-endian."""
+"""`struct` character of each field type, by the name of the type in an orders file. All types are big-endian."""
 TYPE_NAMES = {character: name for name, character in FIELD_TYPES.items()}
-"""The same the other way round."""
+"""Name of each field type by its `struct` character, the inverse of `FIELD_TYPES`."""
 _FLOAT_LIMIT = float.fromhex("0x1.fffffep+127")
-"""The greatest number of single precision."""
+"""Largest single-precision number."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """All bytes behind the fixed fields, as many as there are."""
+    """Field that consists of all bytes after the fixed fields."""
 
     name: str
     mark: Mark
@@ -32,21 +34,21 @@ class Rest:
 
 @dataclass(frozen=True)
 class Payload:
-    """Data behind the header of a telegram, all blocks joined."""
+    """Format of the data after the header of a telegram, with all blocks joined."""
 
     layout: Layout
-    """The fields at fixed places; its size is the least that a telegram must bring."""
+    """Fields at fixed offsets. The size of this layout is the minimum size of the data."""
     rest: Rest | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Every field in order."""
+        """Names of all fields in order."""
         return (*(field.name for field in self.layout.fields), *((self.rest.name,) if self.rest else ()))
 
     def encode(self, values: Mapping[str, Value]) -> bytes:
-        """Bytes of these values in their units; what is not named is 0 or nothing.
+        """Encode these values, given in the units of the fields. A field that is not named is 0 or empty.
 
-        Raises LocalProtocolError naming the field that has no such value, or is none.
+        Raises LocalProtocolError that names a field that is unknown or has an invalid value.
         """
         if unknown := sorted(values.keys() - set(self.names)):
             known = f"it has {', '.join(self.names)}" if self.names else "it has none"
@@ -65,7 +67,9 @@ class Payload:
         return data + rest
 
     def decode(self, data: bytes) -> dict[str, Value]:
-        """Values in their units by name. Raises RemoteProtocolError when the data are too short."""
+        """Decode the data to values by name, in the units of the fields. Raises RemoteProtocolError if the data is
+        too short.
+        """
         raw = self.layout.unpack(data)
         values: dict[str, Value] = {f.name: f.value(raw[f.name]) for f in self.layout.fields}
         if self.rest is not None:
@@ -73,7 +77,7 @@ class Payload:
         return values
 
     def describe(self, data: bytes) -> list[dict[str, object]]:
-        """Every field for people to read, as `Layout.describe` tells it."""
+        """Describe every field for display, in the same format as `Layout.describe`."""
         items = self.layout.describe(data)
         if self.rest is not None:
             items.append(describe_rest(self.rest, data[self.layout.size :]))
@@ -97,12 +101,12 @@ class Payload:
 
 
 def field_size(field: Field) -> int:
-    """Bytes that a field covers."""
+    """Return the size of a field in bytes."""
     return struct.calcsize(">" + field.format)
 
 
 def limits(format_: str) -> tuple[float, float]:
-    """Least and greatest raw value of a `struct` character."""
+    """Return the smallest and largest raw value of a `struct` character."""
     if format_ == "f":
         return -_FLOAT_LIMIT, _FLOAT_LIMIT
     bits = 8 * struct.calcsize(">" + format_)
@@ -110,7 +114,7 @@ def limits(format_: str) -> tuple[float, float]:
 
 
 def describe_rest(rest: Rest, data: bytes) -> dict[str, object]:
-    """Bytes of any number for people to read."""
+    """Describe a field with any number of bytes for display."""
     text = data.hex(" ").upper()
     return {
         "name": rest.name,

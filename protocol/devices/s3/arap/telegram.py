@@ -1,4 +1,4 @@
-"""The ARAP telegram: header and data. Source: computer-link specification, section 3."""
+"""ARAP telegram, consisting of a header and data. Source: computer-link specification, section 3."""
 
 from typing import NamedTuple
 
@@ -8,13 +8,13 @@ from protocol.devices.s3.arap.layouts import HEADER
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 FROM_PC = 1
-"""Byte 2 of a telegram from the PC. Mark: observed."""
+"""Value of byte 2 in a telegram from the PC. Mark: observed."""
 FROM_ROBOT = 0
-"""Byte 2 of a telegram from the controller; anything but 1 is taken. Mark: observed."""
+"""Value of byte 2 in a telegram from the controller. Any value but 1 is accepted. Mark: observed."""
 
 
 class Telegram(NamedTuple):
-    """One telegram. Function and type may be unknown ones: its receiver judges them."""
+    """One telegram. Its function and type may be unknown; the receiver checks them."""
 
     function: int
     type: int
@@ -23,21 +23,22 @@ class Telegram(NamedTuple):
     from_robot: bool = False
 
     def encode(self, length_style: LengthStyle = "whole") -> bytes:
-        """Bytes of the telegram. Only a PC may state the data length instead of the whole.
+        """Encode the telegram. Only a PC may use a length field that counts only the data instead of the entire
+        telegram.
 
-        Raises LocalProtocolError for a number that its field cannot hold.
+        Raises LocalProtocolError if a number does not fit into its field.
         """
         if self.from_robot and length_style != "whole":
-            raise LocalProtocolError("a telegram from the controller states its whole length")
+            raise LocalProtocolError("a telegram from the controller must state its entire length")
         length = len(self.data) + (HEADER_SIZE if length_style == "whole" else 0)
         source = FROM_ROBOT if self.from_robot else FROM_PC
         return HEADER.pack_row(length, source, 0, self.function, self.type, self.suffix) + self.data
 
     @classmethod
     def decode(cls, raw: bytes, from_robot: bool) -> "Telegram":
-        """Decode the telegram in these bytes, whose direction is known.
+        """Decode the telegram in these bytes, which have a known direction.
 
-        Raises RemoteProtocolError saying which byte is wrong and how.
+        Raises RemoteProtocolError that says which byte is wrong and why.
         """
         if len(raw) < HEADER_SIZE:
             raise RemoteProtocolError(f"a telegram has at least {HEADER_SIZE} bytes, got {len(raw)}")
@@ -62,7 +63,7 @@ class Telegram(NamedTuple):
 
 
 def response(order: Telegram, data: bytes = b"") -> Telegram:
-    """Return the controller's answer to an order. Assumed: its suffix is 0."""
+    """Create the controller's answer to an order. Assumed: its suffix is 0."""
     return Telegram(order.function, TelegramType.RESPONSE, 0, data, from_robot=True)
 
 
@@ -70,10 +71,10 @@ _READ_STATUS = Telegram(FunctionCode.READ_STATUS, TelegramType.ORDER)
 
 
 def read_status() -> Telegram:
-    """Query of position and state."""
+    """Create the query for position and state."""
     return _READ_STATUS
 
 
 def stop_program() -> Telegram:
-    """Order to stop the running program."""
+    """Create the order to stop the running program."""
     return Telegram(FunctionCode.STOP_PROGRAM, TelegramType.ORDER)
