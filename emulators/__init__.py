@@ -1,1 +1,4 @@
-"""The devices: physics and behaviour, synchronous, told the time, telling it back only through their wires."""
+"""Emulated devices: synchronous models of physics and behaviour.
+
+The caller passes the time, and the models act only on their wires.
+"""

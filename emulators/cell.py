@@ -1,8 +1,11 @@
-"""The emulated cell: any robot and any sensor, coupled by a tool and a surface. See `emulators.seams` for its parts.
+"""Emulated cell: any robot and any sensor, coupled by a tool and a surface.
 
-Frames: the base has z up. The tool frame's z axis points out of the flange, so that a tool pointing down has the
-quaternion (0, 1, 0, 0). The sensor frame has the tool frame's orientation and lies in the flange. The sensor reads the
-wrench that surface and gravity exert on the tool: pressing down on the surface gives a negative Fz.
+See `emulators.seams` for the parts of a cell.
+
+Frames: the base has z up. The tool frame's z axis points out of the flange, so a tool pointing down has the
+quaternion (0, 1, 0, 0). The sensor frame has the orientation of the tool frame and its origin in the flange. The
+sensor measures the wrench that surface and gravity exert on the tool: pressing down on the surface gives a negative
+Fz.
 """
 
 import math
@@ -33,7 +36,7 @@ from emulators.seams import (
     WrenchSource,
 )
 from emulators.surface.contact import Contact, SurfaceProfile
-from emulators.surface.face import ONE_POINT_REMEMBERED, Face, Pushed, joined, turning_of
+from emulators.surface.face import FACE_NEEDS_NO_MEMORY, ContactLoad, Face, join_loads, turn_rates
 from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS, ObstacleProfile, Obstacles
 from emulators.surface.removal import Removed
 from protocol.geometry import Pose, Quaternion, Vector, normalise, product, rotation_rows
@@ -42,19 +45,19 @@ from protocol.marks import Mark, SettingError, between, check_settings, setting
 _GRAVITY = np.array([0.0, 0.0, -9.80665])
 """Standard gravity in the base frame, m/s²."""
 _DEEPEST_M = 0.02
-"""Chosen: a tool that starts deeper inside the surface, m, is no tool that presses, but a wrong start."""
+"""Largest depth of the tool inside the surface at the start, m; a greater depth is a configuration error. Chosen."""
 _HEAVIEST_KG = 10.0
-"""Chosen: heaviest tool of the cell."""
+"""Largest mass of the tool, kg. Chosen."""
 _UP = np.array([0.0, 0.0, 1.0])
-"""Base z."""
+"""Unit vector of base z."""
 _PAST_S = 10.0
-"""How much of the motion a surface with memory is shown late, s: as much as an arm's path keeps."""
+"""Longest missed motion that a surface with memory receives later, s: the duration that an arm's path keeps."""
 _SPREAD_AT_ONCE = 128
-"""Chosen: samples of a face that are computed at once. Larger arrays do not stay in a processor's cache."""
+"""Number of samples of a face that are computed at once. Chosen: larger arrays do not stay in a processor's cache."""
 _TURN_S = 0.02
-"""The turning of a tool is its mean over so long before, s. Chosen: some ticks of an arm, between which it is still."""
+"""Averaging window of a tool's turn rate, s. Chosen: several ticks, because the tool does not turn within a tick."""
 _MEMORY_RATE_HZ = 8000
-"""Chosen: a surface with memory is shown at least so many samples a second, as many as our sensor takes."""
+"""Lowest sample rate at which a surface with memory is evaluated, Hz. Chosen: the sample rate of our sensor."""
 
 OWN_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "bus": BUS_FAULTS,
@@ -62,56 +65,59 @@ OWN_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "obstacle": OBSTACLE_FAULTS,
     "computer": COMPUTER_FAULTS,
 }
-"""Faults beside those of the devices, by target. The bridge carries out those of bus and computer."""
+"""Faults in addition to the faults of the devices, by target. The bridge carries out the faults of bus and computer."""
 
 Robot = TypeVar("Robot", bound=EmulatedRobot)
 Sensor = TypeVar("Sensor", bound=EmulatedSensor)
 
 
 def _unread(time: float) -> None:
-    """No sensor has read anything."""
+    """Do nothing, because no sensor has read anything."""
 
 
-class WrongForce(Exception):
-    """A surface of a plug-in answered with what is no force. `blamed` is the surface and its method."""
+class InvalidForce(Exception):
+    """The surface of a plug-in returned an invalid force.
+
+    `blamed` holds the surface and the name of the failing method.
+    """
 
     def __init__(self, surface: Surface, positions: Floats, force: object) -> None:
         if isinstance(force, np.ndarray) and force.shape == positions.shape:
             row = int(np.argmin(np.isfinite(force.astype(float)).all(axis=1)))
-            text = f"the surface answers {force[row].tolist()} N for a tip at {positions[row].round(6).tolist()} m"
+            text = f"the surface returned {force[row].tolist()} N for a tip at {positions[row].round(6).tolist()} m"
         else:
-            told = f"shape {force.shape}" if isinstance(force, np.ndarray) else type(force).__name__
-            text = f"the surface answers {told} for {len(positions)} positions, not an array of shape {positions.shape}"
+            got = f"shape {force.shape}" if isinstance(force, np.ndarray) else type(force).__name__
+            text = f"the surface returned {got} for {len(positions)} positions; expected: shape {positions.shape}"
         super().__init__(text)
         self.blamed = surface, "force"
 
 
 @dataclass(frozen=True, slots=True)
 class ToolProfile:
-    """The rigid tool behind the sensor."""
+    """Rigid tool behind the sensor."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     length_mm: float = setting(
-        200.0, Mark.CHOSEN, "sensor to tip, along tool z", between(0.0, 1000.0), unit="mm"
+        200.0, Mark.CHOSEN, "distance from sensor to tip along tool z", between(0.0, 1000.0), unit="mm"
     )
     mass_kg: float = setting(
-        0.5, Mark.CHOSEN, "what the sensor carries", between(0.0, _HEAVIEST_KG), unit="kg"
+        0.5, Mark.CHOSEN, "mass that the sensor carries", between(0.0, _HEAVIEST_KG), unit="kg"
     )
     centre_of_gravity_mm: Vector = setting(
-        (0.0, 0.0, 80.0), Mark.CHOSEN, "centre of that mass in the sensor frame", unit="mm"
+        (0.0, 0.0, 80.0), Mark.CHOSEN, "centre of gravity of that mass in the sensor frame", unit="mm"
     )
     face_radius_mm: float = setting(
         0.0,
         Mark.CHOSEN,
-        "radius of its face, a flat disc perpendicular to tool z about the tip; 0 for a point",
+        "radius of the tool's face, a flat disc about the tip, perpendicular to tool z; 0 for a point",
         between(0.0, 500.0),
         unit="mm",
     )
     face_rings: int = setting(
         3,
         Mark.CHOSEN,
-        "rings of contact points of that face about the one in its middle: 7 points with 1, 19 with 2, 37 with 3",
+        "rings of contact points around the centre of that face: 1 gives 7 points, 2 give 19, 3 give 37",
         between(1, 8),
     )
 
@@ -119,7 +125,7 @@ class ToolProfile:
         if _HEAVIEST_KG < self.mass_kg <= _HEAVIEST_KG * 1e3:
             raise SettingError(
                 "mass_kg",
-                f"must be at most {_HEAVIEST_KG:g}, got {self.mass_kg:g}; it is in kg, did you mean "
+                f"must be at most {_HEAVIEST_KG:g}, got {self.mass_kg:g}; the unit is kg, did you mean "
                 f"{self.mass_kg * 1e-3:g}?",
             )
         check_settings(self)
@@ -127,7 +133,7 @@ class ToolProfile:
 
 @dataclass(frozen=True, slots=True)
 class CellProfile:
-    """Tool, surface and start of an emulated cell: all but its devices."""
+    """Tool, surface, obstacle and start pose of an emulated cell, without its devices."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -138,7 +144,7 @@ class CellProfile:
     start_position_mm: Vector = setting(
         (900.0, -100.0, 600.0),
         Mark.CHOSEN,
-        "tool centre point at power-up, base frame",
+        "tool centre point at power-up in the base frame",
         between(-4095.0, 4095.0),
         unit="mm",
     )
@@ -152,91 +158,91 @@ class CellProfile:
 
 @dataclass(frozen=True, slots=True)
 class TrueState:
-    """The truth, which no device tells: for tests and comparisons."""
+    """True state of the cell, for tests and comparisons. No device reports it."""
 
     position: Vector
-    """Tool centre point in the base frame, m."""
+    """Position of the tool centre point in the base frame, m."""
     velocity: Vector
-    """Velocity of the tool in the base frame, m/s."""
+    """Velocity of the tool centre point in the base frame, m/s."""
     quaternion: Quaternion
-    """Tool frame in the base frame, w x y z."""
+    """Orientation of the tool frame in the base frame, w x y z."""
     contact_force: Vector
-    """Force of surface and obstacles on the tool in the base frame, N: of a face, the sum of all its points."""
+    """Force of surface and obstacles on the tool in the base frame, N; for a face, the sum over its points."""
     joints: Joints | None
-    """Axes of the robot, axis 1 first, rad; None where the robot tells none."""
+    """Joint angles of the robot, axis 1 first, rad; None if the robot reports no joint angles."""
     normal: Vector | None = None
-    """Outward unit normal of the surface below the tool centre point, base frame; None where the surface tells none."""
+    """Outward unit normal of the surface below the tool centre point, base frame; None if it has no normals."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parts(Generic[Robot, Sensor]):
-    """The devices of a cell, and how each is made; see `emulators.seams` for the factories."""
+    """Factories of the devices and the surface of a cell; see `emulators.seams`."""
 
     robot: Callable[[StartPose, float, int], Robot]
-    """A `RobotFactory`: start, time of power-up in s, seed."""
+    """`RobotFactory`, called with start pose, time of power-up in s, and seed."""
     sensor: Callable[[WrenchSource, float, int], Sensor]
-    """A `SensorFactory`: what it feels, time of power-up in s, seed."""
+    """`SensorFactory`, called with the source of the wrench, time of power-up in s, and seed."""
     surface: SurfaceFactory | None = None
-    """The contact model; by default that of the cell's profile."""
+    """Factory of the contact model. The default is the contact model in the profile of the cell."""
     faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
-    """Words for the faults of the devices, by target; their handlers carry them out."""
+    """Definitions of the device faults, by target. The handlers of the devices carry them out."""
 
 
 class Cell(Generic[Robot, Sensor]):
-    """A robot, and a sensor that touches the same surface as the robot's tool: the sensor's `WrenchSource`.
+    """Robot and sensor coupled by a tool and a surface. The cell is the `WrenchSource` of the sensor.
 
-    Raises ValueError for a start that the robot cannot hold, and for a surface that cannot be or not with this tool.
+    Raises ValueError for a start pose that the robot cannot hold, for an invalid surface, and for a surface that
+    does not support this tool.
     """
 
     def __init__(self, profile: CellProfile, now: float, seed: int, parts: Parts[Robot, Sensor]) -> None:
         x, y, z = (p / 1000.0 for p in profile.start_position_mm)
         length = profile.tool.length_mm / 1000.0
         self.robot = parts.robot(StartPose((x, y, z), profile.start_quaternion, length), now, seed)
-        """Powered up with the cell."""
+        """Emulated robot, powered up with the cell."""
         self._profile = profile
         self._powered_at = now
         radius = profile.tool.face_radius_mm / 1000.0
         self._face = Face(radius, profile.tool.face_rings) if radius > 0.0 else None
         self._surface: Surface
-        self._foreign = parts.surface is not None
-        """The surface is not ours, so that its answers are looked at."""
+        self._is_plugin = parts.surface is not None
+        """Whether the surface belongs to a plug-in. The cell then checks the results of the surface."""
         if parts.surface is None:
-            self._surface = Contact(profile.surface, self._changed, self._face)
+            self._surface = Contact(profile.surface, self._on_surface_change, self._face)
         else:
-            self._surface = parts.surface(self._changed)
+            self._surface = parts.surface(self._on_surface_change)
             if self._face is not None and self.has_memory:
-                raise ValueError(ONE_POINT_REMEMBERED)
+                raise ValueError(FACE_NEEDS_NO_MEMORY)
         self._refuse_buried((x, y, z))
-        self._asked_surface: Surface | None = None
-        self._kept_surface: Surface | None = None
-        """A surface with memory that has seen the motion of a compliant arm's tool further than the sensor has."""
-        self._obstacles = Obstacles(profile.obstacle, z, self._tip_height, self._changed)
+        self._tried_surface: Surface | None = None
+        self._advanced_surface: Surface | None = None
+        """Copy of a surface with memory that has received the motion of a compliant arm's tool ahead of the sensor."""
+        self._obstacles = Obstacles(profile.obstacle, z, self._tip_height, self._on_surface_change)
         self._moment_of_tip = moment_matrix((0.0, 0.0, length))
         u, v, w = profile.tool.centre_of_gravity_mm
         self._moment_of_weight = moment_matrix((u / 1000.0, v / 1000.0, w / 1000.0))
         self._weight = profile.tool.mass_kg * _GRAVITY
         self.path: ArmPath = self._compliant_path() or self.robot.path
         """True path of the tool centre point."""
-        path = self.path
-        ((_, quaternion),) = path.orientations(np.array([now]))
+        ((_, quaternion),) = self.path.orientations(np.array([now]))
         self._turn(quaternion)
         self.on_change: Callable[[float], object] = _unread
-        """Called by the cell with the time from which the wrench differs from the one read, s; set by the sensor."""
-        self.committed_until = path.committed_until
-        """Up to when the wrench may be read at a given time and stays unless a fault changes it, s."""
-        # A surface with memory would have to be shown a changed future again.
-        self.predicted_until = path.committed_until if self.has_memory else path.predicted_until
-        """Up to when it may be read by a sensor that minds `on_change`, s."""
-        path.on_change = self._moved_otherwise
+        """Callback for the time from which the wrench differs from the wrench read before, s; set by the sensor."""
+        self.committed_until = self.path.committed_until
+        """Function that returns the time up to which a wrench read now is final unless a fault changes it, s."""
+        # A surface with memory would have to process a changed future again.
+        self.predicted_until = self.committed_until if self.has_memory else self.path.predicted_until
+        """Function that returns the time up to which a sensor that handles `on_change` may read the wrench, s."""
+        self.path.on_change = self._on_path_change
         self.sensor = parts.sensor(self, now, seed)
-        """Powered up with the cell."""
+        """Emulated sensor, powered up with the cell."""
         robot: object = self.robot
         if isinstance(robot, FeelingRobot):
             robot.feel(self._contact_at)
         if isinstance(robot, LoadedRobot):
             robot.carry(profile.tool.mass_kg, (u / 1000.0, v / 1000.0, w / 1000.0))
         self.ledger = Ledger({**parts.faults, **OWN_FAULTS, **parts.faults})
-        """The faults of the cell."""
+        """Ledger of the cell's faults: known, injected and active faults."""
         for device in (self.robot, self.sensor):
             for target, handlers in device.handlers.items():
                 self.ledger.attach(target, handlers)
@@ -244,8 +250,9 @@ class Cell(Generic[Robot, Sensor]):
         self.ledger.attach("obstacle", self._obstacles.handlers)
 
     def _compliant_path(self) -> CompliantPath | None:
-        """Return the path of the tool on a compliant arm; None for a rigid one. Raises ValueError for a robot that
-        cannot have the compliance.
+        """Return the path of the tool on a compliant arm; None for a rigid arm.
+
+        Raises ValueError for a robot that does not support the configured compliance.
         """
         tool, arm = self._profile.tool, self._profile.arm
         if arm.compliance == "rigid":
@@ -253,22 +260,22 @@ class Cell(Generic[Robot, Sensor]):
         u, v, w = tool.centre_of_gravity_mm
         load = Load(tool.mass_kg, (u * 1e-3, v * 1e-3, (w - tool.length_mm) * 1e-3))
         grid = Grid(self._powered_at, 1.0 / _MEMORY_RATE_HZ if self.has_memory else STEP_S)
-        contact = ToolContact(self._force_on_moving_tool, self._keep_surface)
+        contact = ToolContact(self._try_motion, self._accept_motion)
         mode = Mode(arm.frequency_hz, arm.damping_ratio)
         return CompliantPath(self.robot.path, mode, bearing_of(arm, self.robot, load), contact, grid)
 
-    def _force_on_moving_tool(self, times: Floats, positions: Floats, velocities: Floats) -> Floats:
-        """Force (n, 3), N, of surface and obstacles on a tool with this motion; a question that changes nothing."""
-        self._asked_surface = (self._kept_surface or self._surface).aside()
-        return self._pushed_back(self._asked_surface, times, (positions, velocities), count=False).force
+    def _try_motion(self, times: Floats, positions: Floats, velocities: Floats) -> Floats:
+        """Return the force (n, 3) of surface and obstacles on a tool with this motion, N. Has no side effects."""
+        self._tried_surface = (self._advanced_surface or self._surface).aside()
+        return self._motion_load(self._tried_surface, times, (positions, velocities), count=False).force
 
-    def _keep_surface(self) -> None:
-        """Continue from the surface that was asked last: it has seen the motion up to the newest one."""
+    def _accept_motion(self) -> None:
+        """Accept the motion of the last trial: continue with the surface that has received this motion."""
         if self.has_memory:
-            self._kept_surface = self._asked_surface
+            self._advanced_surface = self._tried_surface
 
     def _refuse_buried(self, start: Vector) -> None:
-        """Raise ValueError for a tool that starts deep inside our surface."""
+        """Raise ValueError if the tool starts deep inside our surface."""
         if not isinstance(self._surface, Contact):
             return
         depth = float(self._surface.depth_and_normal(np.array([start]))[0][0])
@@ -279,48 +286,48 @@ class Cell(Generic[Robot, Sensor]):
             )
 
     def inject(self, target: str, fault: str, now: float, **parameters: object) -> Injection:
-        """Let a fault happen from now on, or at its next opportunity; `for_s` is a parameter too.
+        """Inject a fault from now on, or at its next opportunity. The duration `for_s` is one of the parameters.
 
-        Raises ValueError, in one line, for one that this cell cannot have and for a wrong parameter.
+        Raises ValueError, in one line, for a fault unknown to this cell and for an invalid parameter.
         """
         return self.ledger.inject(target, fault, now, parameters)
 
     @property
     def faults(self) -> Sequence[Injection]:
-        """All that were injected so far: target, fault, begin, end, and how often each had an effect."""
+        """All faults injected so far: target, fault, start, end, and number of effects of each."""
         return self.ledger.injections
 
-    def _moved_otherwise(self, time: float) -> None:
-        """Note that an order has changed the path from this time on, s."""
-        self._kept_surface = None
+    def _on_path_change(self, time: float) -> None:
+        """Notify the sensor that an order has changed the path from this time on, s."""
+        self._advanced_surface = None
         self.on_change(time)
 
-    def _changed(self, time: float) -> None:
-        """Surface or obstacle are others from this time on, s."""
+    def _on_surface_change(self, time: float) -> None:
+        """Handle a change of a surface or an obstacle from this time on, s."""
         self._surface.rewind(time)
         if isinstance(self.path, CompliantPath):
             self.path.rewind(time)
-            self._kept_surface = None
+            self._advanced_surface = None
         self.on_change(time)
 
     def _tip_height(self, time: float) -> float:
         return float(self.path.trajectory(np.array([time]))[0][0, 2])
 
     def wrench(self, times: Floats) -> Floats:
-        """Wrench (n, 6) on the tool about the sensor's origin in the sensor frame, N and N·m.
+        """Return the wrench (n, 6) on the tool about the sensor's origin in the sensor frame, N and N·m.
 
-        `times` (n,) ascend, s.
+        `times` (n,) are in ascending order, s.
         """
         wrenches = np.empty((6, len(times)))
         if not len(times):
             return wrenches.T
-        shown = self._surface.remembered_until
-        if shown is not None and shown >= times[0]:
+        remembered = self._surface.remembered_until
+        if remembered is not None and remembered >= times[0]:
             self._surface.rewind(float(times[0]))
-        pushed = self._pushed(self._surface, times)
-        forces, moments = pushed.force.T, None if pushed.moment is None else pushed.moment.T
+        load = self._contact_load(self._surface, times)
+        forces, moments = load.force.T, None if load.moment is None else load.moment.T
         for part, quaternion in self.path.orientations(times):
-            if quaternion != self._turned:
+            if quaternion != self._orientation:
                 self._turn(quaternion)
             np.matmul(self._force_to_wrench, forces[:, part], out=wrenches[:, part])
             wrenches[:, part] += self._weight_wrench
@@ -329,41 +336,40 @@ class Cell(Generic[Robot, Sensor]):
         return wrenches.T
 
     def speeds(self, times: Floats) -> Floats:
-        """Speed (n,) of the tool centre point, m/s, at ascending `times` (n,), s."""
+        """Return the speed (n,) of the tool centre point, m/s, at `times` (n,) in ascending order, s."""
         _, velocities = self.path.trajectory(times)
         speeds: Floats = np.sqrt(np.einsum("ij,ij->i", velocities, velocities))
         return speeds
 
     def _turn(self, quaternion: Quaternion) -> None:
-        """Prepare for this orientation of the tool: it stays the same over many samples."""
-        self._turned = quaternion
+        """Compute the matrices for this orientation of the tool, which remains constant over many samples."""
+        self._orientation = quaternion
         self._rotation = rotation = rotation_matrix(quaternion)
         self._force_to_wrench = force_to_wrench(rotation, self._moment_of_tip).T
         self._weight_wrench = (self._weight @ force_to_wrench(rotation, self._moment_of_weight))[:, None]
 
     def true_state(self, time: float) -> TrueState:
-        """Return the truth at `time`, s."""
+        """Return the true state at `time`, s."""
         return self.true_states((time,))[0]
 
     def true_states(self, times: Sequence[float]) -> list[TrueState]:
-        """Return the truth at each of these ascending times, s; many at once cost little more than one."""
+        """Return the true states at these times in ascending order, s. Many states cost little more than one."""
         at = np.array(times)
         positions, velocities = self.path.trajectory(at)
-        # A copy, because a question for the truth must not change the sensor's samples.
+        # A copy, because reading the true state must not change the sensor's samples.
         surface = self._surface.aside()
-        forces = self._pushed(surface, at, count=False).force
+        forces = self._contact_load(surface, at, count=False).force
         normals = surface.normals(positions, at) if isinstance(surface, ShapedSurface) else None
         quaternions = [q for part, q in self.path.orientations(at) for _ in range(part.start, part.stop)]
-        seen = positions
-        turns = None
+        undeflected, rotations = positions, None
         if isinstance(self.path, CompliantPath):
-            seen, turns = self.robot.path.trajectory(at)[0], self.path.rotations(at)
+            undeflected, rotations = self.robot.path.trajectory(at)[0], self.path.rotations(at)
         states = []
         for k, time in enumerate(times):
             position, quaternion = _vector(positions[k]), quaternions[k]
-            joints = self.robot.joints_holding(Pose(_vector(seen[k]), quaternion), time)
-            if turns is not None:
-                quaternion = normalise(product((1.0, *(0.5 * turns[k]).tolist()), quaternion))
+            joints = self.robot.joints_holding(Pose(_vector(undeflected[k]), quaternion), time)
+            if rotations is not None:
+                quaternion = normalise(product((1.0, *(0.5 * rotations[k]).tolist()), quaternion))
             normal = None if normals is None or np.isnan(normals[k]).any() else _vector(normals[k])
             states.append(
                 TrueState(position, _vector(velocities[k]), quaternion, _vector(forces[k]), joints, normal)
@@ -371,100 +377,115 @@ class Cell(Generic[Robot, Sensor]):
         return states
 
     def contact_forces(self, times: Floats) -> Floats:
-        """Force of surface and obstacles on the tool (n, 3) at ascending `times` (n,), s, base frame, N."""
-        return self._pushed(self._surface.aside(), times, count=False).force
+        """Return the force of surface and obstacles on the tool (n, 3), base frame, N.
+
+        `times` (n,) are in ascending order, s.
+        """
+        return self._contact_load(self._surface.aside(), times, count=False).force
 
     def _contact_at(self, time: float) -> Vector:
-        """Return the contact force at a past time, s; of a surface with memory the oldest that is still known."""
+        """Return the contact force at a past time, s, or at the earliest time that is still available."""
         return _vector(self.contact_forces(np.array([self.truth_available_from(time)]))[0])
 
     def truth_available_from(self, time: float) -> float:
-        """Return the earliest moment from `time` on, s, of which the truth is still known.
+        """Return the earliest time, not before `time`, for which the true state is still available, s.
 
-        A surface with memory has lost all before the newest sample that it was shown.
+        A surface with memory discards everything before the newest sample that it has received.
         """
-        shown = self._surface.remembered_until
-        return time if shown is None else max(time, shown)
+        remembered = self._surface.remembered_until
+        return time if remembered is None else max(time, remembered)
 
     @property
     def removed(self) -> Removed | None:
-        """Depths that the tool has removed from the surface so far; None where the surface does not wear."""
+        """Material that the tool has removed from the surface so far; None if the surface does not wear."""
         return self._surface.removed if isinstance(self._surface, Contact) else None
 
     @property
     def has_memory(self) -> bool:
-        """Whether the force depends on more than the present motion, so that truths have to be asked for in time."""
+        """Whether the force depends on the past. True states must then be read before the surface discards them."""
         return self._surface.remembered_until is not None
 
-    def _pushed(self, surface: Surface, times: Floats, count: bool = True) -> Pushed:
-        """Force and moment of surface and obstacles on the tool at ascending `times` (n,), s."""
-        return self._pushed_back(surface, times, self.path.trajectory(times), count)
+    def _contact_load(self, surface: Surface, times: Floats, count: bool = True) -> ContactLoad:
+        """Return force and moment of surface and obstacles on the tool at `times` (n,) in ascending order, s."""
+        return self._motion_load(surface, times, self.path.trajectory(times), count)
 
-    def _pushed_back(
+    def _motion_load(
         self, surface: Surface, times: Floats, motion: tuple[Floats, Floats], count: bool = True
-    ) -> Pushed:
-        """Return the same for positions and velocities (n, 3) of the tool.
+    ) -> ContactLoad:
+        """Return force and moment of surface and obstacles on the tool for its positions and velocities (n, 3).
 
-        A surface with memory is first shown the samples since power-up that were never read. So its force depends on
-        the motion and not on the reads. Where it cannot go back far enough, it answers as if the tip jumped there.
+        A surface with memory first receives the samples since power-up that were never read, so its force depends
+        on the motion and not on the reads. If the missed motion is too long, the force is computed as if the tip
+        had jumped to its position.
         """
-        if (shown := surface.remembered_until) is not None:
-            begin = max(shown, times[0] - _PAST_S, self._powered_at) * _MEMORY_RATE_HZ
-            # Samples are numbered; a millionth keeps rounding from moving one across.
+        if (remembered := surface.remembered_until) is not None:
+            begin = max(remembered, times[0] - _PAST_S, self._powered_at) * _MEMORY_RATE_HZ
+            # A margin of one millionth prevents rounding from changing a sample number.
             missed = np.arange(math.floor(begin + 1e-6) + 1, math.ceil(times[0] * _MEMORY_RATE_HZ - 1e-6))
             if len(missed):
                 past = missed / _MEMORY_RATE_HZ
-                self._touched(surface, past, *self.path.trajectory(past))
+                self._surface_load(surface, past, *self.path.trajectory(past))
         positions, velocities = motion
-        force, moment = self._touched(surface, times, positions, velocities)
+        force, moment = self._surface_load(surface, times, positions, velocities)
         if self._obstacles.any:
             force = force + np.outer(self._obstacles.force(positions[:, 2], times, count), _UP)
-        return Pushed(force, moment)
+        return ContactLoad(force, moment)
 
-    def _touched(self, surface: Surface, times: Floats, positions: Floats, velocities: Floats) -> Pushed:
-        """Force and moment of the surface alone on a tool with these positions and velocities (n, 3) of its centre."""
+    def _surface_load(
+        self, surface: Surface, times: Floats, positions: Floats, velocities: Floats
+    ) -> ContactLoad:
+        """Return force and moment of the surface, excluding obstacles.
+
+        `positions` and `velocities` (n, 3) are those of the tool centre point.
+        """
         if self._face is None:
-            return Pushed(self._answered(surface, positions, velocities, times), None)
+            return ContactLoad(self._surface_force(surface, positions, velocities, times), None)
         parts = []
         for begin in range(0, len(times), _SPREAD_AT_ONCE):
             part = slice(begin, begin + _SPREAD_AT_ONCE)
             orientations = self.path.orientations(times[part])
             before = self.path.orientations(times[part] - _TURN_S)
-            turning = turning_of(orientations, before, _TURN_S)
+            turning = turn_rates(orientations, before, _TURN_S)
             points = self._face.spread(
                 positions[part], velocities[part], orientations, rotation_matrix, turning
             )
             times_of_points = np.repeat(times[part], self._face.count)
-            forces = self._answered(surface, points.positions, points.velocities, times_of_points)
-            parts.append(self._face.gathered(forces, points.arms))
-        return joined(parts)
+            forces = self._surface_force(surface, points.positions, points.velocities, times_of_points)
+            parts.append(self._face.gather(forces, points.arms))
+        return join_loads(parts)
 
-    def _answered(self, surface: Surface, positions: Floats, velocities: Floats, times: Floats) -> Floats:
-        """Check the forces of a surface. Raises WrongForce for an invalid answer of a plug-in."""
+    def _surface_force(
+        self, surface: Surface, positions: Floats, velocities: Floats, times: Floats
+    ) -> Floats:
+        """Return the forces of the surface at these points.
+
+        Raises InvalidForce if a plug-in returns an invalid result.
+        """
         force: Any = surface.force(positions, velocities, times)
-        if self._foreign and not (
+        if self._is_plugin and not (
             isinstance(force, np.ndarray) and force.shape == positions.shape and np.isfinite(force).all()
         ):
-            raise WrongForce(surface, positions, force)
-        answered: Floats = force
-        return answered
+            raise InvalidForce(surface, positions, force)
+        forces: Floats = force
+        return forces
 
 
 def rotation_matrix(quaternion: Quaternion) -> Floats:
-    """Matrix (3, 3) whose columns are the rotated frame's axes, of a unit quaternion w x y z."""
+    """Return the matrix (3, 3) whose columns are the axes of the rotated frame, for a unit quaternion w x y z."""
     return np.array(rotation_rows(quaternion))
 
 
 def moment_matrix(arm: Vector) -> Floats:
-    """Matrix (3, 3) that turns row forces into row moments; `arm` is where the force acts, m."""
+    """Return the matrix (3, 3) that maps row forces to row moments. `arm` is the point at which the force acts, m."""
     x, y, z = arm
     return np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
 
 
 def force_to_wrench(rotation: Floats, moment: Floats) -> Floats:
-    """Matrix (3, 6) that turns row forces in the base frame into row wrenches in the sensor frame.
+    """Return the matrix (3, 6) that maps row forces in the base frame to row wrenches in the sensor frame.
 
-    `rotation` (3, 3) is the sensor frame in the base frame, `moment` (3, 3) the matrix of where the force acts there.
+    `rotation` (3, 3) is the orientation of the sensor frame in the base frame. `moment` (3, 3) is the
+    `moment_matrix` of the point at which the force acts, in the sensor frame.
     """
     matrix = np.empty((3, 6))
     matrix[:, :3] = rotation

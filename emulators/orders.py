@@ -1,6 +1,6 @@
-"""Orders that came to an emulated robot over its wire, taken or not: for judges of clients.
+"""Orders that an emulated robot received over its wire, whether accepted or not, for the assessment of clients.
 
-A robot tells them to one listener. Without a listener nothing is kept, and nothing is computed.
+A robot reports its orders to one listener. Without a listener, nothing is stored and nothing is computed.
 """
 
 import math
@@ -12,87 +12,98 @@ from protocol.geometry import Pose
 
 
 class Act(StrEnum):
-    """Kinds of orders."""
+    """Kind of an order."""
 
     MOTION = "motion"
-    """It leads the tool to a place, or at a speed."""
+    """The order moves the tool to a position, or at a given speed."""
     PROGRAM = "program"
-    """It brings or starts a program of the robot's own, which may move the tool."""
+    """The order loads or starts a program of the robot, which may move the tool."""
     RELEASE = "release"
-    """It releases a stop, or switches the power on: acts that belong to an operator at the robot."""
+    """The order releases a stop or switches the power on: actions that are reserved to an operator at the robot."""
     CONTACT = "contact"
-    """The client is there: a connection, or a question."""
+    """The order only shows that the client is present: a connection, or a query."""
     UNREADABLE = "unreadable"
-    """The robot can make nothing of it."""
+    """The robot cannot decode the order."""
     REFUSED = "refused"
-    """It asks for something that this emulated robot, as it is set up, does not have: a mode, a variable."""
+    """The order requests a mode or a variable that this emulated robot, as configured, does not have."""
 
 
 class Reach(NamedTuple):
-    """How fast a robot follows orders that come one a cycle. An order that is farther from the one before leaps."""
+    """Limits within which a robot follows orders sent once per cycle.
+
+    An order that is farther from the previous order is a leap.
+    """
 
     cycle_s: float
-    """Time between two orders for which the robot looks, s."""
+    """Time between two orders that the robot expects, s."""
     speed_m_s: float
-    """Fastest that it takes its tool, m/s."""
+    """Maximum speed of the tool, m/s."""
     turn_rad_s: float = math.inf
-    """Fastest that it turns its tool, rad/s."""
-    own_way: bool = False
-    """It plans a way of its own to each place, at this speed: a far place alone is no leap."""
+    """Maximum turn rate of the tool, rad/s."""
+    plans_own_path: bool = False
+    """Whether the robot plans a path of its own to each position at this speed. A distant position alone is then
+    not a leap.
+    """
 
 
 class ReceivedOrder(NamedTuple):
-    """An order as the robot understood it."""
+    """Order as the robot interpreted it."""
 
     at: float
-    """When it came, s."""
+    """Time at which the order arrived, s."""
     act: Act
     words: str
-    """The order in the robot's own words."""
+    """Description of the order in the terminology of the robot."""
     taken: bool
-    """The robot could act on it as it was then."""
+    """Whether the robot could execute the order in its state at that time."""
     pose: Pose | None = None
-    """Where it leads the tool, base frame, m; None for an order that tells no place."""
+    """Commanded tool pose, base frame, m; None for an order without a position."""
     moves: bool = True
-    """For an order without a place: whether it moves the tool. A speed of zero does not."""
+    """Whether an order without a position moves the tool; False for a speed of zero."""
     reach: Reach | None = None
-    """How fast the robot follows it; None where any place and speed is an order for it, as of a planned move."""
+    """Limits within which the robot follows the order; None if any position and speed is allowed, as for a planned
+    move.
+    """
     tool: Pose | None = None
-    """The tool as the robot tells it now, in the terms of `pose`; None where it is the true tool."""
+    """Reported tool pose at the time of arrival, in the same frame and unit as `pose`; None if it equals the true
+    pose.
+    """
     speed: tuple[float, float] = (0.0, 0.0)
-    """Speed that it orders, m/s, and of the turn, rad/s; zero for an order of a place."""
+    """Commanded speed, m/s, and turn rate, rad/s; zero for an order with a position."""
     breach: str = ""
-    """A rule of the wire that it breaks and the robot bears, in words; empty for none."""
+    """Description of a protocol rule that the order breaks and the robot tolerates; empty if the order breaks no
+    rule.
+    """
 
 
 class Hindrance(NamedTuple):
-    """A state in which the robot does not move by orders."""
+    """Reason why the robot does not follow motion orders."""
 
     words: str
     by_order: bool
-    """An order of the client brought it about, such as a leap or a place out of reach."""
+    """Whether an order of the client caused this state, for example a leap or a position out of reach."""
 
 
 class Orders:
-    """Tells the orders that a robot hears."""
+    """Reporter of the orders that a robot receives."""
 
     __slots__ = ("listener",)
 
     def __init__(self) -> None:
         self.listener: Callable[[ReceivedOrder], object] | None = None
-        """Called with each order at once; None while it is not wanted."""
+        """Callback for each order, at once; None if orders are not recorded."""
 
     def tell(self, order: ReceivedOrder) -> None:
-        """Report an order; no effect without a listener."""
+        """Report an order to the listener. Has no effect without a listener."""
         if self.listener is not None:
             self.listener(order)
 
 
 @runtime_checkable
 class ReportingRobot(Protocol):
-    """Facts that an `EmulatedRobot` tells beside its motion, so that its client can be judged."""
+    """Optional extension of an `EmulatedRobot` that reports its orders, so that its client can be assessed."""
 
     orders: Orders
 
     def hindrance(self, now: float) -> Hindrance | None:
-        """Why it does not move by orders at this time, s; None where it would."""
+        """Return why the robot does not follow motion orders at this time, s; None if it follows them."""

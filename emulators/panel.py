@@ -1,19 +1,19 @@
-"""The panel of an emulated controller: its buttons, keys and lamps, for tests and for a control socket.
+"""Panel of an emulated controller with buttons, switches and indicators, for tests and for a control socket.
 
-A request is a table as JSON has it, from a client that is not trusted:
+A request is a JSON object from an untrusted client:
 
-| `do` | more | what it does |
+| `do` | further keys | effect |
 |---|---|---|
-| show | | nothing |
-| a control's name | `to`: one of its positions, or a number | moves the control |
-| inject | `target`, `fault`, `with`: table of parameters | one fault; without a target one of the controller's |
-| disarm | | forgets the faults that wait for their moment |
-| mend | | ends the faults that last |
-| faults | | answers the table of faults |
-| controls | | answers the table of controls |
+| show | | none |
+| name of a control | `to`: one of its positions, or a number | moves the control |
+| inject | `target`, `fault`, `with`: table of parameters | injects a fault; the default target is the controller |
+| disarm | | cancels the faults that wait for an opportunity |
+| mend | | ends the active faults |
+| faults | | returns the table of faults |
+| controls | | returns the table of controls |
 
-All but the last two are answered with the state afterwards: as values, as rows for people, and with the present
-position of each control that has one (`at`).
+All requests except the last two return the state after the request: as values, as rows of text, and with the present
+position of each control that has a position (`at`).
 """
 
 import math
@@ -25,22 +25,27 @@ from emulators.faults import Fault, FaultNews, Ledger, describe_faults, target_o
 from protocol.faults import FaultStage
 
 Move: TypeAlias = Callable[[Any, float], object]
-"""Moves a control of a robot at a time, s. False: the controller refuses. ValueError says more about that."""
+"""Function that moves a control of a robot at a time, s. It returns False or raises ValueError if the robot refuses."""
 
 
 @dataclass(frozen=True, slots=True)
 class Switch:
-    """A button, a key, a switch: a control with positions."""
+    """Control with discrete positions, such as a button, a key or a switch."""
 
     meaning: str
     positions: Mapping[str, Move]
     usual: str = ""
-    """The position where an operator names none; empty where one has to be named."""
+    """Default position; empty if a request must name a position."""
     at: Callable[[Mapping[str, Any]], str] | None = None
-    """The present position in a state; empty where it is in none of them. None for a button that springs back."""
+    """Function that returns the present position in a state; empty if there is none. None for a button that springs
+    back.
+    """
 
     def move(self, name: str, robot: Any, to: object, now: float) -> str:
-        """Move it. Gives the position. Raises ValueError for a position that is none, and where it is refused."""
+        """Move the control and return its position.
+
+        Raises ValueError for an unknown position, and if the robot refuses.
+        """
         to = self.usual or None if to is None else to
         if not isinstance(to, str) or to not in self.positions:
             raise ValueError(f"{name} goes to {' or '.join(self.positions)}, not {to!r}")
@@ -50,30 +55,30 @@ class Switch:
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """Its positions."""
+        """Possible positions of the control."""
         return tuple(self.positions)
 
     @property
     def facts(self) -> dict[str, Any]:
-        """More about it, as JSON has it."""
+        """Further properties of the control, ready for JSON."""
         return {"usual": self.usual}
 
 
 @dataclass(frozen=True, slots=True)
 class Dial:
-    """A control that is set to a number."""
+    """Control that is set to a numeric value."""
 
     meaning: str
     turn: Callable[[Any, float, float], object]
-    """Sets a robot's control to a number at a time, s."""
+    """Function that sets a control of a robot to a value at a time, s."""
     least: float
     greatest: float
     unit: str
     at: Callable[[Mapping[str, Any]], float]
-    """The present number in a state."""
+    """Function that returns the present value in a state."""
 
     def move(self, name: str, robot: Any, to: object, now: float) -> str:
-        """Set it. Gives the value and its unit. Raises ValueError for no number of its range."""
+        """Set the control and return the value with its unit. Raises ValueError if the value is out of range."""
         try:
             value = float(to) if isinstance(to, str | int | float) and not isinstance(to, bool) else math.nan
         except (ValueError, OverflowError):
@@ -85,42 +90,42 @@ class Dial:
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """Its range, in words."""
+        """Range of the control, as text."""
         return (f"{self.least:g} … {self.greatest:g} {self.unit}",)
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Its range and its unit, as JSON has it."""
+        """Range and unit of the control, ready for JSON."""
         return {"least": self.least, "greatest": self.greatest, "unit": self.unit}
 
 
 @dataclass(frozen=True, slots=True)
 class Controls:
-    """The panel of one kind of controller, as data."""
+    """Definition of the panel of one kind of controller."""
 
     controls: Mapping[str, Switch | Dial]
-    """By name."""
+    """Controls by name."""
     state: Callable[[Any, float], dict[str, Any]]
-    """State of a robot that a panel shows at a time, s, as JSON has it."""
+    """Function that returns the state that the panel of a robot displays at a time, s, ready for JSON."""
     rows: Callable[[Mapping[str, Any]], dict[str, str]]
-    """The same for people: text by heading."""
+    """Function that formats a state as texts by heading."""
     faults: Mapping[str, Mapping[str, Fault]]
-    """Faults of the controller by target: a fault of these needs no target."""
+    """Faults of the controller by target. A request to inject one of them needs no target."""
     armed: Callable[[Any], Mapping[str, int]] | None = None
-    """Faults that wait for their moment, by name, and how often they will strike; None where the ledger knows."""
+    """Function that counts the waiting faults of a robot by name; None if the ledger counts them."""
     disarm: Callable[[Any], object] | None = None
-    """Makes the robot forget them; None where the ledger does."""
+    """Function that cancels the pending faults of a robot; None if the ledger cancels them."""
 
 
 class Panel:
-    """The panel of one robot. Times are those of the robot's endpoint, s."""
+    """Panel of one robot. Times are on the clock of the robot's endpoint, s."""
 
     def __init__(self, robot: Any, controls: Controls, ledger: Ledger) -> None:
-        """`ledger` is that of the cell, or of the robot alone."""
+        """`ledger` is the ledger of the cell, or of the robot if there is no cell."""
         self._robot, self._controls, self._ledger = robot, controls, ledger
 
     def perform(self, request: Mapping[str, object], now: float) -> dict[str, Any]:
-        """Carry out a request. Raises ValueError, in one line, for one that cannot be."""
+        """Carry out a request and return the response. Raises ValueError, in one line, for an invalid request."""
         action = request.get("do")
         controls = self._controls.controls
         match action:
@@ -149,11 +154,11 @@ class Panel:
                 self._ledger.on_fault(FaultNews(FaultStage.BY_HAND, "robot", action, text))
             case _:
                 known = ", ".join(("show", *controls, "inject", "disarm", "mend", "faults", "controls"))
-                raise ValueError(f"no action is called {action!r}; known: {known}")
+                raise ValueError(f"unknown action {action!r}; known: {known}")
         return self.show(now)
 
     def show(self, now: float) -> dict[str, Any]:
-        """State to show at `now`, with the faults of the cell that last or wait."""
+        """Return the state at `now`, with the active and the waiting faults of the cell."""
         robot, controls = self._robot, self._controls
         state = controls.state(robot, now)
         armed = dict(controls.armed(robot)) if controls.armed else self._ledger.waiting(now)
@@ -173,20 +178,23 @@ class Panel:
             raise ValueError("inject needs the name of a fault and a table of parameters")
         target = request.get("target") or target_of(fault, self._controls.faults)
         if not isinstance(target, str):
-            raise ValueError("inject needs a target's name, or none")
+            raise ValueError("the target of inject must be a name, or be left out")
         self._ledger.inject(target, fault, now, parameters)
 
 
 def millimetres(position: Sequence[float]) -> tuple[float, ...]:
-    """Return a position in m, in mm, to the µm."""
+    """Return a position in mm, rounded to 1 µm, from a position in m."""
     return tuple(round(part * 1000.0, 3) for part in position)
 
 
 def motion_text(hindrance: str) -> str:
-    """Whether the arm may move, for a hindrance in words; empty for none."""
+    """Return text that states whether the arm can move.
+
+    `hindrance` is the reason why it cannot; empty if it can.
+    """
     return f"not possible: {hindrance}" if hindrance else "possible"
 
 
 def numbers_text(values: Sequence[float]) -> str:
-    """Numbers of a row, in columns."""
+    """Format the numbers of a row as text in columns."""
     return "".join(f"{value:>10.3f}" for value in values)

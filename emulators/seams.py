@@ -1,17 +1,18 @@
-"""The parts of an emulated cell as they know each other: all that an author of an emulated device needs.
+"""Interfaces between the parts of an emulated cell, for authors of emulated devices.
 
-A cell joins a robot, a tool, a surface and a sensor. The robot tells the path of its arm, the surface answers with a
-force, and the sensor reads the wrench that both exert on the tool. Each device sits behind the wire of the real one.
-An author of a robot implements `EmulatedRobot` and `ArmPath`; `emulators.arm` has both kinds of arm ready. An author
-of a sensor implements `EmulatedSensor` and is handed a `WrenchSource`; `emulators.sensing` reads it with noise. An
-author of a contact model implements `Surface`.
+A cell joins a robot, a tool, a surface and a sensor. The robot provides the path of its arm, the surface returns a
+force, and the sensor reads the wrench that surface and gravity exert on the tool. Each emulated device is behind
+the same wire as the real device. An author of a robot implements `EmulatedRobot` and `ArmPath`; `emulators.arm`
+provides both kinds of arm. An author of a sensor implements `EmulatedSensor` and receives a `WrenchSource`;
+`emulators.sensing` reads the source and adds noise. An author of a contact model implements `Surface`.
 
-Times are seconds on one clock that every call is told; they do not run backwards for one caller. Positions are m,
-velocities m/s, forces N, moments N·m. The base frame is the robot's, z up. The tool frame's z axis points out of the
-flange; the sensor frame has the tool frame's orientation and lies in the flange. Arrays are `float64`.
+Times are seconds on one clock and are passed to every call. They never decrease for one caller. Positions are in m,
+velocities in m/s, forces in N, moments in N·m. The base frame is the base frame of the robot, z up. The tool
+frame's z axis points out of the flange. The sensor frame has the orientation of the tool frame and its origin in
+the flange. Arrays are `float64`.
 
-Nothing here reads a clock, opens a port or starts a thread. A device that is asked twice answers the same: results
-depend on the orders and their times, not on reads in between.
+These interfaces read no clock, open no port and start no thread. Repeated reads return equal results: the results
+depend on the orders and their times, not on the reads in between.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulators.faults.ledger import Handler
+from protocol.arm_size import PerAxis
 from protocol.endpoint import Endpoint
 from protocol.geometry import Pose, Quaternion, Vector
 
@@ -30,204 +32,233 @@ Joints: TypeAlias = tuple[float, ...]
 """Angles of a robot's axes, rad, axis 1 first."""
 
 Handlers: TypeAlias = Mapping[str, Mapping[str, Handler]]
-"""Faults of a device: by target, then by name of the fault. Empty if there are none."""
+"""Fault handlers of a device, by target, then by name of the fault. Empty if the device has no faults."""
 
 
 class StartPose(NamedTuple):
-    """How a robot stands when the cell is made."""
+    """Pose of the robot at power-up."""
 
     position: Vector
-    """Tool centre point in the base frame, m."""
+    """Position of the tool centre point in the base frame, m."""
     quaternion: Quaternion
-    """Tool frame in the base frame, w x y z; need not be normalised."""
+    """Orientation of the tool frame in the base frame, w x y z; need not be normalised."""
     tool_length: float = 0.0
-    """Distance from the flange along tool z to the tool centre point, m."""
+    """Distance from the flange to the tool centre point along tool z, m."""
 
 
 class ArmPath(Protocol):
-    """Where an arm was, is, and will be. `emulators.arm.history.History` implements it.
+    """Past, present and predicted path of an arm. `emulators.arm.history.History` implements it.
 
-    The path is *committed* up to a time when no order that comes from now on can change it before that time. It may be
-    read further, up to `predicted_until`, as if nothing more were ordered; `on_change` tells when an order comes.
+    The path is *committed* up to a time if no further order can change it before that time. It may be read further
+    ahead, up to `predicted_until`, under the assumption that no further order arrives. `on_change` is called when
+    an order changes it.
     """
 
     on_change: Callable[[float], object]
-    """Set by the one reader. Call it with the time, s, from which on the path is another than it could be read."""
+    """Callback that the only reader sets. Call it with the time from which the path differs from the path that
+    could be read before, s.
+    """
 
     def advance(self, now: float) -> None:
-        """Let everything up to `now` happen; harmless when nothing does."""
+        """Compute the path up to `now`. Idempotent."""
 
     def committed_until(self, now: float) -> float:
-        """Up to when the path is settled whatever is ordered from `now` on, s, that moment excluded; at least `now`."""
+        """Return the time before which no order from `now` on can change the path, s. The result is at least `now`."""
 
     def predicted_until(self, now: float) -> float:
-        """Up to when the path may be read, s; as `committed_until` for a path that is never read ahead."""
+        """Return the time up to which the path may be read, s.
+
+        The result is `committed_until` if the path is never read ahead.
+        """
 
     def trajectory(self, times: Floats) -> tuple[Floats, Floats]:
-        """Return true positions (n, 3), m, of the tool centre point and its velocities (n, 3), m/s, base frame.
+        """Return true positions (n, 3), m, and velocities (n, 3), m/s, of the tool centre point in the base frame.
 
-        `times` (n,) ascend, s. They may lie up to ten seconds in the past, and as far ahead as is predicted.
+        `times` (n,) are in ascending order, s. They may be up to ten seconds in the past, and up to
+        `predicted_until` in the future.
         """
 
     def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:
-        """Tool frame in the base frame, unit quaternion w x y z, at ascending `times` (n,). The answer is stretches, in
-        order, that cover all of `times`, each with the one orientation that holds there.
+        """Return the tool frame in the base frame, unit quaternion w x y z, at `times` (n,) in ascending order, s.
+
+        The result is a list of consecutive slices that cover all of `times`, each with a constant orientation.
         """
 
 
 class EmulatedRobot(Protocol):
-    """A robot with its controller, as a cell and a run's ground truth know it."""
+    """Emulated robot with its controller, in the form that a cell and the ground truth of a run use."""
 
     @property
     def endpoint(self) -> Endpoint[Any, Any, Any]:
-        """The controller's end of its wire: of bytes, or of datagrams. It tells no events."""
+        """End of the wire at the controller, an endpoint of bytes or of datagrams. It emits no events."""
 
     @property
     def path(self) -> ArmPath:
-        """The path of its arm."""
+        """Path of the arm."""
 
     @property
     def handlers(self) -> Handlers:
-        """Handlers of its faults."""
+        """Handlers of the faults of the robot."""
 
     @property
     def accepted(self) -> int:
-        """Number of targets that it has taken so far; the first has the number 1."""
+        """Number of targets accepted so far; the first target has the number 1."""
 
     def begun_at(self, target: int) -> float | None:
-        """When the motion towards the target of this number began, s; None while that is not known, NaN for a target
-        that was given up.
+        """Return the time at which the motion towards the target with this number began, s.
+
+        The result is None while the time is unknown, and NaN for a target that was dropped.
         """
 
     def joints_holding(self, pose: Pose, at: float) -> Joints | None:
-        """Return the joints that hold the true `pose` of the time `at`, s; None where the robot has no kinematics."""
+        """Return the joint angles for the true `pose` at the time `at`, s; None if the robot has no kinematics."""
 
 
 ContactSource: TypeAlias = Callable[[float], Vector]
-"""True force of the surroundings on the tool at a time that has passed, s, base frame, N, without the weight."""
+"""Function that returns the true force of the surroundings on the tool at a past time, s; base frame, N, excluding
+the weight.
+"""
 
 
 @runtime_checkable
 class FeelingRobot(Protocol):
-    """A robot that feels the contact of its tool by itself. The cell gives it that force when both are there."""
+    """Robot that estimates the contact force itself. The cell supplies the source of the true force at power-up."""
 
     def feel(self, contact: ContactSource) -> None:
-        """Set the source of the force."""
+        """Set the source of the true contact force."""
 
 
 @runtime_checkable
 class LoadedRobot(Protocol):
-    """A robot that takes the weight of its tool into account. The cell tells it the tool."""
+    """Robot that compensates for the weight of its tool. The cell passes the load to it at power-up."""
 
     def carry(self, mass: float, centre: Vector) -> None:
-        """Set the mass at the flange, kg, and its centre in the flange, m."""
+        """Set the mass at the flange, kg, and its centre of gravity in the flange frame, m."""
 
 
 @runtime_checkable
 class ArticulatedRobot(Protocol):
-    """A robot whose arm is compliant in its joints."""
+    """Robot whose arm is compliant in its joints."""
 
     @property
-    def joint_stiffness(self) -> Joints:
-        """Torsional stiffness of its joints, N·m/rad, axis 1 first."""
+    def joint_stiffness(self) -> PerAxis:
+        """Torsional stiffness of the joints, N·m/rad, axis 1 first."""
 
-    def tool_pose_at(self, joints: Joints) -> Pose:
-        """Return the true pose of the tool centre point at these joint angles, rad: forward kinematics."""
+    def tool_pose_at(self, joints: PerAxis) -> Pose:
+        """Return the true pose of the tool centre point at these joint angles, rad, by forward kinematics."""
 
 
 class WrenchSource(Protocol):
-    """The true wrench that a sensor feels. The cell implements it.
+    """Source of the true wrench on a sensor. The cell implements it.
 
-    It may be asked for a time again: after `on_change`, or when a reader begins again.
+    A reader may read a time again: after `on_change`, or when it restarts.
     """
 
     on_change: Callable[[float], object]
-    """Set by the one sensor. Called with the time, s, from which on the wrench is another than it could be read."""
+    """Callback for the time from which the wrench differs from the wrench that could be read before, s. The only
+    sensor sets it.
+    """
 
     def wrench(self, times: Floats) -> Floats:
-        """Wrench (n, 6) on the tool about the sensor's origin in the sensor frame: fx fy fz in N, mx my mz in N·m.
+        """Return the wrench (n, 6) on the tool about the sensor's origin in the sensor frame, N and N·m.
 
-        Surface and gravity exert it: pressing down on a surface gives a negative fz where the tool points
-        down. `times` (n,) ascend, s.
+        Surface and gravity exert the wrench: with the tool pointing down, pressing on a surface gives a negative
+        fz. Columns are fx fy fz mx my mz. `times` (n,) are in ascending order, s.
         """
 
     def committed_until(self, now: float) -> float:
-        """Up to when the wrench may be read at `now` and stays, unless a fault changes it, s; at least `now`."""
+        """Return the time up to which a wrench read at `now` is final unless a fault changes it, s.
+
+        The result is at least `now`.
+        """
 
     def predicted_until(self, now: float) -> float:
-        """Up to when it may be read by a sensor that minds `on_change`, s; at least `committed_until`."""
+        """Return the time up to which a sensor that handles `on_change` may read, s.
+
+        The result is at least `committed_until`.
+        """
 
 
 @runtime_checkable
 class MovingSource(Protocol):
-    """A fact that a source of a wrench may tell beside it."""
+    """Optional extension of a wrench source that provides the speed of the tool."""
 
     def speeds(self, times: Floats) -> Floats:
-        """Speed (n,) of the tool, m/s, at ascending `times` (n,), s."""
+        """Return the speed (n,) of the tool, m/s, at `times` (n,) in ascending order, s."""
 
 
 class EmulatedSensor(Protocol):
-    """A force/torque sensor with the device that reads it out."""
+    """Emulated force/torque sensor, including its read-out device."""
 
     @property
     def endpoint(self) -> Any:
-        """The end of its wire that its room serves: an `Endpoint` of bytes, datagrams or CAN frames that tells no
-        events. For a device of registers it is `protocol.devices.jr3.board.Registers`.
+        """End of the wire at the device: an `Endpoint` of bytes, datagrams or CAN frames that emits no events.
+
+        For a register-based device, it is `protocol.devices.jr3.board.Registers`.
         """
 
     @property
     def handlers(self) -> Handlers:
-        """Handlers of its faults."""
+        """Handlers of the faults of the sensor."""
 
     def sampled_at(self, counter: int) -> float | None:
-        """When it measured the newest sample that it told with this counter, s; None if there is none."""
+        """Return the time at which the newest sample sent with this counter was measured, s.
+
+        The result is None if there is no such sample.
+        """
 
 
 class Surface(Protocol):
-    """A contact model: it pushes back when the tool's tip comes to it. `emulators.surface.contact.Contact` is one.
+    """Contact model that returns the force on the tip of the tool, such as `emulators.surface.contact.Contact`.
 
-    A model without memory answers None to `remembered_until`, itself to `aside`, and does nothing in `rewind`. A model
-    that also implements `ShapedSurface` tells its normals for the ground truth.
+    In a model without memory, `remembered_until` is None, `aside` returns the model itself, and `rewind` does
+    nothing. A model that also implements `ShapedSurface` provides its normals for the ground truth.
     """
 
     @property
     def handlers(self) -> Mapping[str, Handler]:
-        """Its faults, by name; their target is `surface`. Empty if there are none."""
+        """Handlers of the faults of the target `surface`, by name. Empty if the surface has no faults."""
 
     @property
     def remembered_until(self) -> float | None:
-        """Time of the newest sample that it was shown, s, where its force depends on the past; None where it does not.
+        """Time of the newest sample received, s; None if the force does not depend on the past.
 
-        A model with memory is shown ascending times, at least 8000 a second, and may continue from the call before.
+        A model with memory receives times in ascending order, at least 8000 per second. Each call may continue from
+        the previous call.
         """
 
     def force(self, positions: Floats, velocities: Floats, times: Floats) -> Floats:
-        """Force (n, 3) on the tip, N, for its positions (n, 3), m, and velocities (n, 3), m/s, all in the base frame.
+        """Return the force (n, 3) on the tip, N, for positions (n, 3), m, and velocities (n, 3), m/s, of the tip.
 
-        `times` (n,) ascend, s.
+        All arrays are in the base frame. `times` (n,) are in ascending order, s.
         """
 
     def aside(self) -> "Surface":
-        """Return a copy for questions: they must change neither the memory nor the counts of this one."""
+        """Return a copy for queries that must not change the memory or the counts of this surface."""
 
     def rewind(self, time: float) -> None:
-        """Go back to before this time, s, as far as is known: the samples from then on are shown again."""
+        """Return to the state before this time, s, or to the earliest state kept.
+
+        The samples after this state will be passed again.
+        """
 
 
 @runtime_checkable
 class ShapedSurface(Protocol):
-    """Facts that a contact model may tell beside its forces."""
+    """Optional extension of a contact model that provides the normals of its surface."""
 
     def normals(self, positions: Floats, times: Floats) -> Floats:
-        """Outward unit normals (n, 3) of the surface below positions (n, 3), m, base frame; NaN if there is none.
+        """Return outward unit normals (n, 3) of the surface below positions (n, 3), m, base frame.
 
-        `times` (n,) ascend, s.
+        The result is NaN if there is no normal. `times` (n,) are in ascending order, s.
         """
 
 
 RobotFactory: TypeAlias = Callable[[StartPose, float, int], EmulatedRobot]
-"""Makes a robot that is powered up at a time, s, with a seed. Raises ValueError for a start that it cannot hold."""
+"""Factory of a robot, called with start pose, time of power-up in s, and seed. Raises ValueError for a pose that
+the robot cannot hold.
+"""
 SensorFactory: TypeAlias = Callable[[WrenchSource, float, int], EmulatedSensor]
-"""Makes a sensor that is powered up at a time, s, with a seed."""
+"""Factory of a sensor, called with the source of the wrench, time of power-up in s, and seed."""
 SurfaceFactory: TypeAlias = Callable[[Callable[[float], object]], Surface]
-"""Makes a surface that tells the function since when it is another, s: its faults change it."""
+"""Factory of a surface, called with the callback for the time, s, from which a fault has changed the surface."""

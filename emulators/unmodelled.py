@@ -1,6 +1,6 @@
-"""Tells, once each, the things that a client uses and that an emulated device does not model, and counts them.
+"""Counts and one-time reports of the features that a client uses and an emulated device does not model.
 
-A client's text is a stranger's: so many names are kept and no more, each cut to a length and made printable.
+Names from a client are untrusted: their number and length are limited, and unprintable characters are replaced.
 """
 
 from collections import Counter
@@ -10,53 +10,53 @@ from typing import Protocol, runtime_checkable
 from protocol.unmodelled import NotModelled
 
 KEPT = 64
-"""Chosen: different things that are told of one device."""
+"""Maximum number of different features reported for one device. Chosen."""
 LONGEST = 80
-"""Chosen: characters of a name."""
+"""Maximum number of characters in a name. Chosen."""
 OTHERS = "more"
-"""Name of all things beyond `KEPT`."""
+"""Collective name of all features beyond `KEPT`."""
 
 
 class Unmodelled:
-    """Things of one device that a client has used."""
+    """Features that a client has used and one device does not model."""
 
-    __slots__ = ("_device", "_listener", "_told", "counts")
+    __slots__ = ("_by_name", "_device", "_listener", "counts")
 
     def __init__(self, device: str) -> None:
-        """`device` is its kind."""
+        """`device` is the kind of the device."""
         self._device = device
         self._listener: Callable[[NotModelled], object] | None = None
-        self._told: dict[str, NotModelled] = {}
+        self._by_name: dict[str, NotModelled] = {}
         self.counts: Counter[str] = Counter()
-        """How often each was used, by name."""
+        """Number of uses of each feature, by name."""
 
     @property
     def things(self) -> tuple[NotModelled, ...]:
-        """All of them, in the order in which they were used first."""
-        return tuple(self._told.values())
+        """All features used so far, in the order of first use."""
+        return tuple(self._by_name.values())
 
     def touch(self, thing: str, detail: str) -> None:
-        """Report that a client has used this; `detail` is its treatment here."""
+        """Report that a client has used this feature. `detail` states what the emulation does instead."""
         thing = "".join(
-            sign if sign.isprintable() else "\N{REPLACEMENT CHARACTER}" for sign in thing[:LONGEST]
+            char if char.isprintable() else "\N{REPLACEMENT CHARACTER}" for char in thing[:LONGEST]
         )
-        if thing not in self._told and len(self._told) >= KEPT:
-            thing, detail = OTHERS, f"beyond {KEPT} names, which are not told apart"
+        if thing not in self._by_name and len(self._by_name) >= KEPT:
+            thing, detail = OTHERS, f"beyond {KEPT} names, which are not distinguished"
         self.counts[thing] += 1
-        if thing not in self._told:
-            told = self._told[thing] = NotModelled(self._device, thing, detail)
+        if thing not in self._by_name:
+            feature = self._by_name[thing] = NotModelled(self._device, thing, detail)
             if self._listener is not None:
-                self._listener(told)
+                self._listener(feature)
 
     def follow(self, listener: Callable[[NotModelled], object]) -> None:
-        """Tell each thing to this listener, those that were used before at once."""
+        """Report each feature to this listener. Features that have already been used are reported at once."""
         self._listener = listener
-        for told in self.things:
-            listener(told)
+        for feature in self.things:
+            listener(feature)
 
 
 @runtime_checkable
 class TaggingDevice(Protocol):
-    """An emulated device that tells the things that it does not model."""
+    """Emulated device that reports the features that it does not model."""
 
     unmodelled: Unmodelled

@@ -1,1 +1,1 @@
-"""A robot arm without a controller: kinematics, servo, motion, work area."""
+"""Robot arm without a controller: kinematics, servo, motion and work area."""

@@ -1,8 +1,8 @@
-"""Compliance of an arm: how far its tool gives way to a force, from the stiffness of its joints.
+"""Compliance of an arm: deflection of its tool under a force, from the stiffness of its joints.
 
-The links are rigid, and each joint is a torsional spring. With the Jacobian J of the tool and the joint stiffness K,
-the tool yields by J K⁻¹ Jᵀ times the wrench on it (Dumas et al., Robotics and Computer-Integrated Manufacturing 27,
-2011). The Jacobian is a difference quotient of the robot's own forward kinematics.
+The links are rigid, and each joint is a torsional spring. With the Jacobian J of the tool and the joint stiffness
+K, the deflection is J K⁻¹ Jᵀ times the wrench on the tool (Dumas et al., Robotics and Computer-Integrated
+Manufacturing 27, 2011). The Jacobian is a difference quotient of the robot's own forward kinematics.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from protocol.geometry import Pose, Vector, inverse, product, rotate
 from protocol.marks import Mark, SettingError, above, between, check_settings, setting
 
 _STEP_RAD = 1e-5
-"""Chosen: step of the difference quotients. Their error is below a millionth of the arm's length."""
+"""Step of the difference quotients, rad. Chosen: their error is below a millionth of the arm's length."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,25 +62,30 @@ class ArmProfile:
 
 
 def symmetric(parts: tuple[float, ...]) -> Floats:
-    """Return the matrix (3, 3) with the parts xx, yy, zz, xy, xz, yz."""
+    """Return the symmetric matrix (3, 3) with the elements xx, yy, zz, xy, xz, yz."""
     a, b, c, d, e, f = parts
     return np.array([[a, d, e], [d, b, f], [e, f, c]])
 
 
 def jacobian(robot: ArticulatedRobot, joints: Joints) -> Floats:
-    """Return the Jacobian (6, n) of the tool in the base frame, m/rad and rad/rad, at joint angles (n,), rad."""
+    """Return the Jacobian (6, 6) of the tool in the base frame, m/rad and rad/rad, at joint angles (6,), rad."""
     columns = []
     for axis in range(len(joints)):
-        before, after = (
-            robot.tool_pose_at((*joints[:axis], joints[axis] + step, *joints[axis + 1 :]))
-            for step in (-_STEP_RAD, _STEP_RAD)
-        )
+        before, after = (robot.tool_pose_at(_turned(joints, axis, step)) for step in (-_STEP_RAD, _STEP_RAD))
         columns.append(_difference(before, after) / (2.0 * _STEP_RAD))
     return np.array(columns).T
 
 
+def _turned(joints: Joints, axis: int, angle: float) -> PerAxis:
+    """Return the joint angles with one of them changed by an angle, rad."""
+    a, b, c, d, e, f = (q + (angle if k == axis else 0.0) for k, q in enumerate(joints))
+    return a, b, c, d, e, f
+
+
 def _difference(before: Pose, after: Pose) -> Floats:
-    """Return the small translation, m, and rotation vector, rad, (6,) from one pose to another, base frame."""
+    """Return the small displacement (6,) from one pose to another, base frame: translation, m, and rotation vector,
+    rad.
+    """
     w, x, y, z = product(after.quaternion, inverse(before.quaternion))
     sign = 2.0 if w >= 0.0 else -2.0
     moved = np.subtract(after.position, before.position)
@@ -88,8 +93,10 @@ def _difference(before: Pose, after: Pose) -> Floats:
 
 
 def joint_compliance(robot: ArticulatedRobot, joints: Joints, stiffness: Joints) -> Floats:
-    """Return the compliance (6, 6) of the tool in the base frame: translation, m, and rotation, rad, by the wrench on
-    it about its tip, N and N·m. `stiffness` is that of the joints, N·m/rad.
+    """Return the compliance (6, 6) of the tool in the base frame.
+
+    It maps the wrench on the tool about its tip, N and N·m, to translation, m, and rotation, rad. `stiffness` is
+    the stiffness of the joints, N·m/rad.
     """
     columns = jacobian(robot, joints)
     compliance: Floats = (columns / np.array(stiffness)) @ columns.T
@@ -97,24 +104,25 @@ def joint_compliance(robot: ArticulatedRobot, joints: Joints, stiffness: Joints)
 
 
 class Load(NamedTuple):
-    """What the arm carries."""
+    """Load that the arm carries."""
 
     mass: float
-    """kg"""
+    """Mass, kg."""
     centre: Vector
-    """Centre of gravity from the tool centre point, tool frame, m."""
+    """Position of the centre of gravity relative to the tool centre point, tool frame, m."""
 
 
 def bearing_of(arm: ArmProfile, robot: EmulatedRobot, load: Load) -> Callable[[float], Bearing]:
-    """Return the bearing of a robot's tool as a function of the time, s.
+    """Return a function that maps the time, s, to the bearing of a robot's tool.
 
-    Raises ValueError for a robot without a model of its joints whose compliance is to be that of the joints.
+    Raises ValueError if the compliance is configured as the compliance of the joints and the robot has no model of
+    its joints.
     """
     articulated: object = robot
     if arm.compliance == "cartesian":
         cartesian = np.zeros((6, 6))
         cartesian[:3, :3] = np.linalg.inv(symmetric(arm.stiffness_n_m))
-        return lambda time: _carried(cartesian, _rigid_pose(robot, time), load)
+        return lambda time: _add_weight(cartesian, _rigid_pose(robot, time), load)
     if not isinstance(articulated, ArticulatedRobot):
         raise ValueError(
             'cell.arm.compliance is "joints", but this robot has no model of its joints; set it to "cartesian"'
@@ -127,20 +135,20 @@ def bearing_of(arm: ArmProfile, robot: EmulatedRobot, load: Load) -> Callable[[f
         joints = robot.joints_holding(pose, time)
         if joints is None:
             raise ValueError("no joints hold the tool where the arm is")
-        return _carried(joint_compliance(joined, joints, stiffness), pose, load)
+        return _add_weight(joint_compliance(joined, joints, stiffness), pose, load)
 
     return bearing
 
 
 def _rigid_pose(robot: EmulatedRobot, time: float) -> Pose:
-    """Pose that the tool of a rigid arm would have."""
+    """Return the pose that the tool of a rigid arm would have."""
     at = np.array([time])
     x, y, z = robot.path.trajectory(at)[0][0].tolist()
     return Pose((x, y, z), robot.path.orientations(at)[0][1])
 
 
-def _carried(compliance: Floats, pose: Pose, load: Load) -> Bearing:
-    """Return a compliance with the deflection by the weight."""
+def _add_weight(compliance: Floats, pose: Pose, load: Load) -> Bearing:
+    """Return the bearing: the compliance together with the deflection that the weight causes."""
     weight = np.array([0.0, 0.0, -9.80665 * load.mass])
     arm = rotate(pose.quaternion, load.centre)
     return Bearing(compliance, compliance @ np.concatenate((weight, np.cross(arm, weight))))

@@ -1,15 +1,19 @@
-"""Path of a compliant arm's tool: the path that the encoders see, and the deflection by contact, weight and motion.
+"""Path of a compliant arm's tool: the path that the encoders measure, plus the deflection.
+
+Contact, weight and motion cause the deflection.
 
 The tool is a mass on the arm's compliance, with one natural frequency and damping ratio in all directions:
 
     d'' + 2 ζ ω d' + ω² (d - C F) = -p''
 
 where d is the deflection, p the path of the rigid arm, C the compliance and F the force of contact and weight. The
-effective mass (ω² C)⁻¹ makes the deflection by a constant force C F, and contact, spring and damper never add energy.
+effective mass (ω² C)⁻¹ makes the deflection C F under a constant force, and contact, spring and damper never add
+energy.
 
-The equation is integrated on a fixed grid of time, exactly for a force that is linear between two points of the grid.
-A block of points is solved at once, by Newton's method where the surface is touched. So what is read does not depend
-on when it is read, to within the tolerance of that method; behind the newest point the force counts as constant.
+The equation is integrated on a fixed time grid. The integration is exact if the force is linear between two grid
+points. A block of points is solved at once, by Newton's method where the tool touches the surface. The results
+therefore do not depend on the times of the reads, to within the tolerance of that method. After the newest point, the
+force is assumed constant.
 """
 
 import math
@@ -23,61 +27,70 @@ from emulators.seams import ArmPath, Floats
 from protocol.geometry import Quaternion
 
 STEP_S = 1.0 / 2000
-"""Chosen: the grid. A contact of 100 kN/m on a mass of 1 kg oscillates at 50 Hz, with 40 points a period."""
+"""Time step of the grid, s. Chosen: a contact of 100 kN/m on a mass of 1 kg oscillates at 50 Hz, with 40 points per
+period.
+"""
 _POINTS, _FEW_POINTS = 32, 16
-"""Chosen: points solved at once, and where contact begins, ends or changes."""
+"""Number of points solved at once, and the reduced number where contact begins, ends or changes. Chosen."""
 _ITERATIONS = 20
 _TOLERANCE_N = 1e-5
-"""Chosen: far below the noise of every sensor."""
+"""Largest error of the contact force in a solution, N. Chosen: far below the noise of every sensor."""
 _CONTRACTION = 0.6
-"""Chosen: where an iteration leaves more of the error, the contact is linearised again."""
+"""Share of the error that an iteration may leave; if more remains, the contact is linearised again. Chosen."""
 _POSITION_STEP_M, _VELOCITY_STEP_M_S = 1e-8, 1e-6
-"""Chosen: steps of the difference quotients of a surface's force."""
+"""Steps of the difference quotients of a surface's force, m and m/s. Chosen."""
 _SHIFTS = np.zeros((7, 2, 3))
-"""Position and velocity of a sample and of its six neighbours."""
+"""Offsets in position and velocity of a sample and of its six neighbours."""
 _SHIFTS[1:4, 0] = _POSITION_STEP_M * np.eye(3)
 _SHIFTS[4:7, 1] = _VELOCITY_STEP_M_S * np.eye(3)
 _KEPT = 24_000
-"""Chosen: points that are kept, more than the ten seconds of an arm's path at the finest grid use at once."""
+"""Number of grid points that are kept. Chosen: more than the ten seconds of an arm's path on the finest grid use at
+once.
+"""
 _NEAR_M = 2e-3
-"""Chosen: the compliance is computed again where the tool has moved so far."""
+"""Displacement of the tool after which the compliance is computed again, m. Chosen."""
 _GAP_S = 5.0
-"""Chosen: after a longer time without a reader the tool starts again from its equilibrium."""
+"""Longest time without a reader, s. After a longer time, the tool restarts from its equilibrium. Chosen."""
 
 
 def _forget() -> None:
-    """Nothing is remembered."""
+    """Do nothing, because there is no memory."""
 
 
 class Contact(NamedTuple):
-    """What touches the tool."""
+    """Contact that acts on the tool."""
 
     force: Callable[[Floats, Floats, Floats], Floats]
-    """Force (n, 3), N, base frame, at ascending times (n,), s, for positions and velocities (n, 3) of the tool. They
-    follow those that were kept last; asked again, it answers the same.
+    """Function that returns the force (n, 3), N, base frame, at times (n,) in ascending order, s, for positions and
+    velocities (n, 3) of the tool.
+
+    The times follow the motion that was accepted last. Repeated calls return equal results.
     """
     keep: Callable[[], object] = _forget
-    """Called when the motion that was asked about last has been accepted."""
+    """Callback for when the motion of the last call of `force` has been accepted."""
 
 
 class Bearing(NamedTuple):
-    """What carries the tool: the compliance where it is, and what its own weight does there."""
+    """Support of the tool: the compliance at its position, and the deflection that its weight causes there."""
 
     compliance: Floats
-    """Of the tool (6, 6), base frame: translation, m, and rotation, rad, by a wrench about the tip, N and N·m."""
+    """Compliance of the tool (6, 6), base frame: translation, m, and rotation, rad, per wrench about the tip, N and
+    N·m.
+    """
     sag: Floats
-    """Deflection (6,) by the weight of the tool, m and rad."""
+    """Deflection (6,) due to the weight of the tool, m and rad."""
 
 
 class Mode(NamedTuple):
-    """One mode of oscillation."""
+    """Mode of oscillation."""
 
     frequency_hz: float
     damping_ratio: float
 
     def transition(self, duration: Floats) -> tuple[Floats, Floats]:
-        """Return the transition of deflection and velocity (2, 2, n) over a duration (n,), s, and their response
-        (2, n) to a constant acceleration of 1.
+        """Return the transition matrices of deflection and velocity (2, 2, n) over durations (n,), s.
+
+        It also returns the response (2, n) of deflection and velocity to a constant acceleration of 1.
         """
         omega = 2.0 * math.pi * self.frequency_hz
         decay = self.damping_ratio * omega
@@ -95,37 +108,39 @@ class Mode(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """The grid of time on which the motion is integrated."""
+    """Time grid on which the motion is integrated."""
 
     powered_at: float
-    """Its begin, s, with the tool in equilibrium."""
+    """Start of the grid, s, with the tool in equilibrium."""
     step: float = STEP_S
-    """s; shorter for a surface with memory, which has to see as many samples as the sensor."""
+    """Time step, s; shorter for a surface with memory, which must receive as many samples as the sensor."""
 
 
 class _Responses(NamedTuple):
-    """Responses of deflection and velocity at n points of the grid behind the present one."""
+    """Responses of deflection and velocity at the n grid points after the current point."""
 
     free: Floats
-    """To deflection and velocity now, (2, n, 2)."""
+    """Response to the current deflection and velocity, (2, n, 2)."""
     forced: Floats
-    """To an acceleration at each point, linear in between, (2, n, n + 1)."""
+    """Response to an acceleration at each point, linear between points, (2, n, n + 1)."""
     held: Floats
-    """To an acceleration that is constant between two points, (2, n, n)."""
+    """Response to an acceleration that is constant between two points, (2, n, n)."""
     settled: Floats
-    """To an acceleration that is the same from the present point on, (2, n)."""
+    """Response to an acceleration that is constant from the current point on, (2, n)."""
 
     def joined(self, by_position: Floats, by_velocity: Floats, compliance: Floats) -> Floats:
-        """Return the inverse (3 n, 3 n) that removes the error of a force, for one linear contact of these slopes
-        (3, 3). Its part for fewer points is its corner.
+        """Return the matrix (3 n, 3 n) that maps the error of a force to its correction, for a linear contact.
+
+        `by_position` and `by_velocity` (3, 3) are the slopes of the contact. The upper left corner of the matrix
+        applies to fewer points.
         """
         slopes = (by_position @ compliance)[None], (by_velocity @ compliance)[None]
-        return np.array(np.linalg.inv(_coupled(self.forced[:, :, 1:], *slopes)), np.float64)
+        return np.array(np.linalg.inv(_coupling_matrix(self.forced[:, :, 1:], *slopes)), np.float64)
 
 
 @lru_cache(maxsize=8)
 def _responses(mode: Mode, step: float) -> _Responses:
-    """Return the responses at the most points that are solved at once."""
+    """Return the responses at the maximum number of points that are solved at once."""
     points = _POINTS
     matrices, held_1 = mode.transition(np.array([step]))
     matrix, held = matrices[:, :, 0], held_1[:, 0]
@@ -133,7 +148,9 @@ def _responses(mode: Mode, step: float) -> _Responses:
         np.array([[0.0, 1.0], [-mode.stiffness, -2.0 * mode.damping_ratio * mode.stiffness**0.5]])
     )
     end = inverse @ (held - np.array([0.0, step])) / step
-    """Part of the response to the acceleration at the end of a step; the rest is that to the one at its begin."""
+    """Part of the response to the acceleration at the end of a step; the remainder is the response to the
+    acceleration at its start.
+    """
     begin = held - end
     free, forced, constant = (
         np.zeros((points, 2, 2)),
@@ -152,60 +169,66 @@ def _responses(mode: Mode, step: float) -> _Responses:
 
 
 def _unread(time: float) -> None:
-    """No reader has looked ahead."""
+    """Do nothing, because no reader has read ahead."""
 
 
 class CompliantPath:
-    """The true path of the tool of a compliant arm: an `ArmPath` around that of the arm."""
+    """True path of the tool of a compliant arm: an `ArmPath` that wraps the path of the arm."""
 
     def __init__(
         self, path: ArmPath, mode: Mode, bearing: Callable[[float], Bearing], contact: Contact, grid: Grid
     ) -> None:
-        """`bearing` is asked for a time, s, and answers for the rigid arm's pose of that time."""
+        """`bearing` maps a time, s, to the bearing for the pose of the rigid arm at that time."""
         step = grid.step
         self._path, self._mode, self._bearing_at, self._contact = path, mode, bearing, contact
         self._step, self._remembers = step, step < STEP_S
         self._responses = _responses(mode, step)
         self.on_change: Callable[[float], object] = _unread
-        """Called with the time, s, from which on the path is another than it could be read."""
-        path.on_change = self._moved_otherwise
+        """Callback for the time from which the path differs from the path that could be read before, s."""
+        path.on_change = self._on_path_change
         self._bearing: Bearing | None = None
         self._borne_at = np.full(3, math.inf)
         self._rows = np.zeros((_KEPT, 12))
-        """By point of the grid: deflection, its velocity, force of the contact, and velocity of the rigid arm."""
+        """Deflection, deflection velocity, contact force, and velocity of the rigid arm at each grid point."""
         self._linear: Floats | None = None
-        """The contact that was last linearised."""
+        """Matrix for the contact that was linearised last, which maps the error of its force to the correction."""
         self._oldest = self._newest = 0
-        """Points of the grid that are known; none before the first reader."""
+        """Numbers of the oldest and the newest known grid point; no point is known before the first read."""
         self._begun, self._powered_at = False, grid.powered_at
 
     # --- as a path
 
     def advance(self, now: float) -> None:
-        """As `ArmPath.advance`."""
+        """Advance the path of the arm; see `ArmPath.advance`."""
         self._path.advance(now)
 
     def committed_until(self, now: float) -> float:
-        """As `ArmPath.committed_until`."""
+        """Return the time up to which the path is committed, s; see `ArmPath.committed_until`."""
         return self._path.committed_until(now)
 
     def predicted_until(self, now: float) -> float:
-        """As `ArmPath.predicted_until`."""
+        """Return the time up to which the path may be read, s; see `ArmPath.predicted_until`."""
         return self._path.predicted_until(now)
 
     def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:
-        """As `ArmPath.orientations`: of the rigid arm. The rotation by the compliance is that of `rotations`."""
+        """Return the orientations of the rigid arm; see `ArmPath.orientations`.
+
+        `rotations` returns the additional rotation due to the compliance.
+        """
         return self._path.orientations(times)
 
     def trajectory(self, times: Floats) -> tuple[Floats, Floats]:
-        """As `ArmPath.trajectory`."""
+        """Return positions and velocities including the deflection; see `ArmPath.trajectory`."""
         self._extend(float(times[0]), float(times[-1]))
         positions, velocities = self._path.trajectory(times)
         offset, drift = self._deflection(times, velocities)
         return positions + offset, velocities + drift
 
     def rotations(self, times: Floats) -> Floats:
-        """Return the rotation of the tool by contact and weight (n, 3), rad, base frame, at ascending times (n,), s."""
+        """Return the rotation of the tool due to contact and weight (n, 3), rad, base frame.
+
+        `times` (n,) are in ascending order, s.
+        """
         self._extend(float(times[0]), float(times[-1]))
         bearing = self._bearing
         assert bearing is not None, "the path has begun"
@@ -214,17 +237,20 @@ class CompliantPath:
         return rotations
 
     def rewind(self, time: float) -> None:
-        """Forget everything from this time on, s: path or surface are others."""
+        """Discard all points from this time on, s, because the path or the surface has changed."""
         self._newest = max(min(self._newest, math.floor(time / self._step)), self._oldest)
 
-    def _moved_otherwise(self, time: float) -> None:
+    def _on_path_change(self, time: float) -> None:
         self.rewind(time)
         self.on_change(time)
 
     # --- the deflection
 
     def _deflection(self, times: Floats, velocities: Floats) -> tuple[Floats, Floats]:
-        """Deflection (n, 3), m, and its velocity (n, 3), m/s, for a path of these velocities at times (n,)."""
+        """Return the deflection (n, 3), m, and its velocity (n, 3), m/s, at times (n,), s.
+
+        `velocities` (n, 3) are the velocities of the rigid arm at these times, m/s.
+        """
         step, rows = self._step, self._rows
         points = np.clip(np.floor(times / step).astype(int), self._oldest, self._newest)
         since = np.maximum(times - points * step, 0.0)
@@ -240,7 +266,7 @@ class CompliantPath:
             newest, duration, bearing = rows[self._newest % _KEPT], since[ahead], self._bearing
             assert bearing is not None, "the path has begun"
             pull = self._mode.stiffness * (bearing.compliance[:3, :3] @ newest[6:9] + bearing.sag[:3])
-            # a duration of nothing has no change of velocity either
+            # a duration of zero has no change of velocity either
             change = (velocities[ahead] - newest[9:]) / np.maximum(duration, 1e-12)[:, None]
             matrix, held = self._mode.transition(duration)
             for row, out in ((0, offset), (1, drift)):
@@ -252,7 +278,7 @@ class CompliantPath:
         return offset, drift
 
     def _extend(self, begin: float, end: float) -> None:
-        """Compute every point of the grid up to `end`, s."""
+        """Compute every grid point up to `end`, s."""
         last = math.floor(end / self._step)
         if not self._begun or last - self._newest > _GAP_S / self._step:
             last_gap = last - _GAP_S / self._step
@@ -261,18 +287,18 @@ class CompliantPath:
             point, points = self._newest, min(_POINTS, last - self._newest)
             times = np.arange(point, point + points + 1, dtype=np.float64) * self._step
             positions, velocities = self._path.trajectory(times)
-            if self._newest == point:  # the arm may have felt its contact meanwhile
+            if self._newest == point:  # an arm that senses its contact may have rewound the path
                 self._solve(times, positions, velocities)
 
     def _start(self, point: int) -> None:
-        """Begin in equilibrium at a point of the grid."""
+        """Start in equilibrium at a grid point."""
         time = np.array([point * self._step])
         positions, velocities = self._path.trajectory(time)
         bearing = self._borne(float(time[0]), positions[0])
         compliance, still = bearing.compliance[:3, :3], np.zeros((1, 3))
         offset = bearing.sag[:3].copy()
         for _ in range(_ITERATIONS):
-            force, (by_position, _) = self._linearised(time, positions + offset, still)
+            force, (by_position, _) = self._linearise(time, positions + offset, still)
             error = compliance @ force[0] + bearing.sag[:3] - offset
             offset += np.linalg.solve(np.eye(3) - compliance @ by_position[0], error)
         force = self._contact.force(time, positions + offset, still)
@@ -281,14 +307,14 @@ class CompliantPath:
         self._begun = True
 
     def _borne(self, time: float, position: Floats) -> Bearing:
-        """Return compliance and sag near a position of the rigid arm, m, which it has at a time, s."""
+        """Return compliance and sag near a position of the rigid arm, m, at the time when the arm is there, s."""
         if self._bearing is None or np.abs(position - self._borne_at).max() > _NEAR_M:
             self._bearing, self._borne_at = self._bearing_at(time), position
             self._linear = None
         return self._bearing
 
     def _solve(self, times: Floats, positions: Floats, velocities: Floats) -> None:
-        """Compute the points at times[1:]; at least the first of them."""
+        """Compute the points at times[1:], or at least the first of them."""
         start = self._rows[self._newest % _KEPT]
         bearing = self._borne(float(times[0]), positions[0])
         compliance = self._mode.stiffness * bearing.compliance[:3, :3]
@@ -311,20 +337,23 @@ class CompliantPath:
             if not force.any():
                 self._note(block, base, force)
                 return
-        elif self._solved_as_linear(block, start[6:9]):
+        elif self._solve_as_linear(block, start[6:9]):
             return
         points = min(points, _FEW_POINTS)
         while not self._solved(block.first(points), start[6:9], points == 1):
             points = (points + 1) // 2
 
-    def _solved_as_linear(self, block: "_Block", force: Floats) -> bool:
-        """Solve a block whose contact stays nearly the same linear one; whether that converges. `force` is the last."""
+    def _solve_as_linear(self, block: "_Block", force: Floats) -> bool:
+        """Solve a block whose contact stays nearly linear; return whether the iteration converges.
+
+        `force` is the contact force at the last solved point.
+        """
         forces = np.repeat(force[None], len(block.times), axis=0)
         for linear in (self._linear, None):
             if linear is None:
                 middle = slice(len(block.times) // 2, len(block.times) // 2 + 1)
                 moved = block.response(forces)
-                _, (by_position, by_velocity) = self._linearised(
+                _, (by_position, by_velocity) = self._linearise(
                     block.times[middle],
                     block.positions[middle] + moved[0, middle],
                     block.velocities[middle] + moved[1, middle],
@@ -350,12 +379,15 @@ class CompliantPath:
         return False
 
     def _solved(self, block: "_Block", force: Floats, last: bool) -> bool:
-        """Solve a block by Newton's method; whether that converges. The `last` try is kept as it is."""
+        """Solve a block by Newton's method; return whether the iteration converges.
+
+        With `last`, the best result is kept even if the iteration does not converge.
+        """
         before = forces = np.repeat(force[None], len(block.times), axis=0)
         share, best, change = 1.0, math.inf, np.zeros_like(forces)
         for _ in range(_ITERATIONS):
             moved = block.response(forces)
-            answer, slopes = self._linearised(
+            answer, slopes = self._linearise(
                 block.times, block.positions + moved[0], block.velocities + moved[1]
             )
             error = float(np.abs(answer - forces).max())
@@ -377,10 +409,10 @@ class CompliantPath:
             )
         return last
 
-    def _linearised(
+    def _linearise(
         self, times: Floats, positions: Floats, velocities: Floats
     ) -> tuple[Floats, tuple[Floats, Floats]]:
-        """Return the force of the contact (n, 3) and its slopes by position and by velocity (n, 3, 3)."""
+        """Return the contact force (n, 3) and its derivatives with respect to position and velocity (n, 3, 3)."""
         if self._remembers:
             forces = np.array(
                 [
@@ -399,7 +431,7 @@ class CompliantPath:
         return forces[0], (by_position.transpose(1, 2, 0), by_velocity.transpose(1, 2, 0))
 
     def _note(self, block: "_Block", moved: Floats, force: Floats) -> None:
-        """Keep the points of a block: deflections and velocities (2, n, 3), forces (n, 3)."""
+        """Store the points of a block: deflections and velocities (2, n, 3), forces (n, 3)."""
         count = len(force)
         rows = (self._newest + 1 + np.arange(count)) % _KEPT
         self._rows[rows] = np.concatenate((moved[0], moved[1], force, block.velocities), axis=1)
@@ -409,40 +441,40 @@ class CompliantPath:
 
 
 class _Block(NamedTuple):
-    """Points of the grid that are solved together."""
+    """Grid points that are solved together."""
 
     base: Floats
-    """Deflection and velocity (2, n, 3) without a force of the contact at these points."""
+    """Deflection and velocity (2, n, 3) if no contact force acts at these points."""
     forced: Floats
-    """Response (2, n, n) to the acceleration at each of them."""
+    """Response (2, n, n) to the acceleration at each point."""
     compliance: Floats
-    """Acceleration by force (3, 3), 1/kg."""
+    """Acceleration per unit of force (3, 3), 1/kg."""
     times: Floats
-    """(n,), s"""
+    """Times of the points (n,), s."""
     positions: Floats
-    """Of the rigid arm (n, 3), m."""
+    """Positions of the rigid arm (n, 3), m."""
     velocities: Floats
-    """Of the rigid arm (n, 3), m/s."""
+    """Velocities of the rigid arm (n, 3), m/s."""
 
     def first(self, points: int) -> "_Block":
-        """Return the block of the first points."""
+        """Return a block with only the first points of this block."""
         base, forced, compliance, *motion = self
         return _Block(
             base[:, :points], forced[:, :points, :points], compliance, *(part[:points] for part in motion)
         )
 
     def response(self, force: Floats) -> Floats:
-        """Return deflection and velocity (2, n, 3) for a force of the contact (n, 3)."""
+        """Return deflection and velocity (2, n, 3) for a contact force (n, 3)."""
         return self.base + self.forced @ (force @ self.compliance.T)
 
     def newton_step(self, error: Floats, slopes: tuple[Floats, Floats]) -> Floats:
-        """Return the change of the force (n, 3) that removes an error (n, 3) of it."""
-        flat = _coupled(self.forced, slopes[0] @ self.compliance, slopes[1] @ self.compliance)
+        """Return the change of the contact force (n, 3) that removes its error (n, 3)."""
+        flat = _coupling_matrix(self.forced, slopes[0] @ self.compliance, slopes[1] @ self.compliance)
         return np.array(np.linalg.solve(flat, error.ravel()), np.float64).reshape(error.shape)
 
 
-def _coupled(forced: Floats, by_position: Floats, by_velocity: Floats) -> Floats:
-    """Return the matrix (3 n, 3 n) from a change of the force to that of its error.
+def _coupling_matrix(forced: Floats, by_position: Floats, by_velocity: Floats) -> Floats:
+    """Return the matrix (3 n, 3 n) that maps a change of the force to the error that the change removes.
 
     `by_position` and `by_velocity` (n or 1, 3, 3) are the slopes of the contact times the compliance.
     """

@@ -1,7 +1,7 @@
-"""A path that a controller computes cycle by cycle: straight from one cycle's place to the next one's.
+"""Arm path that a controller computes cycle by cycle.
 
-The controller looks at its inputs in each cycle and says where the arm is one cycle later. Between the two the arm goes
-evenly. The path keeps the last ten seconds.
+The controller reads its inputs in each cycle and returns the pose of the arm one cycle later. In between, the arm
+moves in a straight line at constant speed. The path keeps the last ten seconds.
 """
 
 import math
@@ -17,71 +17,76 @@ from protocol.geometry import Pose, Quaternion
 Floats = NDArray[np.float64]
 
 ROUNDING_S = 1e-9
-"""A time nearer than this to another is the same."""
+"""Largest difference between two times that count as equal, s."""
 _PAST_S = 10.0
-"""Chosen: longer than any stall of a process after which its run is still of use."""
+"""Length of the past path that is kept, s. Chosen: longer than any stall of a process after which its run is still
+useful.
+"""
 _BEGINS = 256
-"""Chosen: begins of motion that are kept, more than targets that a reader asks for."""
+"""Number of motion starts that are kept. Chosen: more than a reader requests."""
 
 
 def _unread(time: float) -> None:
-    """No reader has looked ahead."""
+    """Do nothing, because no reader has read ahead."""
 
 
 class CycledPath:
-    """An `emulators.seams.ArmPath` that calls its controller once a cycle."""
+    """Path of an arm whose controller is called once per cycle; an `emulators.seams.ArmPath`."""
 
     def __init__(self, start: Pose, powered_at: float, period: float, step: Callable[[float], Pose]) -> None:
-        """`step(now)` acts for the cycle that begins at `now`, s, and gives the pose one `period`, s, later."""
+        """`step(now)` runs the cycle that begins at `now`, s, and returns the pose one `period`, s, later."""
         self._powered_at, self._period, self._step = powered_at, period, step
         self.cycle = 0
-        """Number of the newest cycle that has begun; cycle 0 is that of the power-up."""
+        """Number of the newest cycle that has begun; cycle 0 begins at power-up."""
         self.pose = start
-        """Where the tool is at its begin."""
+        """Tool pose at the start of the current cycle."""
         self.next_pose = start
-        """Where it is at its end."""
+        """Tool pose at the end of the current cycle."""
         self.on_change: Callable[[float], object] = _unread
         self.accepted = 0
         self._begun = 0
         self._begins: deque[float] = deque(maxlen=_BEGINS)
         self._size = math.ceil(_PAST_S / period) + 2
         self._places = np.empty((self._size, 3))
-        """Place at the begin of cycle k in row k % size, m."""
+        """Position at the start of cycle k in row k % size, m."""
         self._speeds = np.zeros((self._size, 3))
         self._turns: list[Quaternion] = [start.quaternion] * self._size
         self._places[:] = start.position
 
-    # --- of the controller
+    # --- for the controller
 
     def taken(self) -> None:
-        """Note that the controller has taken another target."""
+        """Count one more accepted target."""
         self.accepted += 1
 
     def begins(self, at: float) -> None:
-        """Begin the motion to the newest target at `at`, s; earlier targets were overtaken."""
+        """Record that the motion to the newest target begins at `at`, s. It supersedes earlier waiting targets."""
         while self._begun < self.accepted:
             self._begun += 1
             self._begins.append(at if self._begun == self.accepted else math.nan)
 
     def begun_at(self, number: int) -> float | None:
-        """When the motion to a target began, s; None before, NaN for one that was overtaken or is forgotten."""
+        """Return the time at which the motion to a target began, s.
+
+        The result is None before that time, and NaN if the target was superseded or is no longer kept.
+        """
         if number > self._begun:
             return None
         back = self._begun - number
         return self._begins[-1 - back] if back < len(self._begins) else math.nan
 
     def cycle_at(self, number: int) -> float:
-        """When a cycle begins, s."""
+        """Return the time at which a cycle begins, s."""
         return self._powered_at + number * self._period
 
     def newest_by(self, now: float) -> int:
-        """Return the number of the newest cycle that begins up to `now`, s, whether it has happened yet or not."""
+        """Return the number of the last cycle that begins by `now`, s, whether or not it has been computed."""
         return math.floor((now + ROUNDING_S - self._powered_at) / self._period)
 
-    # --- of readers
+    # --- for readers
 
     def advance(self, now: float) -> None:
-        """Let all cycles that begin up to `now` happen."""
+        """Compute all cycles that begin by `now`."""
         while self.cycle_at(self.cycle + 1) <= now + ROUNDING_S:
             self.cycle += 1
             self.pose = self.next_pose
@@ -100,15 +105,18 @@ class CycledPath:
         return self.committed_until(now)
 
     def _cycle_of(self, time: float) -> int:
-        """Return the cycle in which a time lies, as far as it is kept."""
+        """Return the number of the cycle that contains a time, limited to the cycles that are kept."""
         cycle, newest = math.floor((time - self._powered_at) / self._period + ROUNDING_S), self.cycle
         return newest if cycle >= newest else max(cycle, newest - self._size + 1, 0)
 
     def _stretches(self, times: Floats) -> list[tuple[int, slice]]:
-        """Which of these ascending times lie in which cycle, in order."""
+        """Return, in order, the cycles that contain these ascending times.
+
+        Each cycle has the slice of times that it contains.
+        """
         self.advance(float(times[-1]) - ROUNDING_S)
         first, last = self._cycle_of(float(times[0])), self._cycle_of(float(times[-1]))
-        if first == last:  # as nearly always: nothing ahead of a cycle is known
+        if first == last:  # the usual case: no cycle after the current one is known
             return [(first, slice(0, len(times)))]
         cycles = np.floor((times - self._powered_at) / self._period + ROUNDING_S)
         edges = cycles.searchsorted(tuple(range(first + 1, last + 1))).tolist()
@@ -123,11 +131,11 @@ class CycledPath:
         if len(stretches) == 1:
             return self._straight(stretches[0][0], times)
         parts = [self._straight(cycle, times[part]) for cycle, part in stretches]
-        places, speeds = zip(*parts, strict=True)
-        return np.concatenate(places), np.concatenate(speeds)
+        positions, speeds = zip(*parts, strict=True)
+        return np.concatenate(positions), np.concatenate(speeds)
 
     def _straight(self, cycle: int, times: Floats) -> tuple[Floats, Floats]:
-        """Places and velocities (n, 3) at these times (n,), all in one cycle."""
+        """Return positions and velocities (n, 3) at these times (n,), which are all in one cycle."""
         row, speeds = cycle % self._size, np.empty((len(times), 3))
         speeds[:] = self._speeds[row]
         since = times - self.cycle_at(cycle)
@@ -135,10 +143,10 @@ class CycledPath:
         return self._places[row] + speeds * since[:, None], speeds
 
     def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:
-        found: list[tuple[slice, Quaternion]] = []
+        stretches: list[tuple[slice, Quaternion]] = []
         for cycle, part in self._stretches(times):
-            turned = self._turns[cycle % self._size]
-            if found and found[-1][1] == turned:
-                part = slice(found.pop()[0].start, part.stop)
-            found.append((part, turned))
-        return found
+            orientation = self._turns[cycle % self._size]
+            if stretches and stretches[-1][1] == orientation:
+                part = slice(stretches.pop()[0].start, part.stop)
+            stretches.append((part, orientation))
+        return stretches

@@ -1,9 +1,9 @@
-"""An arm that follows the newest target of a stream, at the cycle of its robot.
+"""Emulated arm that follows the newest target of a stream, at the cycle of its robot.
 
-At each tick the set point moves towards the newest target, no faster than the robot allows. One transport delay later
-the position loops of `emulators.arm.loops` take it. A stream that stops leaves the arm at its last target. There is no
-resolution grid and no dead band. The servo acts on the Cartesian axes of the base frame. Orientation has no servo of
-its own: it follows the set point after the transport delay, in steps of one tick.
+At each tick, the set point moves towards the newest target, no faster than the robot allows. One transport delay
+later, the position loops of `emulators.arm.loops` receive it. If the stream stops, the arm stays at the last
+target. There is no resolution grid and no dead band. The servo acts on the Cartesian axes of the base frame.
+Orientation has no separate servo: it follows the set point after the transport delay, in steps of one tick.
 """
 
 import math
@@ -18,23 +18,23 @@ from protocol.marks import Mark, above, at_least, between, check_settings, setti
 
 @dataclass(frozen=True, slots=True)
 class FollowedProfile:
-    """The motion of a streamed robot; its room gives the values that are known of it."""
+    """Motion of a streamed robot; the package of each robot supplies the values that are known."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     cycle_ms: float = setting(4.0, Mark.CHOSEN, "time between two set points", at_least(0.1), unit="ms")
     transport_delay_ms: float = setting(
-        8.0, Mark.ASSUMED, "from set point to position loop", between(0.0, 1000.0), unit="ms"
+        8.0, Mark.ASSUMED, "delay from set point to position loop", between(0.0, 1000.0), unit="ms"
     )
     natural_frequency_rad_s: float = setting(
         60.0, Mark.ASSUMED, "natural frequency of the closed position loop", above(0.0), unit="rad/s"
     )
-    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above(0.0))
+    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping ratio of the closed position loop", above(0.0))
     speed_mm_s: float = setting(
-        250.0, Mark.CHOSEN, "fastest that the set point moves towards a target", above(0.0), unit="mm/s"
+        250.0, Mark.CHOSEN, "maximum speed of the set point towards a target", above(0.0), unit="mm/s"
     )
     reorientation_deg_s: float = setting(
-        90.0, Mark.ASSUMED, "fastest that the set point turns towards a target", above(0.0), unit="°/s"
+        90.0, Mark.ASSUMED, "maximum turn rate of the set point towards a target", above(0.0), unit="°/s"
     )
 
     def __post_init__(self) -> None:
@@ -51,25 +51,25 @@ class _Mechanics:
         self.over_a_tick = self.loop.over(period)
         self.rest_speed = REST_M * profile.natural_frequency_rad_s
         self.travel = profile.speed_mm_s / 1000.0 * period
-        """Farthest that the set point moves in a tick, m."""
+        """Maximum travel of the set point in one tick, m."""
         self.turn = math.radians(profile.reorientation_deg_s) * period
-        """Farthest that it turns in a tick, rad."""
+        """Maximum turn of the set point in one tick, rad."""
 
 
 class _FollowedServo:
-    """Set point and position loops as of one tick: a `Servo` of `emulators.arm.history`."""
+    """Set point and position loops at one tick; a `Servo` of `emulators.arm.history`."""
 
     def __init__(self, mechanics: _Mechanics, start: Pose) -> None:
-        """Start with the arm stationary at this pose."""
+        """Start with the arm stationary at the pose `start`."""
         self.mechanics = mechanics
         self.tick = 0
         self.begins: tuple[float, ...] = ()
         self.at = start.position
-        """Set point, m."""
+        """Position of the set point, m."""
         self.turned = start.quaternion
         self.target = start
         self.waiting = 0
-        """Targets that were taken since the last tick."""
+        """Number of targets accepted since the last tick."""
         self.resting = True
         self._input = list(start.position)
         self._error = [0.0, 0.0, 0.0]
@@ -77,32 +77,32 @@ class _FollowedServo:
 
     @property
     def idle(self) -> bool:
-        """Whether nothing moves and no target waits."""
+        """Whether the arm is stationary at its target and no target is waiting."""
         return self.resting and not self.waiting and (self.at, self.turned) == self.target
 
     def copy(self) -> "_FollowedServo":
-        """Another one like it, to be changed."""
+        """Return a copy that may be modified."""
         twin = _FollowedServo.__new__(_FollowedServo)
         twin.__dict__.update(self.__dict__)
         return twin
 
     def after_tick(self) -> "_FollowedServo":
-        """Move the set point, then carry the loops to the moment they take it."""
+        """Move the set point, then advance the loops to the time at which they receive it."""
         after = self.copy()
         after.tick += 1
         after.begins = ()
         if not self.idle:
             after._begin_newest()
             after._approach()
-            after._carry()
+            after._advance_axes()
         return after
 
     def factors(self) -> tuple[float, ...]:
-        """Factors of the loops."""
+        """Return the factors of the loops; see `PositionLoop.factors`."""
         return self.mechanics.loop.factors(self._input, self._error, self._velocity)
 
     def _begin_newest(self) -> None:
-        """Begin the motion to the newest target with this tick's set point; earlier targets were overtaken."""
+        """Begin the motion to the newest target with this tick's set point. It supersedes earlier waiting targets."""
         if self.waiting:
             ticks = self.mechanics.ticks
             begins = ticks.powered_at + self.tick * ticks.period + ticks.delay
@@ -110,7 +110,7 @@ class _FollowedServo:
             self.waiting = 0
 
     def _approach(self) -> None:
-        """Bring the set point nearer to the target, by as much as a tick allows."""
+        """Move the set point towards the target by at most the travel of one tick."""
         goal, mechanics = self.target, self.mechanics
         distance = math.dist(self.at, goal.position)
         if distance <= mechanics.travel:
@@ -126,8 +126,8 @@ class _FollowedServo:
                 goal.quaternion if near else slerp(self.turned, goal.quaternion, mechanics.turn / angle)
             )
 
-    def _carry(self) -> None:
-        """Carry the three axes over one tick to their new set points."""
+    def _advance_axes(self) -> None:
+        """Advance the three axes by one tick, then apply their new set points."""
         a, b, c, d = self.mechanics.over_a_tick
         before = zip(self.at, self._input, self._error, self._velocity, strict=True)
         self._input, self._error, self._velocity = [], [], []
@@ -146,39 +146,41 @@ class _FollowedServo:
 
 
 class FollowedArm:
-    """The arm in time: a stream of targets, and the path that it takes."""
+    """Arm that follows a stream of targets, with its path over time."""
 
     def __init__(
         self, profile: FollowedProfile, start: Pose, powered_at: float, look_ahead: float = 0.0
     ) -> None:
-        """At rest at `start`. `look_ahead` is the time for which the path may be read beyond its committed end, s. It
-        is useless for a stream whose next target comes within a cycle or two.
+        """Start stationary at `start`.
+
+        `look_ahead` is the time by which the path may be read beyond its committed end, s. Reading ahead is useless
+        for a stream whose next target arrives within a cycle or two.
         """
         mechanics = _Mechanics(profile, powered_at)
         servo = _FollowedServo(mechanics, Pose(start.position, normalise(start.quaternion)))
         self.path: History[_FollowedServo] = History(servo, mechanics.ticks, mechanics.loop, look_ahead)
-        """Where the arm was, is, and will be unless the target changes."""
+        """Past path of the arm, and its future path under the assumption that the target does not change."""
 
     def follow(self, target: Pose, now: float) -> None:
-        """Take another target; the first tick after `now` sees it. Raises ValueError for a zero quaternion."""
+        """Set a new target, which applies from the first tick after `now`. Raises ValueError for a zero quaternion."""
         target = Pose(target.position, normalise(target.quaternion))
-        servo = self.path.changing(now)
+        servo = self.path.modifiable_servo(now)
         servo.target = target
         servo.waiting += 1
         self.path.accepted += 1
 
     def hold(self, now: float) -> None:
-        """Stay at the set point of the last tick; a target that waits is given up."""
-        servo = self.path.changing(now)
+        """Stay at the set point of the last tick and drop all waiting targets."""
+        servo = self.path.modifiable_servo(now)
         servo.target = Pose(servo.at, servo.turned)
         servo.waiting = 0
-        self.path.give_up()
+        self.path.drop_targets()
 
     def set_point(self, now: float) -> Pose:
-        """Pose that the controller wants the tool to have, as of the last tick up to `now`."""
+        """Return the commanded tool pose at the last tick up to `now`."""
         servo = self.path.at_tick(now)
         return Pose(servo.at, servo.turned)
 
     def pose(self, now: float) -> Pose:
-        """Where the tool is at `now`."""
+        """Return the true tool pose at `now`."""
         return self.path.pose(now)

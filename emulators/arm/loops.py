@@ -1,14 +1,14 @@
 """Position loops of a servo: the closed form of one axis, and three axes on a resolution grid with a dead band.
 
-Source: project specification of the computer link, section 6; the dead band is the paper's discussion of
+Source: project specification of the computer link, section 6. The dead band comes from the paper's discussion of
 position resolution.
 
-At tick k (`powered_at + k * period`) a set point is put out; one transport delay later the position loops take it.
-Between two such moments the input of a loop is constant, so its state has a closed form.
+At tick k (`powered_at + k * period`), a set point is issued. One transport delay later, the position loops receive
+it. Between two successive times of this second grid, the input of a loop is constant, so its state has a closed
+form.
 
-A loop turns itself off inside the dead band. Where the set point equals the reported position when the loop takes it,
-the loop holds the axis at its place of that moment. It keeps holding until the set point changes or the axis leaves the
-band.
+A loop turns itself off inside the dead band. If the set point equals the reported position when the loop receives
+it, the loop holds the axis at its current position until the set point changes or the axis leaves the band.
 """
 
 import math
@@ -24,14 +24,16 @@ from protocol.marks import Mark, above, at_least, between, check_settings, setti
 Floats: TypeAlias = NDArray[np.float64]
 
 REST_M = 1e-10
-"""An axis nearer than this to where it is pulled, and slower than this in a time constant, is at rest."""
+"""Largest distance from its input at which an axis counts as stationary, m. It must also move less than this
+distance in one time constant.
+"""
 NOTHING: Vector = (0.0, 0.0, 0.0)
-"""No offset, m."""
+"""Zero offset, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class ServoProfile:
-    """Interpolation and position loops; the defaults are assumed of the S3, of which they are not public."""
+    """Interpolation and position loops; the defaults are assumed for the S3, whose values are not public."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -41,26 +43,26 @@ class ServoProfile:
     transport_delay_ms: float = setting(
         20.0,
         Mark.ASSUMED,
-        "from interpolator to position loop",
+        "delay from interpolator to position loop",
         between(0.0, 1000.0),
         unit="ms",
     )
     natural_frequency_rad_s: float = setting(
         40.0, Mark.ASSUMED, "natural frequency of the closed position loop", above(0.0), unit="rad/s"
     )
-    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above(0.0))
+    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping ratio of the closed position loop", above(0.0))
     resolution_mm: float = setting(
         0.125, Mark.OBSERVED, "position resolution of the controller", above(0.0), unit="mm"
     )
     dead_band_steps: float = setting(
         0.5,
         Mark.OBSERVED,
-        "how far the true position may leave the reported one without being noticed",
+        "maximum difference between the true and the reported position that the controller ignores",
         at_least(0.5),
         unit="resolution steps",
     )
     reorientation_deg_s: float = setting(
-        90.0, Mark.ASSUMED, "fastest change of orientation along a move", above(0.0), unit="°/s"
+        90.0, Mark.ASSUMED, "maximum turn rate of the tool along a move", above(0.0), unit="°/s"
     )
 
     def __post_init__(self) -> None:
@@ -70,17 +72,17 @@ class ServoProfile:
 class PositionLoop:
     """Closed second-order position loop of one axis with constant input, in closed form.
 
-    With error e (position less input) the state after `tau` is
+    With error e (position minus input) the state after `tau` is
     e = a·e0 + b·v0 and v = -ωn²·b·e0 + (a - 2ζωn·b)·v0.
     """
 
     def __init__(self, natural_frequency: float, damping_ratio: float) -> None:
-        """`natural_frequency` is ωn, rad/s, `damping_ratio` is ζ."""
+        """`natural_frequency` is ωn, rad/s, and `damping_ratio` is ζ."""
         self.stiffness = natural_frequency**2
         self.drag = 2.0 * damping_ratio * natural_frequency
         self._damping_ratio = damping_ratio
         self._split = natural_frequency * math.sqrt(abs(1.0 - damping_ratio**2))
-        """By how far the two rates of decay lie apart, or the frequency of the swing, rad/s."""
+        """Half the difference of the two decay rates, or, if underdamped, the frequency of the oscillation, rad/s."""
 
     @overload
     def response(self, tau: float) -> tuple[float, float]: ...
@@ -89,11 +91,11 @@ class PositionLoop:
     def response(self, tau: Floats) -> tuple[Floats, Floats]: ...
 
     def response(self, tau: Floats | float) -> tuple[Floats | float, Floats | float]:
-        """Return a and b of the class docstring at times `tau` in s, (n,) or one."""
+        """Return the coefficients a and b of the class docstring at the times `tau`, s, (n,) or scalar."""
         decay_rate, split = self.drag / 2.0, self._split
         if split == 0.0:
             even: Floats | float = np.exp(-decay_rate * tau)
-            if isinstance(tau, float):  # numpy's exponential, and python's numbers from there on
+            if isinstance(tau, float):  # numpy's exponential, then Python floats
                 even = float(even)
             b: Floats | float = tau * even
         elif self._damping_ratio < 1.0:
@@ -108,16 +110,17 @@ class PositionLoop:
         return even + decay_rate * b, b
 
     def over(self, period: float) -> tuple[float, float, float, float]:
-        """Factors of e0 and v0 in e, then in v, after `period`, s."""
+        """Return the factors of e0 and v0 in e, and then in v, after `period`, s."""
         a, b = map(float, self.response(period))
         return a, b, -self.stiffness * b, a - self.drag * b
 
     def factors(
         self, inputs: list[float], errors: list[float], speeds: list[float], offset: Vector = NOTHING
     ) -> tuple[float, ...]:
-        """Factors of 1, a and b in the three true positions, then in the three velocities: 18 numbers.
+        """Return the factors of 1, a and b in the three true positions, then in the three velocities.
 
-        `inputs` and `errors` are in m, `speeds` in m/s; `offset`, m, is by how much the measured position is off.
+        The result has 18 numbers. `inputs` and `errors` are in m, `speeds` in m/s. `offset` is the error of the
+        measured position, m.
         """
         stiffness, drag = self.stiffness, self.drag
         px, py, pz = inputs
@@ -138,18 +141,21 @@ class PositionLoop:
 
 @dataclass(frozen=True, slots=True)
 class Ticks:
-    """The two shifted grids of a servo: when set points are put out, and when the loops take them."""
+    """Two shifted time grids of a servo.
+
+    Set points are issued at the times of the first grid, and the loops receive them at the times of the second.
+    """
 
     powered_at: float
-    """Tick 0, s."""
+    """Time of tick 0, s."""
     period: float
     """Time from one tick to the next, s."""
     delay: float
-    """Time from a tick to the moment at which the loops take its set point, s."""
+    """Delay from a tick to the time at which the loops receive its set point, s."""
 
 
 class Mechanics:
-    """Constants of a powered servo: its times, its grid, its loop."""
+    """Constants of a powered servo: its time grids, its resolution and its loop."""
 
     def __init__(self, profile: ServoProfile, powered_at: float) -> None:
         self.ticks = Ticks(powered_at, profile.interpolation_ms / 1000.0, profile.transport_delay_ms / 1000.0)
@@ -161,39 +167,41 @@ class Mechanics:
         self._band = profile.dead_band_steps
 
     def report(self, position: float, before: int) -> int:
-        """Resolution step reported for a measured position, given the one reported before."""
+        """Return the resolution step that is reported for a measured position, given the previously reported step."""
         steps = position / self.step
         return before if abs(steps - before) <= self._band else round(steps)
 
 
 class Loops:
-    """Three axes at the moment at which they take a set point; `taking` makes those of the next one.
+    """State of three axes at the time at which they receive a set point; `after_tick` returns the state one tick
+    later.
 
-    All is in the controller's own measure; the true position is less by the offset of the encoders.
+    All positions are positions that the controller measures. The true position is the measured position minus the
+    encoder offset.
     """
 
     __slots__ = ("_error", "_input", "_mechanics", "_velocity", "offset", "reported", "resting", "set_point")
 
     def __init__(self, mechanics: Mechanics, position: Vector) -> None:
-        """Start with the loops stationary at this position."""
+        """Start with stationary loops at this position."""
         self._mechanics = mechanics
         self.set_point = [round(p / mechanics.step) for p in position]
-        """Resolution steps."""
+        """Set point, resolution steps."""
         self.reported = self.set_point
-        """Resolution steps that the controller knows."""
+        """Reported position, resolution steps."""
         self.offset = NOTHING
-        """By how much the measured position is off, m."""
+        """Error of the measured position, m."""
         self.resting = True
         self._input = list(position)
         self._error = [0.0, 0.0, 0.0]
         self._velocity = [0.0, 0.0, 0.0]
 
     def factors(self) -> tuple[float, ...]:
-        """As `PositionLoop.factors`, from this moment on."""
+        """Return the factors of `PositionLoop.factors` from this time on."""
         return self._mechanics.loop.factors(self._input, self._error, self._velocity, self.offset)
 
     def reports(self, tau: float) -> list[int]:
-        """Resolution steps that the controller knows `tau`, s, after this moment."""
+        """Return the reported position, in resolution steps, `tau` seconds after this time."""
         mechanics = self._mechanics
         (a,), (b,) = (part.tolist() for part in mechanics.loop.response(np.array([tau])))
         state = zip(self._input, self._error, self._velocity, self.offset, self.reported, strict=True)
@@ -202,9 +210,10 @@ class Loops:
             for pulled_to, error, velocity, offset, step in state
         ]
 
-    def taking(self, at: Vector, jump: Vector = NOTHING) -> "Loops":
-        """Return the loops one tick later, when they take the set point nearest to `at`, m, and the measured position
-        jumps by `jump`, m.
+    def after_tick(self, at: Vector, jump: Vector = NOTHING) -> "Loops":
+        """Return the loops one tick later, when they receive the set point nearest to `at`, m.
+
+        At that time, the measured position jumps by `jump`, m.
         """
         mechanics = self._mechanics
         a, b, c, d = mechanics.over_a_tick
@@ -216,10 +225,10 @@ class Loops:
         before = zip(
             at, self.set_point, self.reported, self._input, self._error, self._velocity, jump, strict=True
         )
-        for place, old, reported_before, pulled_to, error, velocity, leap in before:
-            set_point = round(place / mechanics.step)
+        for target, old, reported_before, pulled_to, error, velocity, leap in before:
+            set_point = round(target / mechanics.step)
             if set_point == old == reported_before and error == velocity == leap == 0.0:
-                # It rests there, and continues resting.
+                # The axis is stationary and stays so.
                 position = pull = pulled_to
                 reported = set_point
             else:

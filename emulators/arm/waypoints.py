@@ -1,10 +1,10 @@
-"""An arm that is given points: a queue of straight lines, walked by an interpolator, followed by position loops.
+"""Emulated arm that executes a queue of waypoints: an interpolator for straight lines, followed by position loops.
 
 Source: project specification of the computer link, section 6.
 
-At each tick the interpolator puts out a set point on the resolution grid, see `emulators.arm.loops`. The servo acts
-on the Cartesian axes of the base frame. Orientation has no servo of its own: it follows the interpolator's slerp
-after the transport delay, in steps of one tick. A line that comes with the joints along it is walked more slowly
+At each tick, the interpolator issues a set point on the resolution grid; see `emulators.arm.loops`. The servo acts
+on the Cartesian axes of the base frame. Orientation has no separate servo: it follows the interpolator's slerp
+after the transport delay, in steps of one tick. A line that has joint angles along it is executed more slowly
 wherever a joint could not follow.
 """
 
@@ -20,21 +20,21 @@ from protocol.kinematics import Joints, Route
 
 @dataclass(frozen=True, slots=True)
 class Waypoint:
-    """A point to move to in a straight line."""
+    """Target point of a straight line."""
 
     position: Vector
-    """Tool centre point in the base frame, m; rounded to the resolution grid."""
+    """Position of the tool centre point in the base frame, m; rounded to the resolution grid."""
     quaternion: Quaternion
-    """Tool frame in the base frame, w x y z; need not be normalised but must not be zero."""
+    """Tool frame in the base frame, w x y z. It need not be normalised but must not be zero."""
     speed: float
-    """Along the line, m/s, above 0."""
+    """Speed along the line, m/s; must be positive."""
     route: Route | None = None
-    """The joints along the line; None leaves them as they were, and their speed unlimited."""
+    """Joint angles along the line; None leaves the joints unchanged and their speed unlimited."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Leg:
-    """The straight line that the interpolator is on."""
+    """Straight line that the interpolator currently follows."""
 
     start: Vector
     start_quaternion: Quaternion
@@ -43,10 +43,13 @@ class _Leg:
     duration: float
     route: Route | None
     times: tuple[float, ...]
-    """When the places of the route are passed, s after the start; empty at even speed."""
+    """Times at which the points of the route are passed, s after the start; empty at constant speed."""
 
     def part(self, elapsed: float) -> float:
-        """How much of the line (0 … 1) is done before `duration` is over."""
+        """Return the share of the line (0 … 1) that is covered after `elapsed`, s.
+
+        `elapsed` must be less than `duration`.
+        """
         if self.route is None or not self.times:
             return elapsed / self.duration
         k = bisect_right(self.times, elapsed) - 1
@@ -55,15 +58,15 @@ class _Leg:
 
 
 class _WaypointServo:
-    """Interpolator and position loops as of one tick: a `Servo` of `emulators.arm.history`."""
+    """Interpolator and position loops at one tick; a `Servo` of `emulators.arm.history`."""
 
     def __init__(self, mechanics: Mechanics, start: Pose, joints: Joints) -> None:
-        """Start with a stationary interpolator without a target."""
+        """Start with a stationary interpolator that has no target."""
         self.mechanics = mechanics
         self.tick = 0
         self.queue: tuple[Waypoint, ...] = ()
         self.frozen_until = -math.inf
-        """No new set point comes before this time, s."""
+        """Time before which no new set point is issued, s."""
         self._leg: _Leg | None = None
         self._leg_elapsed = 0.0
         self.begins: tuple[float, ...] = ()
@@ -72,21 +75,21 @@ class _WaypointServo:
         self.joints = joints
         self.loops = Loops(mechanics, start.position)
         self.encoder_jump = NOTHING
-        """Comes over the measured position when the loops take the next set point, m."""
+        """Jump of the measured position when the loops receive the next set point, m."""
 
     @property
     def idle(self) -> bool:
-        """Whether nothing moves and nothing is to be done."""
+        """Whether the arm is stationary and no point is waiting."""
         return self.loops.resting and not self.queue and self.encoder_jump == NOTHING
 
     def copy(self) -> "_WaypointServo":
-        """Another one like it, to be changed."""
-        twin = _WaypointServo.__new__(_WaypointServo)
-        twin.__dict__.update(self.__dict__)
-        return twin
+        """Return a copy that may be modified."""
+        clone = _WaypointServo.__new__(_WaypointServo)
+        clone.__dict__.update(self.__dict__)
+        return clone
 
     def after_tick(self) -> "_WaypointServo":
-        """Interpolate to the next tick, then carry the loops to the moment they take its set point."""
+        """Interpolate to the next tick, then advance the loops to the time at which they receive its set point."""
         after = self.copy()
         after.tick += 1
         after.begins = ()
@@ -94,26 +97,26 @@ class _WaypointServo:
             ticks = self.mechanics.ticks
             if ticks.powered_at + after.tick * ticks.period >= self.frozen_until:
                 after._interpolate(ticks.period)
-            after.loops = self.loops.taking(after.at, self.encoder_jump)
+            after.loops = self.loops.after_tick(after.at, self.encoder_jump)
             after.encoder_jump = NOTHING
         return after
 
     def factors(self) -> tuple[float, ...]:
-        """Factors of the loops."""
+        """Return the factors of the loops; see `PositionLoop.factors`."""
         return self.loops.factors()
 
     def clear(self) -> None:
-        """Forget all points and stay at the present set point."""
+        """Drop all points and stay at the present set point."""
         self.queue, self._leg = (), None
 
     def _interpolate(self, budget: float) -> None:
-        """Walk along the queued lines for `budget` seconds; a point reached early passes the rest on."""
+        """Follow the queued lines for `budget` seconds. Time that is left at a point is used for the next line."""
         ticks = self.mechanics.ticks
         while self.queue:
             if self._leg is None:
                 self._leg = self._leg_to(self.queue[0])
                 self._leg_elapsed = 0.0
-                # Reached with nothing left of this tick, its first set point is that of the next.
+                # If no time is left in this tick, the first set point of the line is issued at the next tick.
                 tick = self.tick + (budget <= ROUNDING_S)
                 self.begins += (ticks.powered_at + tick * ticks.period + ticks.delay,)
             leg = self._leg
@@ -148,10 +151,10 @@ class _WaypointServo:
 
 
 class WaypointArm:
-    """The arm in time: points to move to, and the path that it takes.
+    """Arm that moves through queued waypoints, with its path over time.
 
-    Set points, the loops' state and reported steps are in the controller's own measure; the true path is less by
-    the offset of its encoders.
+    Set points, the state of the loops and reported steps are values that the controller measures. The true path is
+    the measured path minus the encoder offset.
     """
 
     def __init__(
@@ -162,52 +165,58 @@ class WaypointArm:
         joints: Joints = (0.0,) * 6,
         look_ahead: float = 0.0,
     ) -> None:
-        """At rest at `start`, with its `joints`, rad. `look_ahead` is that of its path, s."""
+        """Start stationary at `start` with its `joints`, rad. `look_ahead`, s, is passed to the path of the arm."""
         self._mechanics = mechanics = Mechanics(profile, powered_at)
         servo = _WaypointServo(mechanics, start, joints)
         self.path: History[_WaypointServo] = History(servo, mechanics.ticks, mechanics.loop, look_ahead)
-        """Where the arm was, is, and will be unless it is told more."""
+        """Past path of the arm, and its future path under the assumption that no further order arrives."""
 
     # --- orders
 
     def enqueue(self, waypoint: Waypoint, now: float) -> None:
-        """Add a point behind those waiting; the first tick after `now` sees it."""
+        """Append a point to the queue, which takes effect at the first tick after `now`."""
         if not waypoint.speed > 0.0:
             raise ValueError(f"the speed of a move must be more than 0, got {waypoint.speed:g} m/s")
-        servo = self.path.changing(now)
+        servo = self.path.modifiable_servo(now)
         servo.queue += (waypoint,)
         self.path.accepted += 1
 
     def halt(self, now: float) -> None:
-        """Forget all points and stay at the set point of the last tick."""
-        self.path.changing(now).clear()
-        self.path.give_up()
+        """Drop all points and stay at the set point of the last tick."""
+        self.path.modifiable_servo(now).clear()
+        self.path.drop_targets()
 
     def freeze(self, now: float, until: float) -> None:
-        """Put out no new set point before `until`, s; points are queued as ever."""
-        self.path.changing(now).frozen_until = until
+        """Issue no new set point before `until`, s. Points are still added to the queue."""
+        self.path.modifiable_servo(now).frozen_until = until
 
     def offset_encoders(self, offset: Vector, now: float) -> None:
-        """Let the measured position be off by so much more than now, base frame, m; the loops drive it back."""
-        servo = self.path.changing(now)
+        """Add `offset`, base frame, m, to the error of the measured position. The loops then correct for it."""
+        servo = self.path.modifiable_servo(now)
         x, y, z = (before + by for before, by in zip(servo.encoder_jump, offset, strict=True))
         servo.encoder_jump = x, y, z
 
-    # --- how it stands
+    # --- state
 
     @property
     def encoder_offset(self) -> Vector:
-        """By how much the measured position is off, or will be from the next tick on, m."""
+        """Error of the measured position, including a jump that takes effect at the next tick, m."""
         servo = self.path.servo
         x, y, z = (now + then for now, then in zip(servo.loops.offset, servo.encoder_jump, strict=True))
         return x, y, z
 
     def waiting(self, now: float) -> int:
-        """Return the number of points not reached by the interpolator, including the one it is moving to."""
+        """Return the number of points that the interpolator has not reached.
+
+        This includes the point that it is moving to.
+        """
         return len(self.path.at_tick(now).queue)
 
     def goal(self, now: float) -> tuple[Vector, Quaternion, Joints]:
-        """Target of the last waiting point, else the place of the interpolator: m, w x y z, and its joints."""
+        """Return position, m, quaternion, w x y z, and joints of the last waiting point.
+
+        If no point is waiting, return those of the interpolator.
+        """
         servo = self.path.at_tick(now)
         if not servo.queue:
             return servo.at, servo.turned, servo.joints
@@ -219,23 +228,26 @@ class WaypointArm:
         )
 
     def settled(self, now: float) -> bool:
-        """Whether every point was interpolated and the reported position equals the last of them."""
-        return self.waiting(now) == 0 and self._reported_steps(now) == self.path.servo.loops.set_point
+        """Return whether all points are interpolated and the reported position equals the last point."""
+        return self.waiting(now) == 0 and self._round_to_steps(now) == self.path.servo.loops.set_point
 
     def reported(self, now: float) -> Vector:
-        """Position that the controller knows at `now`: on the resolution grid, base frame, m."""
-        x, y, z = (step * self._mechanics.step for step in self._reported_steps(now))
+        """Return the reported position at `now`, on the resolution grid, base frame, m."""
+        x, y, z = (step * self._mechanics.step for step in self._round_to_steps(now))
         return x, y, z
 
-    def _reported_steps(self, now: float) -> list[int]:
+    def _round_to_steps(self, now: float) -> list[int]:
         self.path.advance(now - self._mechanics.ticks.delay)
         servo, since = self.path.at(now)
         return servo.loops.reports(since)
 
     def joints(self, now: float) -> Joints:
-        """Joints at the set point that the loops have at `now`, by interpolation between the places of a route."""
+        """Return the joint angles at the set point of the loops at `now`.
+
+        They are interpolated between the points of a route.
+        """
         return self.path.at(now)[0].joints
 
     def next_tick(self) -> float:
-        """When the interpolator next acts, s."""
+        """Return the time of the interpolator's next tick, s."""
         return self.path.next_tick()

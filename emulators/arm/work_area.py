@@ -1,4 +1,4 @@
-"""Which poses and which straight lines the arm can follow, inside its joints' ranges and without a jump."""
+"""Work area of an arm: the poses and straight lines that it can reach within its joint ranges and without a jump."""
 
 import math
 
@@ -7,32 +7,40 @@ from protocol.geometry import Quaternion, Vector, angle_between, slerp
 from protocol.kinematics import Arm, Joints, Route
 
 _SPACING_M = 0.02
-"""Chosen, as the angle below: places on a line are at most this far apart."""
+"""Largest spacing of the points on a line, m. Chosen, as is the angle below."""
 _SPACING_RAD = math.radians(5.0)
 _SMOOTH_RAD = math.radians(3.0)
-"""Where a joint turns further than this from place to place, places are put closer together, …"""
+"""Largest rotation of a joint between two points, rad. Where a joint rotates further, the spacing is halved."""
 _HALVINGS = 4
-"""… by halves, this often: down to 1.25 mm or 0.3°. Assumed: between places that near, a flip of the wrist is no
-jump, the controller lets the orientation give way by as little.
+"""Maximum number of halvings of the spacing, which is then 1.25 mm or 0.3°.
+
+Assumed: between points this close, a flip of the wrist is not a jump, because the controller lets the orientation
+deviate by such an amount.
 """
 _JUMP_RAD = math.radians(100.0)
-"""More than any joint turns between the nearest places: leaving a straight wrist sideways takes a quarter turn."""
+"""Rotation of a joint between the closest points above which the posture jumps, rad. It is larger than any regular
+rotation: leaving a straight wrist sideways takes a quarter turn.
+"""
 
 
 class OutsideWorkArea(ValueError):
-    """No posture, or no continuous line of postures, inside the joints' ranges."""
+    """No posture, or no continuous sequence of postures, lies within the joint ranges."""
 
 
 class WorkArea:
-    """Reach of the arm with a tool of some length, m. Poses are in the base frame, m, unit quaternions."""
+    """Reach of the arm with a tool of a given length, m. Poses are in the base frame, m, with unit quaternions."""
 
     def __init__(self, profile: ArmSize, tool_length: float) -> None:
         self._arm = Arm(profile, tool_length)
         self.pose = self._arm.pose
-        """Pose of the tool at joint angles, rad."""
+        """Function that returns the pose of the tool at joint angles, rad."""
 
     def joints(self, position: Vector, quaternion: Quaternion, near: Joints | None = None) -> Joints:
-        """Return the posture nearest to `near`, by default to the middle of the ranges. Raises OutsideWorkArea."""
+        """Return the joint angles for a pose that are nearest to `near`.
+
+        The default of `near` is the middle of the joint ranges. Raises OutsideWorkArea if no joint angles within
+        the ranges reach the pose.
+        """
         joints = self._arm.nearest(position, quaternion, near or self._arm.middles)
         if joints is None:
             raise OutsideWorkArea("no joint angles within axis_ranges_deg reach the pose")
@@ -46,15 +54,17 @@ class WorkArea:
         end: Vector,
         end_quaternion: Quaternion,
     ) -> Route:
-        """Return the joints along the line between two poses, from the posture of its start nearest to `near`.
+        """Return the joint angles along the line between two poses, starting with the posture nearest to `near`.
 
-        Raises OutsideWorkArea where the line leaves the ranges or would need a jump to another posture.
+        Raises OutsideWorkArea if the line leaves the ranges or needs a jump to another posture.
         """
         angle = angle_between(start_quaternion, end_quaternion)
         count = max(1, math.ceil(math.dist(start, end) / _SPACING_M), math.ceil(angle / _SPACING_RAD))
         parts, joints = [0.0], [self.joints(start, start_quaternion, near)]
         to_reach = [(k / count, _HALVINGS) for k in range(count, 0, -1)]
-        """Parts of the line, the next one last, each with how often the way to it may be halved."""
+        """Points that remain to be reached, as shares of the line, the next point last, each with the number of
+        halvings still allowed.
+        """
         while to_reach:
             part, halvings = to_reach.pop()
             x, y, z = (a + (b - a) * part for a, b in zip(start, end, strict=True))

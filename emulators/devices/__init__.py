@@ -1,1 +1,1 @@
-"""The emulated devices, one folder each."""
+"""The emulated devices, one folder for each."""

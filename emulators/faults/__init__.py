@@ -1,6 +1,6 @@
-"""Faults of emulated devices: the words for them, and the ledger of those that were injected.
+"""Faults of emulated devices: their definitions, and the ledger of injected faults.
 
-Facts of one device stand with that device; `emulators.cell_faults` collects them.
+The faults of a device are defined in the package of the device.
 """
 
 from emulators.faults.kinds import FOREVER, Fault, FaultNews, Parameter, describe_faults

@@ -1,4 +1,4 @@
-"""The words for a fault: its meaning, its parameters with range, unit and default, and for how long it lasts."""
+"""Definition of a fault: its meaning, its parameters with range, unit and default, and its duration."""
 
 import math
 from collections.abc import Mapping
@@ -10,30 +10,30 @@ from protocol.faults import FaultStage
 FaultValue: TypeAlias = float | str
 
 FOREVER = math.inf
-"""A fault that lasts until the end of the run, unless `for_s` says otherwise."""
+"""Duration of a fault that lasts until the end of the run unless `for_s` is set."""
 _LONGEST_S = 3600.0
-"""Chosen: longer than any run."""
+"""Maximum of `for_s`, s. Chosen: longer than any run."""
 _DURATION = "for_s"
 
 
 class FaultNews(NamedTuple):
-    """Stages of an injected fault, in order."""
+    """Report that an injected fault has reached a stage."""
 
     stage: FaultStage
     target: str
     fault: str
     text: str
-    """The same in words."""
+    """Text of the report."""
     values: Mapping[str, FaultValue] = {}
-    """Parameters of a fault that begins or happens, defaults included."""
+    """Parameters of a fault that begins or happens, including parameters with default values."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A number, or one of some words."""
+    """Parameter of a fault: a number in a range, or one of several choices."""
 
     default: float | str
-    """A whole number asks for whole numbers."""
+    """Default value. If it is an int, only whole numbers are allowed."""
     meaning: str
     minimum: float = 0.0
     maximum: float = 0.0
@@ -42,64 +42,71 @@ class Parameter:
 
     @property
     def range_text(self) -> str:
-        """Allowed values, for people to read."""
+        """Allowed values as text."""
         if self.choices:
             return " or ".join(self.choices)
         return f"{self.minimum:g} … {self.maximum:g}{f' {self.unit}' if self.unit else ''}"
 
-    def check(self, given: object) -> FaultValue:
-        """Return the value. Raises ValueError."""
+    def check(self, value: object) -> FaultValue:
+        """Return the value converted to the type of the parameter.
+
+        Raises ValueError for a value that is not allowed.
+        """
         if self.choices:
-            if given not in self.choices:
-                raise ValueError(f"must be {self.range_text}, got {given!r}")
-            return str(given)
-        number = _number(given)
+            if value not in self.choices:
+                raise ValueError(f"must be {self.range_text}, got {value!r}")
+            return str(value)
+        number = _number(value)
         if not self.minimum <= number <= self.maximum:
-            raise ValueError(f"must be a number of {self.range_text}, got {given!r}")
+            raise ValueError(f"must be a number of {self.range_text}, got {value!r}")
         if isinstance(self.default, int):
             if number != int(number):
-                raise ValueError(f"must be a whole number, got {given!r}")
+                raise ValueError(f"must be a whole number, got {value!r}")
             return int(number)
         return number
 
 
-def _number(given: object) -> float:
-    """NaN for anything else. A truth value is not a number here, a text may be one."""
-    if isinstance(given, bool) or not isinstance(given, (int, float, str)):
+def _number(value: object) -> float:
+    """Return a value as a number; NaN if it is not a number.
+
+    Texts are converted, and booleans do not count as numbers.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         return math.nan
     try:
-        return float(given)
+        return float(value)
     except (ValueError, OverflowError):
         return math.nan
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something that goes wrong."""
+    """Definition of a fault of an emulated device."""
 
     meaning: str
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     lasts_s: float | None = None
-    """Duration unless the injection tells another; None for a fault that strikes now, or at its next opportunities."""
+    """Default duration, s; None for a fault that happens at once or at its next opportunities."""
     amounts: tuple[str, ...] = ()
-    """Parameters that must not all be 0: it would be no fault."""
+    """Names of parameters that must not all be 0, because the fault would then have no effect."""
     distinct: tuple[str, ...] = ()
-    """Parameters that must differ."""
+    """Names of parameters whose values must differ from each other."""
 
     @property
     def all_parameters(self) -> Mapping[str, Parameter]:
-        """Parameters of its own, and the duration of a fault that lasts."""
+        """Parameters of the fault, including the duration if the fault has one."""
         if self.lasts_s is None:
             return self.parameters
-        until = "how long; otherwise until the end" if self.lasts_s == FOREVER else "how long"
-        return {**self.parameters, _DURATION: Parameter(self.lasts_s, until, 0.0, _LONGEST_S, "s")}
+        meaning = "duration; by default until the end" if self.lasts_s == FOREVER else "duration"
+        return {**self.parameters, _DURATION: Parameter(self.lasts_s, meaning, 0.0, _LONGEST_S, "s")}
 
     def values(
         self, fault: str, given: Mapping[str, object], target: str = ""
     ) -> tuple[dict[str, FaultValue], float | None]:
-        """All parameters, with defaults for those not given, and the duration in s, None where it has none.
+        """Return all parameters, with defaults for missing ones, and the duration, s.
 
-        `fault` is its name, and `target` what it strikes, for the error. Raises ValueError in one line.
+        The duration is None for a fault that has no duration. `fault` and `target` are names for error messages.
+        Raises ValueError, in one line, for invalid parameters.
         """
         name = f"{target}: {fault}" if target else fault
         known = self.all_parameters
@@ -124,7 +131,7 @@ class Fault:
 
 
 def describe_faults(table: Mapping[str, Mapping[str, Fault]]) -> dict[str, Any]:
-    """Every fault by target, with its meaning and its parameters' meanings, ranges and defaults, as JSON has it."""
+    """Return every fault by target, for JSON, with its meaning and the meaning, range and default of each parameter."""
     return {
         target: {
             name: {

@@ -1,7 +1,7 @@
-"""The ledger of a cell's faults: each injection, since when, until when, and how often it had an effect.
+"""Ledger of a cell's faults: each injection with its start, its end, and the number of its effects.
 
-A device that can go wrong gives a table of handlers, name by name. It is handed the injection itself, looks at its
-times where they matter, and counts on it.
+A device with faults provides a table of handlers by fault name. A handler receives the injection, reads its times
+if they matter, and counts the effects in the injection.
 """
 
 import math
@@ -12,60 +12,62 @@ from emulators.faults.kinds import Fault, FaultNews, FaultValue
 from protocol.faults import FaultStage
 
 INJECTION_LIMIT = 1000
-"""Faults that one cell takes, so that no panel can fill its memory. Mark: chosen."""
+"""Maximum number of faults injected in one cell. Chosen: no panel can exhaust the memory of the cell."""
 
 
-def _unheard(news: FaultNews) -> None:
-    """Nothing listens."""
+def _ignore_news(news: FaultNews) -> None:
+    """Do nothing, because there is no listener."""
 
 
-def _not_noted(injection: "Injection") -> None:
-    """Nothing keeps it."""
+def _ignore_end(injection: "Injection") -> None:
+    """Do nothing, because there is no listener."""
 
 
 @dataclass(slots=True, eq=False)
 class Injection:
-    """One fault that was injected. Times are those of the cell, s."""
+    """Injected fault, with times on the clock of the cell, s."""
 
     target: str
     fault: str
     values: Mapping[str, FaultValue]
-    """Every parameter, defaults included."""
+    """All parameters, including parameters with default values."""
     injected_at: float
     ends_at: float | None
-    """When it will be over, infinity for the end of the run; None for one that strikes a number of times."""
+    """Time at which the fault ends, s; infinity for the end of the run; None for a fault that ends after a number
+    of effects.
+    """
     struck: int = 0
-    """Number of its effects: bytes or frames lost, samples altered, orders refused, states changed."""
+    """Number of effects so far: bytes or frames lost, samples altered, orders refused, states changed."""
     ended_at: float | None = None
-    """When it was over; None before that."""
-    on_end: Callable[["Injection"], object] = field(default=_not_noted, repr=False)
+    """Time at which the fault has ended, s; None before that."""
+    on_end: Callable[["Injection"], object] = field(default=_ignore_end, repr=False)
 
     @property
     def name(self) -> str:
-        """Target and fault, as people read it."""
+        """Target and fault as text."""
         return f"{self.target}: {self.fault}"
 
     def holds(self, now: float) -> bool:
-        """Whether it is under way at this time, its end excluded."""
+        """Return whether the fault is active at this time, s. It is no longer active at its end."""
         end = self.ended_at if self.ended_at is not None else self.ends_at
         return self.injected_at <= now and (end is None or now < end)
 
     @property
     def waits(self) -> bool:
-        """Whether it waits for so many of its moments, and not for a time alone."""
+        """Whether the fault ends after a number of effects, not only after a time."""
         return self.ends_at is None or self._count > 0
 
     @property
     def _count(self) -> float:
-        """Number of effects after which it is over; 0 for any number."""
+        """Number of effects after which the fault ends; 0 for no limit."""
         return float(self.values.get("count", 0))
 
     def number(self, key: str) -> float:
-        """Return a parameter that is a number."""
+        """Return the value of a numeric parameter."""
         return float(self.values[key])
 
     def strike(self, now: float) -> None:
-        """Note an effect at a time, s; the last of its `count` ends the fault."""
+        """Record an effect at a time, s. The last effect of `count` ends the fault."""
         self.struck += 1
         if 0 < self._count <= self.struck:
             self.finish(now)
@@ -79,41 +81,44 @@ class Injection:
 
 @dataclass(frozen=True, slots=True)
 class Handler:
-    """The acts of a device at the begin and at the end of a fault. `begin` raises ValueError for one that cannot be."""
+    """Callbacks of a device for the start and the end of a fault. `begin` raises ValueError for an impossible fault."""
 
     begin: Callable[[Injection], object]
     end: Callable[[Injection, float], object] | None = None
-    """Called with the time; None where the device goes by the times of the injection."""
+    """Callback for the end, which receives the time; None if the device reads the times of the injection."""
 
 
 class Ledger:
-    """Injects the faults of a table into the devices that are attached."""
+    """Ledger that injects the faults of a table into the attached devices."""
 
     def __init__(self, table: Mapping[str, Mapping[str, Fault]]) -> None:
         self.table = table
         self._handlers: dict[str, dict[str, Handler]] = {}
         self.injections: list[Injection] = []
-        """All of them, in order."""
-        self.on_fault: Callable[[FaultNews], object] = _unheard
-        """Called at every begin and every end of a fault."""
+        """All injections, in order."""
+        self.on_fault: Callable[[FaultNews], object] = _ignore_news
+        """Callback for the start and the end of every fault."""
         self.on_change: list[Callable[[], object]] = []
-        """Called after a fault has begun or ended: a device may have something to say."""
+        """Callback that is called after a fault has begun or ended, because a device may then have data to send."""
 
     def attach(self, target: str, handlers: Mapping[str, Handler]) -> None:
-        """Let a device go wrong in these ways."""
+        """Register the fault handlers of a device under a target."""
         self._handlers.setdefault(target, {}).update(handlers)
 
     def check(
         self, target: str, fault: str, given: Mapping[str, object]
     ) -> tuple[dict[str, FaultValue], float | None]:
-        """Parameters and duration of a fault. Raises ValueError, in one line, for one that this cell cannot have."""
-        found = find(self.table, target, fault).values(fault, given)
+        """Return parameters and duration of a fault.
+
+        Raises ValueError, in one line, if this cell does not support the fault.
+        """
+        parameters = find(self.table, target, fault).values(fault, given)
         if fault not in self._handlers.get(target, {}):
-            raise ValueError(f"this cell cannot have {target}: {fault}; it has nothing that could")
-        return found
+            raise ValueError(f"this cell cannot have {target}: {fault}; none of its devices supports it")
+        return parameters
 
     def inject(self, target: str, fault: str, now: float, given: Mapping[str, object]) -> Injection:
-        """Let a fault happen from now on, or at its next opportunity. Raises ValueError as `check` does."""
+        """Inject a fault from now on, or at its next opportunity. Raises the same ValueError as `check`."""
         values, duration = self.check(target, fault, given)
         if len(self.injections) >= INJECTION_LIMIT:
             raise ValueError(f"this cell has had {INJECTION_LIMIT} faults; start it again")
@@ -121,23 +126,23 @@ class Ledger:
         injection = Injection(target, fault, values, now, ends_at)
         self._handlers[target][fault].begin(injection)
         self.injections.append(injection)
-        words = ", ".join(f"{key} {_text(value)}" for key, value in values.items())
+        parameters = ", ".join(f"{key} {_text(value)}" for key, value in values.items())
         stage = FaultStage.HAPPENS if injection.ended_at is not None else FaultStage.BEGINS
         lasting = "" if duration in (None, math.inf) else f" for {duration:g} s"
-        text = f"{injection.name}{f' ({words})' if words else ''} {stage}{lasting}"
+        text = f"{injection.name}{f' ({parameters})' if parameters else ''} {stage}{lasting}"
         self.on_fault(FaultNews(stage, target, fault, text, values))
-        injection.on_end = self._ended
-        self._changed()
+        injection.on_end = self._report_end
+        self._report_change()
         return injection
 
     def disarm(self, now: float) -> None:
-        """End the faults that wait for their moment; the devices have forgotten them."""
+        """End the faults that wait for an opportunity. The devices have already cancelled them."""
         for injection in self.injections:
             if injection.waits:
                 injection.finish(now)
 
     def waiting(self, now: float) -> dict[str, int]:
-        """Names of those that wait for their moment, and how often each will strike; 0 for any number."""
+        """Return the names of the waiting faults and the number of effects that each still has; 0 for no limit."""
         return {
             injection.name: max(0, int(injection.values.get("count", 0)) - injection.struck)
             for injection in self.injections
@@ -145,21 +150,24 @@ class Ledger:
         }
 
     def mend(self, now: float) -> None:
-        """End the faults that last."""
+        """End the active faults that do not wait for a number of effects."""
         self._end([injection for injection in self.injections if not injection.waits], now)
 
     def active(self, now: float) -> tuple[str, ...]:
-        """Names of those under way at a time, in the order in which they began."""
+        """Return the names of the faults that are active at a time, s, in the order in which they began."""
         return tuple(injection.name for injection in self.injections if injection.holds(now))
 
     def lasting(self, now: float) -> tuple[str, ...]:
-        """Names of those under way at a time that last, and do not only wait for their moment."""
+        """Return the names of the faults that are active at a time, s.
+
+        This excludes faults that wait for a number of effects.
+        """
         return tuple(
             injection.name for injection in self.injections if not injection.waits and injection.holds(now)
         )
 
     def next_deadline(self) -> float | None:
-        """When the next one ends, s."""
+        """Return the time at which the next fault ends, s."""
         ends = [
             injection.ends_at
             for injection in self.injections
@@ -168,7 +176,7 @@ class Ledger:
         return min(ends, default=None)
 
     def handle_deadline(self, now: float) -> None:
-        """End those whose time has come."""
+        """End the faults whose end is due."""
         due = [
             injection
             for injection in self.injections
@@ -185,36 +193,39 @@ class Ledger:
             if handler.end is not None:
                 handler.end(injection, now)
         if due:
-            self._changed()
+            self._report_change()
 
-    def _ended(self, injection: Injection) -> None:
+    def _report_end(self, injection: Injection) -> None:
         text = f"{injection.name} {FaultStage.ENDS}"
         self.on_fault(FaultNews(FaultStage.ENDS, injection.target, injection.fault, text))
 
-    def _changed(self) -> None:
-        for tell in self.on_change:
-            tell()
+    def _report_change(self) -> None:
+        for listener in self.on_change:
+            listener()
 
 
 def find(table: Mapping[str, Mapping[str, Fault]], target: str, fault: str) -> Fault:
-    """Return the fault of a table. Raises ValueError with the known names."""
-    there = table.get(target, {})
+    """Return a fault of a table. Raises ValueError, which lists the known names, for an unknown target or fault."""
+    faults = table.get(target, {})
     if target not in table:
-        raise ValueError(f"no target is called {target!r}; known: {', '.join(table)}")
-    if fault not in there:
-        raise ValueError(f"this {target} cannot have {fault!r}; it can have {', '.join(there)}")
-    return there[fault]
+        raise ValueError(f"unknown target {target!r}; known: {', '.join(table)}")
+    if fault not in faults:
+        raise ValueError(f"unknown fault {fault!r} for target {target!r}; known: {', '.join(faults)}")
+    return faults[fault]
 
 
 def target_of(fault: str, table: Mapping[str, Mapping[str, Fault]]) -> str:
-    """Return the target of a fault that is named alone. Raises ValueError for none, and for one of several targets."""
+    """Return the only target that has a fault with this name.
+
+    Raises ValueError if there is no such target, or more than one.
+    """
     targets = [target for target, faults in table.items() if fault in faults]
     if len(targets) == 1:
         return targets[0]
     if targets:
         raise ValueError(f"{fault} is a fault of {' and of '.join(targets)}; name its target")
     known = ", ".join(dict.fromkeys(name for faults in table.values() for name in faults))
-    raise ValueError(f"no fault is called {fault!r}; known: {known}")
+    raise ValueError(f"unknown fault {fault!r}; known: {known}")
 
 
 def _text(value: FaultValue) -> str:

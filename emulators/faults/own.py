@@ -1,4 +1,4 @@
-"""Faults that a device carries out itself: each either strikes at once, or holds for some time and is asked for."""
+"""Faults that a device carries out itself. Each either happens at once, or is active for a time and is polled."""
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
@@ -7,30 +7,33 @@ from emulators.faults.ledger import Handler, Injection
 
 
 class OwnFaults:
-    """The newest injection of each of a device's own faults, by name."""
+    """Newest injection of each fault that a device carries out itself, by fault name."""
 
     def __init__(self) -> None:
         self._newest: dict[str, Injection] = {}
 
     def held(self, names: Iterable[str]) -> Mapping[str, Handler]:
-        """Handlers of faults that hold for some time; `under_way` asks for them."""
+        """Return handlers of faults that are active for a time. Poll the faults with `under_way`."""
         return {name: Handler(partial(self._begin, name)) for name in names}
 
     def ended_by(self, name: str, end: Callable[[float], object]) -> Mapping[str, Handler]:
-        """Return the same for one whose end the device is told, with the time in s."""
+        """Return the handler of a fault that is active for a time.
+
+        At the end of the fault, `end` is called with the time, s.
+        """
         return {name: Handler(partial(self._begin, name), lambda injection, now: end(now))}
 
     def striking(self, acts: Mapping[str, Callable[[float], object]]) -> Mapping[str, Handler]:
-        """Handlers of faults that happen at once; each act is told the time, s."""
+        """Return handlers of faults that happen at once. Each function in `acts` is called with the time, s."""
         return {name: Handler(partial(_strike, act)) for name, act in acts.items()}
 
     @property
     def any(self) -> bool:
-        """Whether some fault has begun so far."""
+        """Whether any fault has begun so far."""
         return bool(self._newest)
 
     def under_way(self, name: str, now: float) -> Injection | None:
-        """Return the injection of a fault that holds now: it has an effect each time that it is asked for."""
+        """Return the injection of a fault and count an effect of it; None if the fault is not active now."""
         injection = self._newest.get(name)
         if injection is None or not injection.holds(now):
             return None
@@ -38,7 +41,7 @@ class OwnFaults:
         return injection
 
     def holds(self, name: str, now: float) -> bool:
-        """Whether a fault holds now, without an effect of it."""
+        """Return whether a fault is active now, without counting an effect."""
         injection = self._newest.get(name)
         return injection is not None and injection.holds(now)
 

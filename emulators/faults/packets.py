@@ -1,6 +1,7 @@
-"""Packets of a bad wire: an endpoint around a device's own, which loses, keeps back, doubles and damages what passes.
+"""Faulty wire: an endpoint that wraps the endpoint of a device and loses, delays, duplicates and damages packets.
 
-What a packet is depends on the wire: a byte of a line, a CAN frame, a datagram, or a package of a protocol over TCP.
+The kind of packet depends on the wire: a byte of a serial line, a CAN frame, a datagram, or a package of a protocol
+over TCP.
 """
 
 import random
@@ -17,45 +18,47 @@ from protocol.endpoint import Endpoint
 Data = TypeVar("Data", bound=Sequence[Any])
 
 WIRE, SENSOR_WIRE = "wire", "sensor-wire"
-"""Targets of these faults: a cell has the wire of its robot and that of its sensor."""
+"""Targets of the wire faults: the wire of the cell's robot and the wire of its sensor."""
 
 _BOTH, _TO, _FROM = "both", "to", "from"
-_WAYS: Mapping[str, str] = {"mute": _FROM, "deaf": _TO}
-"""Which way a fault goes that is not told it; both for all others."""
-_WAY = Parameter(_BOTH, "what travels to the device, from it, or both", choices=(_BOTH, _TO, _FROM))
+_DIRECTIONS: Mapping[str, str] = {"mute": _FROM, "deaf": _TO}
+"""Direction of each fault that has no parameter for the direction; all other such faults apply to both directions."""
+_WAY = Parameter(_BOTH, "direction: to the device, from it, or both", choices=(_BOTH, _TO, _FROM))
 
 
 @dataclass(frozen=True, slots=True)
 class Pieces(Generic[Data]):
-    """How a wire's data are taken apart into packets."""
+    """Functions that split the data of a wire into packets and damage packets."""
 
     name: str
-    """Plural, for people."""
+    """Name of the packets, in the plural."""
     take_apart: Callable[[Data], list[Any]]
-    """Data to packets."""
+    """Function that splits data into packets."""
     join: Callable[[list[Any]], Data]
-    """Packets to data."""
+    """Function that joins packets to data."""
     corrupt: Callable[[Any, random.Random], Any]
-    """A packet with one bit turned over."""
+    """Function that flips one bit of a packet."""
     garble: Callable[[Any, random.Random], Any]
-    """A packet with other contents."""
+    """Function that replaces the contents of a packet by random data."""
     cut: Callable[[Any], Any] | None = None
-    """The first half of a packet. None for bytes of a line, which have no halves and never change their order."""
+    """Function that cuts off the second half of a packet. None for bytes of a serial line, which cannot be cut or
+    reordered.
+    """
 
     @property
     def faults(self) -> Mapping[str, Fault]:
-        """The faults that such a wire can have."""
+        """Faults of a wire that carries these packets."""
         return wire_faults(self)
 
 
 def wire_faults(pieces: Pieces[Any]) -> Mapping[str, Fault]:
-    """Words for the faults of a wire that carries these packets."""
-    them = pieces.name
+    """Return the definitions of the faults of a wire that carries these packets."""
+    packets = pieces.name
 
-    def by_chance(meaning: str, probability: float, lasts_s: float = FOREVER) -> Fault:
+    def random_fault(meaning: str, probability: float, lasts_s: float = FOREVER) -> Fault:
         parameters = {
-            "probability": Parameter(probability, f"of each of the {them}", 0.0, 1.0),
-            "count": Parameter(0, "it is over after so many; 0 for any number", 0, 100_000),
+            "probability": Parameter(probability, f"probability for each of the {packets}", 0.0, 1.0),
+            "count": Parameter(0, f"number of affected {packets}; 0: no limit", 0, 100_000),
             "way": _WAY,
         }
         return Fault(meaning, parameters, lasts_s)
@@ -64,19 +67,19 @@ def wire_faults(pieces: Pieces[Any]) -> Mapping[str, Fault]:
         "off": Fault("the cable is cut: nothing arrives", {}, 2.0),
         "mute": Fault("nothing that the device sends arrives", {}, FOREVER),
         "deaf": Fault("nothing arrives at the device", {}, FOREVER),
-        "lost": by_chance(f"some {them} are lost", 0.05),
+        "lost": random_fault(f"some {packets} are lost", 0.05),
         "late": Fault(
-            f"all {them} come later",
-            {"ms": Parameter(100.0, "by how much", 0.0, 10000.0, "ms"), "way": _WAY},
+            f"all {packets} are delayed",
+            {"ms": Parameter(100.0, "delay", 0.0, 10000.0, "ms"), "way": _WAY},
             FOREVER,
         ),
-        "twice": by_chance(f"some {them} come twice", 0.05),
-        "corrupted": by_chance(f"one bit of some {them} is turned over", 0.02),
-        "garbled": by_chance(f"random {them} come in place of what was sent", 1.0, 1.0),
+        "twice": random_fault(f"some {packets} arrive twice", 0.05),
+        "corrupted": random_fault(f"one bit of some {packets} is flipped", 0.02),
+        "garbled": random_fault(f"random {packets} arrive instead of those sent", 1.0, 1.0),
     }
     if pieces.cut is not None:
-        faults["malformed"] = by_chance(f"{them} come cut off in the middle", 1.0)
-        faults["reordered"] = by_chance(f"of two {them} the second comes first", 1.0)
+        faults["malformed"] = random_fault(f"{packets} arrive cut off in the middle", 1.0)
+        faults["reordered"] = random_fault(f"of two {packets} the second arrives first", 1.0)
     return faults
 
 
@@ -129,24 +132,27 @@ DATAGRAMS: Pieces[Sequence[bytes]] = Pieces(
 
 
 def packages(name: str, take_apart: Callable[[bytes], list[bytes]]) -> Pieces[bytes]:
-    """Return packages of a protocol over a byte stream. `take_apart` gets the bytes of one side."""
+    """Return the pieces of a protocol over a byte stream. `take_apart` receives the bytes of one direction."""
     return Pieces(name, take_apart, b"".join, _corrupt_bytes, _garble_bytes, _cut_bytes)
 
 
-class _Way(Generic[Data]):
-    """One direction, with draws of its own: so that neither direction depends on the traffic of the other."""
+class _Direction(Generic[Data]):
+    """One direction of a wire.
+
+    It has its own random numbers, so that it does not depend on the traffic in the other direction.
+    """
 
     def __init__(self, pieces: Pieces[Data], draw: random.Random) -> None:
         self._pieces = pieces
         self._draw = draw
         self.faults: list[Injection] = []
         self.under_way: deque[tuple[float, list[Any]]] = deque()
-        """Late packets, each with the time at which they come, s."""
+        """Delayed packets, each with its arrival time, s."""
         self._kept_back: list[Any] = []
-        """The packet, if any, that comes behind its successor."""
+        """Packet that is sent after its successor; empty if no packet is held back."""
 
     def take(self, data: Data, now: float) -> None:
-        """Let data begin their way."""
+        """Accept data that enter the wire."""
         late = 0.0
         packets = self._pieces.take_apart(data)
         for injection in self.faults:
@@ -160,7 +166,9 @@ class _Way(Generic[Data]):
                     injection.struck += len(packets)
                     late += injection.number("ms") * 1e-3
                 case _:
-                    packets = [each for packet in packets for each in self._struck(packet, injection, now)]
+                    packets = [
+                        each for packet in packets for each in self._replacements(packet, injection, now)
+                    ]
         if packets and self._kept_back and not self._reorders(now):
             packets[1:1], self._kept_back = self._kept_back, []
         if packets:
@@ -177,11 +185,11 @@ class _Way(Generic[Data]):
         return self._pieces.join(packets)
 
     def _reorders(self, now: float) -> bool:
-        """Whether a fault that changes the order is under way."""
+        """Return whether a fault that changes the order of packets is active."""
         return any(each.fault == "reordered" and each.holds(now) for each in self.faults)
 
-    def _struck(self, packet: Any, injection: Injection, now: float) -> Sequence[Any]:
-        """Return the data that come in the place of a packet."""
+    def _replacements(self, packet: Any, injection: Injection, now: float) -> Sequence[Any]:
+        """Return the packets that replace a packet under this fault."""
         pieces, draw = self._pieces, self._draw
         if injection.fault == "reordered" and self._kept_back:
             before, self._kept_back = self._kept_back, []
@@ -197,7 +205,7 @@ class _Way(Generic[Data]):
             case "twice":
                 return packet, packet
             case "malformed":
-                assert pieces.cut is not None, "else it is no fault of this wire"
+                assert pieces.cut is not None, "otherwise this wire does not have the fault"
                 return (pieces.cut(packet),)
             case "reordered":
                 self._kept_back = [packet]
@@ -207,32 +215,32 @@ class _Way(Generic[Data]):
 
 
 class Packets(Generic[Data]):
-    """The end of a device's wire: the device's own endpoint behind the faults of the wire.
+    """End of a wire at the device: the endpoint of the device, behind the faults of the wire.
 
-    Without a fault it only hands on.
+    Without a fault, it only forwards data.
     """
 
     def __init__(self, inner: Endpoint[Data, Data, None], pieces: Pieces[Data], seed: int | str) -> None:
         self._inner = inner
-        self._in: _Way[Data] = _Way(pieces, random.Random(f"{seed} to the device"))
-        self._out: _Way[Data] = _Way(pieces, random.Random(f"{seed} from the device"))
+        self._in: _Direction[Data] = _Direction(pieces, random.Random(f"{seed} to the device"))
+        self._out: _Direction[Data] = _Direction(pieces, random.Random(f"{seed} from the device"))
         self._bad = False
-        """Whether a fault is, or was, on it: then something may still be under way."""
+        """Whether the wire has or had a fault, so that delayed packets may exist."""
         self.handlers: Mapping[str, Handler] = dict.fromkeys(pieces.faults, Handler(self.begin))
-        """Handlers for a ledger."""
+        """Fault handlers for a ledger, by fault name."""
 
     def receive(self, data: Data, now: float) -> None:
-        """Take what was sent to the device; it receives those, of them or of earlier ones, that come through now."""
+        """Accept data sent to the device, and pass on all data that arrive now."""
         if self._bad:
             self._in.take(data, now)
             data = self._in.arrived(now)
         self._inner.receive(data, now)
 
     def next_event(self) -> None:
-        """Return None: a device has no events."""
+        """Return None, because a device emits no events."""
 
     def data_to_send(self, now: float) -> Data:
-        """Return the data that come out of the wire now, of all that the device sends and has sent."""
+        """Return the data from the device that arrive now, including delayed data."""
         data = self._inner.data_to_send(now)
         if not self._bad:
             return data
@@ -241,27 +249,28 @@ class Packets(Generic[Data]):
         return self._out.arrived(now)
 
     def next_deadline(self) -> float | None:
-        """When the device has something to do, or something late comes through, s."""
+        """Return the time at which the device has something to do or delayed data arrive, s."""
         due = self._inner.next_deadline()
         if self._bad:
-            for way in (self._in, self._out):
-                if way.under_way and (due is None or way.under_way[0][0] < due):
-                    due = way.under_way[0][0]
+            for direction in (self._in, self._out):
+                if direction.under_way and (due is None or direction.under_way[0][0] < due):
+                    due = direction.under_way[0][0]
         return due
 
     def handle_deadline(self, now: float) -> None:
-        """Let the device have what is due."""
+        """Deliver delayed data to the device, and handle the deadline of the device."""
         if self._bad and len(data := self._in.arrived(now)):
             self._inner.receive(data, now)
         self._inner.handle_deadline(now)
 
     def begin(self, injection: Injection) -> None:
-        """Let a fault strike what travels from now on."""
+        """Apply a fault to all data sent from now on."""
         self._bad = True
-        for way in self._ways(str(injection.values.get("way", _WAYS.get(injection.fault, _BOTH)))):
-            way.faults.append(injection)
+        which = str(injection.values.get("way", _DIRECTIONS.get(injection.fault, _BOTH)))
+        for direction in self._directions(which):
+            direction.faults.append(injection)
 
-    def _ways(self, which: str) -> Iterator[_Way[Data]]:
+    def _directions(self, which: str) -> Iterator[_Direction[Data]]:
         if which in (_BOTH, _TO):
             yield self._in
         if which in (_BOTH, _FROM):

@@ -1,4 +1,4 @@
-"""The general half of emulated sensors: samples of the true wrench, noise, reading ahead, and faults of the signal."""
+"""Device-independent part of emulated sensors: samples of the true wrench, noise, prediction and signal faults."""
 
 from emulators.sensing.measured import Converter, MeasuredWrench
 from emulators.sensing.samples import KnownWrench, NoisyWrench, NumberedNoise, Samples

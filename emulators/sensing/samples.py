@@ -1,7 +1,7 @@
-"""Samples of a wrench on an absolute grid: sample k of a sensor with a rate r is that of the time k / r.
+"""Samples of a wrench on an absolute time grid: sample k of a sensor with rate r belongs to the time k / r.
 
-Samples are computed as arrays, once, and ahead as far as the source predicts. Noise belongs to the number of a sample:
-it is the same whatever the blocks in which samples are read.
+Samples are computed once, as arrays, and as far ahead as the source can predict. Noise depends on the number of a
+sample, not on the blocks in which samples are read.
 """
 
 import math
@@ -14,22 +14,22 @@ from protocol.geometry import Wrench
 
 _AXES = 6
 _AHEAD = 4096
-"""Chosen: most samples computed before they are asked for."""
+"""Maximum number of samples that are computed ahead. Chosen."""
 _CHUNK = 1024
-"""Samples of noise drawn at once; part of what a seed means, so not to be changed."""
+"""Number of noise samples that are drawn at once. It is part of the meaning of a seed, so do not change it."""
 _CHUNKS = 4
-"""Chosen: as many as hold the samples that may be invalidated and asked for again."""
+"""Number of chunks that are kept. Chosen: enough to hold the samples that may be invalidated and read again."""
 
 
 def _unread(time: float) -> None:
-    """No sensor has read anything."""
+    """Do nothing, because no sensor has read anything."""
 
 
 class KnownWrench:
-    """A `WrenchSource` that a function of time tells: for a sensor without a cell.
+    """`WrenchSource` that is defined by a function of time, for a sensor without a cell.
 
-    `wrench_at` is given times (n,), s, and answers with the wrench (n, 6), N and N·m. The others are given the present
-    time and answer as those of `WrenchSource`; by default nothing is read ahead.
+    `wrench_at` maps times (n,), s, to the wrench (n, 6), N and N·m. The other functions map the present time to the
+    results of the `WrenchSource` methods with the same names. By default, nothing is read ahead.
     """
 
     def __init__(
@@ -45,9 +45,10 @@ class KnownWrench:
 
 
 class Samples:
-    """Samples of a sensor, each computed once and some of them ahead.
+    """Samples of a sensor. Each sample is computed once, and some samples are computed ahead.
 
-    `make` is given the number of the first sample and of the one behind the last, and answers with them (n, …).
+    `make` receives the number of the first sample and the number after the last sample, and returns the samples (n,
+    …).
     """
 
     def __init__(self, source: WrenchSource, rate_hz: float, make: Callable[[int, int], Floats]) -> None:
@@ -55,15 +56,17 @@ class Samples:
         self._rate = rate_hz
         self._make = make
         self._ready: Floats | None = None
-        """The samples from number `_ready_from` on that were computed already."""
+        """Samples that are already computed, from sample number `_ready_from` on."""
         self._ready_from = 0
         self.on_invalidate: list[Callable[[int], object]] = []
-        """Called with the number of the first sample that may differ from the one that was read ahead."""
+        """Callback for the number of the first sample that may differ from the sample that was read ahead."""
         source.on_change = self.invalidate
 
     def starting(self, first: int, last: int) -> Floats:
-        """Return samples from number `first` on: to `last`, the newest at present, and on behind it as far as they are
-        predicted; see `on_invalidate`.
+        """Return the samples from `first` on: up to `last`, the newest sample at present, and then the predicted
+        samples.
+
+        For predicted samples, see `on_invalidate`.
         """
         ready = self._ready
         if ready is None or not self._ready_from <= first <= self._ready_from + len(ready):
@@ -71,10 +74,10 @@ class Samples:
         begin = self._ready_from
         stop = begin if ready is None else begin + len(ready)
         if last >= stop:
-            # The first sample that is not predicted: the predicted moment itself is excluded.
+            # Number of the first sample that is not predicted; `predicted_until` itself is excluded.
             ahead = math.ceil(self.predicted_until(last / self._rate) * self._rate)
             fresh = self._make(stop, max(last + 1, min(ahead, last + _AHEAD)))
-            # The last samples are kept: a reader may begin again at the same moment.
+            # The last samples are kept, because a reader may restart at the same time.
             ready = (
                 fresh if ready is None or stop <= first else np.concatenate((ready[first - begin :], fresh))
             )
@@ -84,57 +87,61 @@ class Samples:
         return ready[first - begin :]
 
     def invalidate(self, time: float) -> None:
-        """Drop samples from this time on, s: they will differ from those read."""
+        """Drop samples from this time on, s, because they will differ from the samples that were read."""
         self.invalidate_from(math.floor(time * self._rate))
 
     def invalidate_from(self, number: int) -> None:
-        """Drop samples from this number on: they will differ from those read."""
+        """Drop samples from this number on, because they will differ from the samples that were read."""
         if self._ready is not None:
             self._ready = self._ready[: max(number - self._ready_from, 0)]
-        for tell in self.on_invalidate:
-            tell(number)
+        for listener in self.on_invalidate:
+            listener(number)
 
     def committed_until(self, now: float) -> float:
-        """Time up to which samples may be read ahead, at least `now`, s."""
+        """Return the time up to which any reader may read ahead, s. The result is at least `now`."""
         return max(now, self._source.committed_until(now))
 
     def predicted_until(self, now: float) -> float:
-        """Time up to which samples may be read ahead by a reader that minds `on_invalidate`, at least `now`, s."""
+        """Return the time up to which a reader that handles `on_invalidate` may read ahead, s.
+
+        The result is at least `now`.
+        """
         return max(now, self._source.predicted_until(now))
 
 
 class Draws:
-    """Normal numbers of a seed in chunks, each of which is reached at once by its number."""
+    """Normal random numbers from a seed in chunks, with random access to each chunk by its number."""
 
     def __init__(self, seed: int, stream: int = 0) -> None:
-        """`stream` keeps apart what draws from one seed."""
-        # A counter-based generator reaches every chunk at once; the upper words keep chunks and streams apart.
+        """`stream` separates the different uses of one seed."""
+        # A counter-based generator gives random access to every chunk; the upper words separate chunks and streams.
         self._bits = np.random.Philox(key=seed % 2**128, counter=0)
         self._begin = self._bits.state
         self._begin["state"]["counter"][3] = stream
         self._random = np.random.Generator(self._bits)
 
     def chunk(self, number: int, shape: tuple[int, ...]) -> Floats:
-        """Return the numbers of this chunk, of variance 1."""
+        """Return the normal random numbers of a chunk, with variance 1."""
         self._begin["state"]["counter"][2] = number % 2**64
         self._bits.state = self._begin
         return self._random.standard_normal(shape)
 
 
 class NumberedNoise:
-    """Normal noise of six axes that belongs to the number of a sample."""
+    """Normal noise of six axes that depends only on the number of a sample."""
 
     def __init__(self, rms: float | Floats, seed: int) -> None:
-        """`rms` is that of every axis, or of each (6, 1)."""
+        """`rms` is one value for all axes, or one value for each axis (6, 1)."""
         self._rms = rms
         self._draws = Draws(seed)
         self._chunks: dict[int, Floats] = {}
-        """Noise that was drawn last, by its number."""
+        """Most recently drawn chunks of noise, by number."""
 
     def add(self, samples: Floats, first: int, alter: Callable[[Floats, int], Floats] | None = None) -> None:
-        """Add to six rows (6, n) of the samples from number `first` on, in place.
+        """Add noise in place to the samples (6, n) from number `first` on.
 
-        `alter` is given the noise (6, m) of the samples from a number on, and answers with the noise to add instead.
+        `alter` receives the noise (6, m) of the samples from a given number on, and returns the noise to add
+        instead.
         """
         stop = first + samples.shape[1]
         for number in range(first // _CHUNK, (stop - 1) // _CHUNK + 1):
@@ -155,9 +162,9 @@ class NumberedNoise:
 
 
 class NoisyWrench:
-    """The true wrench with noise, sample by sample: all that a sensor without properties of its own needs.
+    """True wrench plus noise, one sample at a time, for a simple sensor.
 
-    `rms` is the noise of each axis, N and N·m; `rate_hz` the samples a second.
+    `rms` is the noise of each axis, N and N·m; `rate_hz` is the number of samples per second.
     """
 
     def __init__(self, source: WrenchSource, rate_hz: float, rms: Wrench, seed: int) -> None:
@@ -165,14 +172,17 @@ class NoisyWrench:
         self._rate = rate_hz
         self._noise = NumberedNoise(np.array(rms)[:, np.newaxis], seed)
         self.samples = Samples(source, rate_hz, self._make)
-        """The same as arrays (n, 6)."""
+        """Samples as arrays (n, 6)."""
 
     def number_at(self, time: float) -> int:
-        """Return the number of the newest sample at a time, s."""
-        return math.floor(time * self._rate + 1e-6)  # a millionth keeps rounding from missing one
+        """Return the number of the newest sample at a given time, s."""
+        return math.floor(time * self._rate + 1e-6)  # a margin of one millionth allows for rounding
 
     def sample(self, number: int) -> Wrench:
-        """Wrench of a sample in the sensor frame, N and N·m; numbers do not fall, and none lies ahead of its time."""
+        """Return the wrench of a sample in the sensor frame, N and N·m.
+
+        Successive calls must not decrease the number, and a sample must not be read before its time.
+        """
         fx, fy, fz, mx, my, mz = self.samples.starting(number, number)[0].tolist()
         return fx, fy, fz, mx, my, mz
 

@@ -1,22 +1,22 @@
-"""Settings of the errors of an emulated sensor: words, bounds, units. Defaults and marks are those of each sensor."""
+"""Settings of the errors of an emulated sensor: descriptions, bounds and units. Each sensor adds defaults and marks."""
 
 import math
 from typing import Any, Protocol, TypeAlias
 
-from emulators.sensing.unrest import Unrest
+from emulators.sensing.unrest import SensorErrors
 from protocol.geometry import Vector
 from protocol.marks import Bounds, SettingError, above, at_least, between
 
 PerAxis: TypeAlias = Vector | float
-"""A value of each axis, x first, or one for all three."""
+"""One value for each axis, x first, or one value for all three axes."""
 
 _EACH = "of x, y, z, or one number for all"
 _FORCES = ("noise_n", "wander_n", "slope_n_min", "vibration_n", "motion_n")
 _PER_AXIS = (*_FORCES, "noise_nm")
 
 
-class UnrestSettings(Protocol):
-    """Settings of a sensor with errors beside its noise."""
+class SensorErrorSettings(Protocol):
+    """Settings of a sensor with errors in addition to its white noise."""
 
     @property
     def wander_n(self) -> PerAxis: ...
@@ -40,7 +40,7 @@ class UnrestSettings(Protocol):
     def motion_mm_s(self) -> float: ...
 
 
-# What the settings mean, their bounds and units: the rest of `setting` behind a default and its mark.
+# Descriptions, bounds and units of the settings: the arguments of `setting` after the default and its mark.
 
 _Rest: TypeAlias = tuple[str, Bounds, str]
 
@@ -56,29 +56,29 @@ SLOPE_N_MIN: _Rest = (
     between(-1000.0, 1000.0),
     "N/min",
 )
-CREEP_SHARE: _Rest = "share of a changed load that it tells late", between(0.0, 0.5), ""
-CREEP_S: _Rest = "time constant with which that share comes", above(0.0), "s"
-VIBRATION_N: _Rest = f"vibration of the standing arm that it feels, rms, {_EACH}", at_least(0.0), "N"
+CREEP_SHARE: _Rest = "share of a load change that the sensor reports late", between(0.0, 0.5), ""
+CREEP_S: _Rest = "time constant of that share", above(0.0), "s"
+VIBRATION_N: _Rest = f"vibration of the stationary arm in the signal, rms, {_EACH}", at_least(0.0), "N"
 VIBRATION_HZ: _Rest = "band of that vibration, from and to", above(0.0), "Hz"
 VIBRATION_PEAK_HZ: _Rest = "peak of that vibration outside the band", above(0.0), "Hz"
-VIBRATION_PEAK_SHARE: _Rest = "share of its variance in that peak", between(0.0, 1.0), ""
+VIBRATION_PEAK_SHARE: _Rest = "share of the vibration's variance in that peak", between(0.0, 1.0), ""
 MOTION_N: _Rest = f"white noise that is added while the arm moves, rms, {_EACH}", at_least(0.0), "N"
 MOTION_MM_S: _Rest = (
-    "speed of the tool from which on that noise is whole; in proportion below",
+    "tool speed from which that noise has its full value; proportional below",
     above(0.0),
     "mm/s",
 )
 
 
 def check_errors(profile: Any) -> None:
-    """Raise SettingError for a setting of errors that has not a value of each axis, and for a band that is none."""
+    """Raise SettingError for a setting with the wrong number of axis values, and for an invalid frequency band."""
     for name in _PER_AXIS:
         value = getattr(profile, name, 0.0)
         if isinstance(value, tuple) and len(value) != 3:
-            raise SettingError(name, f"must be one value, or three, got {len(value)}")
+            raise SettingError(name, f"must be one value or three, got {len(value)}")
     band = profile.vibration_hz
     if len(band) != 2 or not band[0] <= band[1] or not math.isfinite(band[1]):
-        raise SettingError("vibration_hz", f"must be two frequencies that ascend, got {band}")
+        raise SettingError("vibration_hz", f"must be two ascending frequencies, got {band}")
 
 
 def per_axis(value: PerAxis) -> Vector:
@@ -86,10 +86,10 @@ def per_axis(value: PerAxis) -> Vector:
     return value if isinstance(value, tuple) else (value, value, value)
 
 
-def unrest(profile: UnrestSettings, powered_at: float) -> Unrest:
-    """Return the errors of a sensor that is powered up at a time, s, in SI units."""
+def unrest(profile: SensorErrorSettings, powered_at: float) -> SensorErrors:
+    """Return the errors of a sensor in SI units. `powered_at` is the time at which the sensor powers up, s."""
     x, y, z = per_axis(profile.slope_n_min)
-    return Unrest(
+    return SensorErrors(
         since=powered_at,
         wander=per_axis(profile.wander_n),
         slope=(x / 60.0, y / 60.0, z / 60.0),

@@ -1,8 +1,9 @@
-"""Errors of a sensor beside its white noise: wander and slope of the zero, creep, and the vibration of its arm.
+"""Errors of a sensor in addition to its white noise: drift of the zero, creep, and vibration of its arm.
 
-All of them belong to the number of a sample: they are the same whatever the blocks in which samples are read, and when
-samples are made again after an order. Knots lie on the grid of numbers. Creep and motion are kept at the newest knots,
-and computed again from the source where a reader left some out, by at most as much as a path keeps.
+All errors depend only on the number of a sample. They depend neither on the blocks in which samples are read nor on
+whether samples are computed again after an order. Knots lie on the grid of sample numbers. Creep and motion are
+kept at the newest knots. If a reader skipped some knots, they are computed again from the source, as far back as a
+path keeps its past.
 """
 
 import math
@@ -21,68 +22,72 @@ NO_FORCE: Vector = (0.0, 0.0, 0.0)
 
 _FORCES = 3
 _WANDER_STREAM, _MOTION_STREAM, _VIBRATION_STREAM = 1, 2, 3
-"""Streams of a seed beside its noise; part of what a seed means, so not to be changed."""
+"""Random streams of a seed in addition to its noise. They are part of the meaning of a seed, so do not change them."""
 _WANDER_S = 10.0
-"""The wander is the rms change of the zero within so long."""
+"""Time within which the rms change of the zero reaches the value of the wander, s."""
 _WANDER_KNOT_S = 0.1
-"""Chosen: the walk makes a step so often, and is straight between."""
+"""Time between two steps of the random walk, s, which is linear in between. Chosen."""
 _KNOTS = 64
-"""Steps of the walk drawn at once; part of what a seed means."""
+"""Number of steps of the random walk that are drawn at once. It is part of the meaning of a seed, so do not change
+it.
+"""
 _CHUNK = 1024
-"""Chosen: samples of the wander computed at once."""
+"""Number of samples of the wander that are computed at once. Chosen."""
 _KNOT_S = 0.05
-"""Chosen: creep and speed of the arm are looked at so often."""
+"""Time between two updates of creep and arm speed, s. Chosen."""
 _KNOTS_KEPT = 1024
-"""Chosen: as many as hold the samples that may be made again."""
+"""Number of knots that are kept. Chosen: enough to hold the samples that may be computed again."""
 _PAST_S = 10.0
-"""How much of the past can be read from a source, s: as much as a path keeps."""
+"""Age of the oldest wrench that can be read from a source, s. It equals the duration that a path keeps."""
 _REPEAT_S = 4.0
-"""Chosen: the vibration restarts so often; its lines lie a quarter of 1 Hz apart."""
+"""Period after which the vibration repeats, s. Chosen: its spectral lines are 0.25 Hz apart."""
 
 
 @dataclass(frozen=True, slots=True)
-class Unrest:
-    """Errors beside white noise. By default there are none."""
+class SensorErrors:
+    """Errors in addition to white noise. By default, there are no errors."""
 
     since: float = 0.0
-    """When wander, slope and creep begin: at power-up, s."""
+    """Start of wander, slope and creep, s, which is the time of power-up."""
     wander: Vector = NO_FORCE
-    """Random walk of the zero of each force: rms change within 10 s, N."""
+    """Random walk of the zero of each force axis, as the rms change within 10 s, N."""
     slope: Vector = NO_FORCE
-    """Steady change of the zero of each force, N/s."""
+    """Steady drift of the zero of each force axis, N/s."""
     creep_share: float = 0.0
-    """Share of a changed load, of force and moment, that is told late."""
+    """Share of a load change, in force and moment, that is reported late."""
     creep_s: float = 1.0
-    """Time constant with which that share comes, s."""
+    """Time constant of the share that is reported late, s."""
     vibration: Vector = NO_FORCE
-    """Vibration of the arm in each force, rms, N."""
+    """Vibration of the arm in each force axis, rms, N."""
     vibration_hz: tuple[float, float] = (9.0, 16.0)
-    """Band of that vibration, Hz."""
+    """Frequency band of the vibration, Hz."""
     peak_hz: float = 71.0
-    """Its peak outside that band, Hz."""
+    """Frequency of the vibration's peak outside the band, Hz."""
     peak_share: float = 0.0
-    """Share of its variance in that peak."""
+    """Share of the vibration's variance that the peak contains."""
     motion: Vector = NO_FORCE
-    """White noise of each force while the arm moves, rms, N."""
+    """White noise of each force axis while the arm moves, rms, N."""
     motion_speed: float = 0.1
-    """Tool speed from which on that noise is whole, m/s; in proportion below."""
+    """Tool speed from which the motion noise has its full value, m/s. Below this speed, the noise is proportional
+    to the speed.
+    """
 
     @property
     def mechanical(self) -> bool:
-        """Whether there are errors that the load, or the arm, makes."""
+        """Whether there are errors caused by the load or by the arm."""
         return bool(self.creep_share or any(self.vibration) or any(self.motion))
 
     @property
     def of_zero(self) -> bool:
-        """Whether the zero moves."""
+        """Whether the zero drifts."""
         return any(self.wander) or any(self.slope)
 
 
 class ZeroWander:
-    """Walk and slope of a sensor's zero, as its outputs (rows, n)."""
+    """Random walk and slope of a sensor's zero, in units of its outputs (rows, n)."""
 
-    def __init__(self, unrest: Unrest, rate_hz: float, matrix: Floats, seed: int) -> None:
-        """`matrix` (rows, 6) gives the outputs for N and N·m."""
+    def __init__(self, unrest: SensorErrors, rate_hz: float, matrix: Floats, seed: int) -> None:
+        """`matrix` (rows, 6) maps N and N·m to outputs."""
         self._matrix = matrix[:, :_FORCES]
         self._begin = math.floor(unrest.since * rate_hz)
         self._per_knot = max(1, round(_WANDER_KNOT_S * rate_hz))
@@ -91,13 +96,13 @@ class ZeroWander:
         self._slope = np.array(unrest.slope)[:, np.newaxis] / rate_hz
         self._draws = Draws(seed, _WANDER_STREAM)
         self._bases = [np.zeros((_FORCES, 1))]
-        """The walk at the first knot of each chunk of knots that was reached."""
+        """Random walk at the first knot of each chunk of knots computed so far."""
         self._chunk_number: int | None = None
         self._chunk = np.zeros((len(matrix), 0))
         """Outputs of the chunk of samples that was read last."""
 
     def add(self, outputs: Floats, first: int) -> None:
-        """Add to outputs (rows, n) of the samples from number `first` on, in place."""
+        """Add the drift of the zero in place to the outputs (rows, n) of the samples from number `first` on."""
         stop = first + outputs.shape[1]
         for number in range(first // _CHUNK, (stop - 1) // _CHUNK + 1):
             begin = number * _CHUNK
@@ -107,7 +112,7 @@ class ZeroWander:
             outputs[:, here - first : end - first] += self._chunk[:, here - begin : end - begin]
 
     def _zeros(self, begin: int) -> Floats:
-        """Zero (3, n) of the samples of a chunk that begins at a number, N."""
+        """Return the zero (3, n) of the samples of a chunk that begins at sample number `begin`, N."""
         since = np.maximum(np.arange(begin, begin + _CHUNK) - self._begin, 0)
         low, high = int(since[0]) // self._per_knot, int(since[-1]) // self._per_knot + 1
         knots = np.arange(low, high + 1)
@@ -119,7 +124,7 @@ class ZeroWander:
         return zeros
 
     def _walk(self, chunk: int) -> Floats:
-        """Return the walk (3, 65) at the knots of a chunk and at the first behind it, N."""
+        """Return the random walk (3, 65) at the knots of a chunk and at the first knot after it, N."""
         while len(self._bases) <= chunk:
             self._bases.append(self._walk(len(self._bases) - 1)[:, -1:])
         steps = self._draws.chunk(chunk, (_FORCES, _KNOTS)) * self._step
@@ -131,29 +136,29 @@ class _Knot(NamedTuple):
 
     number: int
     load: Floats
-    """(6,), N and N·m."""
+    """Load (6,), N and N·m."""
     late: Floats
-    """(6,): the load as the late share of it knows it, N and N·m."""
+    """Load (6,) after the creep filter, N and N·m."""
     moving: float
-    """Share of the noise in motion, 0 … 1."""
+    """Share of the motion noise at the knot, 0 … 1."""
     begin: Floats
-    """(6, 1): what the late share tells at the knot, N and N·m."""
+    """Contribution (6, 1) of the creep share at the knot, N and N·m."""
     change: Floats
-    """(6, 1): by how much that changes to the next knot."""
+    """Change (6, 1) of the contribution `begin` up to the next knot, N and N·m."""
 
 
 class Mechanics:
-    """Creep of a sensor's body and vibration of its arm, added to the wrench that it feels."""
+    """Creep of a sensor's body and vibration of its arm, added to the true wrench."""
 
-    def __init__(self, unrest: Unrest, source: WrenchSource, rate_hz: float, seed: int) -> None:
+    def __init__(self, unrest: SensorErrors, source: WrenchSource, rate_hz: float, seed: int) -> None:
         self._unrest, self._source, self._rate = unrest, source, rate_hz
         self._per_knot = max(1, round(_KNOT_S * rate_hz))
         self._gain = -math.expm1(-self._per_knot / rate_hz / unrest.creep_s)
-        """Part of the way to the load that the late share goes from knot to knot."""
+        """Share of the remaining difference from the load that the creep filter covers from one knot to the next."""
         self._ramp = np.arange(self._per_knot) / self._per_knot
         self._first_knot = math.ceil(unrest.since * rate_hz / self._per_knot)
         self._knots: deque[_Knot] = deque(maxlen=_KNOTS_KEPT)
-        """Ascending, without a gap."""
+        """Knots in ascending order, without gaps."""
         self._table = _vibration(unrest, rate_hz, seed) if any(unrest.vibration) else None
         self._motion = np.array(unrest.motion)[:, np.newaxis]
         self._moving = source if any(unrest.motion) and isinstance(source, MovingSource) else None
@@ -168,7 +173,7 @@ class Mechanics:
         if self._by_knots:
             knots = self._knots
             since = first - knots[-1].number * self._per_knot if knots else -1
-            if since > 0 and since + wrench.shape[1] <= self._per_knot:  # as nearly always
+            if since > 0 and since + wrench.shape[1] <= self._per_knot:  # nearly always
                 self._apply(wrench, first, knots[-1])
             else:
                 self.forget(first)
@@ -178,12 +183,15 @@ class Mechanics:
             _add_table(wrench[:_FORCES], self._table, first)
 
     def forget(self, number: int) -> None:
-        """Drop the samples from this number on: they differ from those read."""
+        """Drop the knots from this sample number on.
+
+        The samples will differ from the samples that were read.
+        """
         while self._knots and self._knots[-1].number * self._per_knot >= number:
             self._knots.pop()
 
     def _apply(self, wrench: Floats, first: int, knot: _Knot) -> None:
-        """Change the wrench (6, n) of samples between a knot and the next."""
+        """Change the wrench (6, n) of the samples between a knot and the next knot, in place."""
         if self._share:
             since = first - knot.number * self._per_knot
             wrench *= self._keep
@@ -205,14 +213,17 @@ class Mechanics:
     # --- knots
 
     def _stretches(self, wrench: Floats, first: int) -> Iterator[tuple[slice, _Knot]]:
-        """Stretches that cover these samples, each with the knot at or before it; the wrench is that without errors."""
+        """Yield slices that cover these samples, each with the newest knot that is not after it.
+
+        `wrench` is the wrench without errors.
+        """
         per_knot, stop = self._per_knot, first + wrench.shape[1]
         inside = range(-(-first // per_knot), (stop - 1) // per_knot + 1)
         loads = wrench[:, [number * per_knot - first for number in inside]].T
         end = min(inside.start * per_knot, stop)
         self._fill(inside.start - 1)
         if end > first:
-            if not self._knots:  # read at once behind the power-up
+            if not self._knots:  # read immediately after power-up
                 self._append(inside.start - 1, wrench[:, 0], 0.0)
             yield slice(0, end - first), self._knots[-1]
         for number, load, moving in zip(inside, loads, self._moving_at(inside), strict=True):
@@ -221,14 +232,14 @@ class Mechanics:
             yield slice(begin, min(begin + per_knot, stop - first)), self._knots[-1]
 
     def _fill(self, last: int) -> None:
-        """Have every knot up to this one, as far back as the source is known."""
+        """Compute all missing knots up to this knot, as far back as the source can be read."""
         oldest = last - math.floor(_PAST_S * self._rate / self._per_knot)
         begin = self._knots[-1].number + 1 if self._knots else self._first_knot
         numbers = range(max(begin, oldest), last + 1)
         if not numbers:
             return
         loads = self._source.wrench(np.asarray(numbers) * self._per_knot / self._rate)
-        if self._knots and numbers[0] > begin:  # the load in between is not known any more
+        if self._knots and numbers[0] > begin:  # the load in between is no longer available
             before, missed = self._knots[-1], numbers[0] - begin
             late = loads[0] + (before.late - loads[0]) * (1.0 - self._gain) ** (missed + 1)
             self._knots.clear()
@@ -248,7 +259,7 @@ class Mechanics:
         return _Knot(number, load, late, moving, begin[:, np.newaxis], change[:, np.newaxis])
 
     def _moving_at(self, numbers: Sequence[int]) -> list[float]:
-        """Share of the noise in motion at knots."""
+        """Return the share of the motion noise at each knot."""
         if self._moving is None or not numbers:
             return [0.0] * len(numbers)
         speeds = self._moving.speeds(np.asarray(numbers) * self._per_knot / self._rate)
@@ -256,8 +267,8 @@ class Mechanics:
         return shares
 
 
-def _vibration(unrest: Unrest, rate_hz: float, seed: int) -> Floats:
-    """Vibration (3, n) of the samples from number 0 on, N, which then restarts: lines with phases of the seed."""
+def _vibration(unrest: SensorErrors, rate_hz: float, seed: int) -> Floats:
+    """Return one period of the vibration (3, n) from sample 0 on, N, as spectral lines with phases from the seed."""
     count = round(_REPEAT_S * rate_hz)
     low, high = (frequency * _REPEAT_S for frequency in unrest.vibration_hz)
     band = range(math.ceil(low), max(math.ceil(low), math.floor(high)) + 1)
@@ -267,7 +278,7 @@ def _vibration(unrest: Unrest, rate_hz: float, seed: int) -> Floats:
     phases = np.arctan2(drawn[0], drawn[1])
     spectrum = np.zeros((_FORCES, count // 2 + 1), complex)
     for line, variance, phase in zip(lines, variances, phases.T, strict=True):
-        folded = line % count  # a line beyond half of the rate is seen where it is folded to
+        folded = line % count  # a line above half the sample rate is aliased
         if folded > count - folded:
             folded, phase = count - folded, -phase
         spectrum[:, folded] += 0.5 * count * math.sqrt(2.0 * variance) * np.exp(1j * phase)
@@ -277,10 +288,10 @@ def _vibration(unrest: Unrest, rate_hz: float, seed: int) -> Floats:
 
 
 def _add_table(rows: Floats, table: Floats, first: int) -> None:
-    """Add a table that repeats to rows of samples from a number on, in place."""
+    """Add a periodic table in place to rows of samples from a given sample number on."""
     count, length = rows.shape[1], table.shape[1]
     begin = first % length
-    if begin + count <= length:  # as nearly always
+    if begin + count <= length:  # nearly always
         rows += table[:, begin : begin + count]
     else:
         rows += np.take(table, range(begin, begin + count), axis=1, mode="wrap")

@@ -1,1 +1,1 @@
-"""The surface that a tool touches: contact, materials, and their faults."""
+"""Surface that a tool touches: contact, shapes, materials, wear, and the faults of the surface."""

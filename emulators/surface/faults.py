@@ -1,6 +1,6 @@
-"""The faults of the surface, and the obstacle that may hang above the tool.
+"""Faults of the surface, and the obstacle above the tool.
 
-Heights and stiffness change over a ramp, for a surface that jumps would hit the tool with any force.
+Height and stiffness change over a ramp, because a surface that jumps would hit the tool with unlimited force.
 """
 
 import math
@@ -17,35 +17,35 @@ from protocol.marks import Mark, at_least, check_settings, setting
 
 Floats = NDArray[np.float64]
 
-_RAMP = Parameter(100.0, "time that it takes", 1.0, 60000.0, "ms")
-_STIFFNESS = Parameter(50000.0, "its stiffness", 0.0, 1e9, "N/m")
+_RAMP = Parameter(100.0, "duration of the change", 1.0, 60000.0, "ms")
+_STIFFNESS = Parameter(50000.0, "stiffness of the obstacle", 0.0, 1e9, "N/m")
 
 SURFACE_FAULTS: Mapping[str, Fault] = {
     "step": Fault(
-        "the surface goes up or down, and back at the end",
-        {"mm": Parameter(1.0, "how far up", -100.0, 100.0, "mm"), "ramp_ms": _RAMP},
+        "the surface moves up or down, and back at the end",
+        {"mm": Parameter(1.0, "distance, positive up", -100.0, 100.0, "mm"), "ramp_ms": _RAMP},
         FOREVER,
     ),
     "hole": Fault(
-        "the surface falls away, and comes back at the end",
-        {"depth_mm": Parameter(20.0, "how deep", 0.0, 1000.0, "mm"), "ramp_ms": _RAMP},
+        "the surface drops, and comes back at the end",
+        {"depth_mm": Parameter(20.0, "depth", 0.0, 1000.0, "mm"), "ramp_ms": _RAMP},
         2.0,
     ),
     "hard": Fault(
-        "an inclusion: the stiffness under the tool changes, and is what it was at the end",
-        {"factor": Parameter(10.0, "of what it was", 0.0, 10000.0), "ramp_ms": _RAMP},
+        "an inclusion: the stiffness under the tool changes, and changes back at the end",
+        {"factor": Parameter(10.0, "factor on the stiffness", 0.0, 10000.0), "ramp_ms": _RAMP},
         FOREVER,
     ),
     "rises": Fault(
-        "the surface moves up or down, and stays where it is at the end",
-        {"mm_s": Parameter(2.0, "how fast up", -1000.0, 1000.0, "mm/s")},
+        "the surface moves up or down at constant speed, and stays where it is at the end",
+        {"mm_s": Parameter(2.0, "speed, positive up", -1000.0, 1000.0, "mm/s")},
         1.0,
     ),
     "swings": Fault(
-        "the surface goes up and down, and stays where it is at the end",
+        "the surface oscillates up and down, and stays where it is at the end",
         {
             "mm": Parameter(1.0, "amplitude", 0.0, 100.0, "mm"),
-            "period_s": Parameter(2.0, "from one crest to the next", 0.01, 3600.0, "s"),
+            "period_s": Parameter(2.0, "period", 0.01, 3600.0, "s"),
         },
         FOREVER,
     ),
@@ -53,9 +53,9 @@ SURFACE_FAULTS: Mapping[str, Fault] = {
 
 OBSTACLE_FAULTS: Mapping[str, Fault] = {
     "above": Fault(
-        "something hangs above the tool and pushes it back down",
+        "an obstacle above the tool pushes it back down",
         {
-            "height_mm": Parameter(5.0, "how far above the tip, where it is now", 0.0, 10000.0, "mm"),
+            "height_mm": Parameter(5.0, "height above the present position of the tip", 0.0, 10000.0, "mm"),
             "stiffness_n_m": _STIFFNESS,
         },
         FOREVER,
@@ -65,21 +65,23 @@ OBSTACLE_FAULTS: Mapping[str, Fault] = {
 
 @dataclass(frozen=True)
 class ObstacleProfile:
-    """A level plane above the tool, into which it may retract."""
+    """Obstacle: a level plane above the tool, which the tool may hit when it retracts."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     height_mm: float | None = setting(
-        None, Mark.CHOSEN, "how far above the start point; none by default", at_least(0.0), unit="mm"
+        None, Mark.CHOSEN, "height above the start point; no obstacle by default", at_least(0.0), unit="mm"
     )
-    stiffness_n_m: float = setting(50000.0, Mark.CHOSEN, "its stiffness", at_least(0.0), unit="N/m")
+    stiffness_n_m: float = setting(
+        50000.0, Mark.CHOSEN, "stiffness of the obstacle", at_least(0.0), unit="N/m"
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)
 
 
 class SurfaceFaults:
-    """How a surface has changed by its faults. `on_change` is told since when, s."""
+    """Changes of a surface by its faults. `on_change` is called with the time from which the surface has changed, s."""
 
     def __init__(self, on_change: Callable[[float], object]) -> None:
         self._on_change = on_change
@@ -87,15 +89,15 @@ class SurfaceFaults:
         self.handlers: Mapping[str, Handler] = {
             name: Handler(self._begin, self._end) for name in SURFACE_FAULTS
         }
-        """Handlers for a ledger."""
+        """Fault handlers for a ledger, by fault name."""
 
     @property
     def faulty(self) -> bool:
-        """Whether the surface may be another than it should be."""
+        """Whether faults may have changed the surface."""
         return bool(self._faults)
 
     def rise(self, times: Floats) -> tuple[Floats, Floats]:
-        """How far up the surface is, m, and how fast it rises, m/s, at `times` (n,)."""
+        """Return the height by which faults have raised the surface, m, and its upward speed, m/s, at `times` (n,)."""
         height, speed = np.zeros_like(times), np.zeros_like(times)
         for injection in self._faults:
             if injection.fault in _RISES:
@@ -105,7 +107,7 @@ class SurfaceFaults:
         return height, speed
 
     def stiffness(self, times: Floats) -> Floats:
-        """Factor on the stiffness at `times` (n,)."""
+        """Return the factor by which faults multiply the stiffness at `times` (n,)."""
         factor = np.ones_like(times)
         for injection in self._faults:
             if injection.fault == "hard":
@@ -113,7 +115,7 @@ class SurfaceFaults:
         return factor
 
     def count(self, times: Floats, touched: NDArray[np.bool_]) -> None:
-        """Count the samples (n,) in which the tool touched the surface, or would have without a fault."""
+        """Count the samples (n,) in which the tool touches the surface, or would touch it without a fault."""
         for injection in self._faults:
             injection.struck += int((touched & (times >= injection.injected_at)).sum())
 
@@ -133,7 +135,7 @@ def _end_of(injection: Injection) -> float:
 
 
 def _ramp(injection: Injection, times: Floats) -> tuple[Floats, Floats]:
-    """How much of the change is there (n,), 0 … 1, and how fast it grows, 1/s."""
+    """Return the completed share of the change (n,), 0 … 1, and its rate, 1/s."""
     ramp, end = injection.number("ramp_ms") * 1e-3, _end_of(injection)
     share, growth = np.zeros_like(times), np.zeros_like(times)
     for begin, sign in ((injection.injected_at, 1.0), (end, -1.0)):
@@ -151,7 +153,7 @@ def _step(injection: Injection, times: Floats) -> tuple[Floats, Floats]:
     return by * share, by * growth
 
 
-def _moves(injection: Injection, times: Floats) -> tuple[Floats, Floats]:
+def _constant_motion(injection: Injection, times: Floats) -> tuple[Floats, Floats]:
     speed = injection.number("mm_s") * 1e-3
     since = times - injection.injected_at
     until = _end_of(injection) - injection.injected_at
@@ -159,7 +161,7 @@ def _moves(injection: Injection, times: Floats) -> tuple[Floats, Floats]:
     return speed * since.clip(0.0, until), np.where(moving, speed, 0.0)
 
 
-def _swings(injection: Injection, times: Floats) -> tuple[Floats, Floats]:
+def _oscillation(injection: Injection, times: Floats) -> tuple[Floats, Floats]:
     amplitude, rate = injection.number("mm") * 1e-3, 2.0 * math.pi / injection.number("period_s")
     since = times - injection.injected_at
     until = _end_of(injection) - injection.injected_at
@@ -172,24 +174,24 @@ def _swings(injection: Injection, times: Floats) -> tuple[Floats, Floats]:
 _RISES: Mapping[str, Callable[[Injection, Floats], tuple[Floats, Floats]]] = {
     "step": _step,
     "hole": _step,
-    "rises": _moves,
-    "swings": _swings,
+    "rises": _constant_motion,
+    "swings": _oscillation,
 }
 
 
 @dataclass(frozen=True, slots=True)
 class _Plane:
-    """One obstacle."""
+    """Obstacle above the tool."""
 
     height: float
-    """Base z of its lower side, m."""
+    """Height of the lower side, base z, m."""
     stiffness: float
     injection: Injection | None
-    """None for one that is always there."""
+    """Fault that created the obstacle; None for a permanent obstacle."""
 
 
 class Obstacles:
-    """The force of the obstacles above the tool: they push straight down, without friction."""
+    """Obstacles above the tool, which push straight down without friction."""
 
     def __init__(
         self,
@@ -198,7 +200,10 @@ class Obstacles:
         tip_height: Callable[[float], float],
         on_change: Callable[[float], object],
     ) -> None:
-        """Heights are base z, m; `tip_height` is that of the tip at a time, `on_change` as of `SurfaceFaults`."""
+        """Heights are base z, m.
+
+        `tip_height` returns the height of the tip at a given time. `on_change` is as for `SurfaceFaults`.
+        """
         self._tip_height = tip_height
         self._on_change = on_change
         self._planes: list[_Plane] = []
@@ -208,15 +213,18 @@ class Obstacles:
         self.handlers: Mapping[str, Handler] = {
             name: Handler(self._begin, self._end) for name in OBSTACLE_FAULTS
         }
-        """Handlers for a ledger."""
+        """Fault handlers for a ledger, by fault name."""
 
     @property
     def any(self) -> bool:
-        """Whether there are any."""
+        """Whether there are obstacles."""
         return bool(self._planes)
 
     def force(self, heights: Floats, times: Floats, count: bool) -> Floats:
-        """Force (n,) along base z, N, on a tip at heights (n,), m; `count` the samples that feel it."""
+        """Return the force (n,) along base z, N, on a tip at heights (n,), m.
+
+        `count` states whether affected samples are counted.
+        """
         force = np.zeros_like(heights)
         for plane in self._planes:
             pressing = plane.stiffness * np.maximum(heights - plane.height, 0.0)

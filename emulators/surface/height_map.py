@@ -1,4 +1,4 @@
-"""Heights of a surface, read from a text file of an operator."""
+"""Heights of a surface, read from a text file that the operator supplies."""
 
 import math
 import os
@@ -9,18 +9,18 @@ import numpy as np
 from emulators.surface.shapes import Floats
 
 FILE_LIMIT_BYTES = 1 << 22
-"""Longest file. Chosen: the largest grid with 16 characters a number."""
+"""Maximum size of the file, bytes. Chosen: the largest grid with 16 characters per number."""
 HEIGHTS_LIMIT = 1 << 18
-"""Most numbers in it. Chosen: 512 by 512."""
+"""Maximum number of heights in the file. Chosen: 512 by 512."""
 HEIGHT_LIMIT_MM = 10_000.0
-"""A height lies within this, mm. Chosen: more than a cell is high."""
+"""Maximum absolute height, mm. Chosen: more than the height of a cell."""
 
 
 def read_height_map(name: str) -> Floats:
-    """Heights (rows, columns), m, of a file of heights in mm.
+    """Return the heights (rows, columns), m, read from a file of heights in mm.
 
-    Each line of the file is a row, with its numbers apart by spaces, tabs or commas. Empty lines and all behind a `#`
-    are ignored. Raises ValueError, in one line, for a file that cannot be read or holds no grid.
+    Each line of the file is a row of numbers separated by spaces, tabs or commas. Empty lines and everything after a
+    `#` are ignored. Raises ValueError, in one line, for a file that cannot be read or does not contain a grid.
     """
     rows: list[list[float]] = []
     count = 0
@@ -33,7 +33,7 @@ def read_height_map(name: str) -> Floats:
         if len(words) != len(rows[0]):
             raise ValueError(
                 f"height_map_file {name}, line {number}: {len(words)} heights, but {len(rows[0])} in the first row; "
-                "give each row as many"
+                "give each row the same number"
             )
         if count > HEIGHTS_LIMIT:
             raise ValueError(
@@ -46,10 +46,10 @@ def read_height_map(name: str) -> Floats:
 
 def _text(name: str) -> str:
     try:
-        # a pipe without a writer must not keep us waiting
+        # opening a pipe without a writer must not block
         with os.fdopen(os.open(name, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
             mode = os.fstat(file.fileno()).st_mode
-            if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # the system has its own words for a folder
+            if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # for a folder, reading raises an OSError
                 raise ValueError("a pipe or a device; name an ordinary file")
             data = file.read(FILE_LIMIT_BYTES + 1)
         if len(data) > FILE_LIMIT_BYTES:
@@ -58,8 +58,8 @@ def _text(name: str) -> str:
     except OSError as error:
         raise ValueError(f"height_map_file: cannot read {name}: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
-        raise ValueError(f"height_map_file {name} is no text in UTF-8") from error
-    except ValueError as error:  # too long, no ordinary file, or a NUL in the name
+        raise ValueError(f"height_map_file {name} is not a UTF-8 text file") from error
+    except ValueError as error:  # too long, not an ordinary file, or a NUL in the name
         raise ValueError(f"height_map_file: cannot read {name!r}: {error}") from error
 
 
@@ -70,7 +70,7 @@ def _height(word: str, name: str, number: int) -> float:
         height = math.nan
     if not abs(height) <= HEIGHT_LIMIT_MM:
         raise ValueError(
-            f"height_map_file {name}, line {number}: {word[:40]!r} is no height in mm; give numbers within "
-            f"{HEIGHT_LIMIT_MM:g} mm"
+            f"height_map_file {name}, line {number}: {word[:40]!r} is not a height in mm; allowed: numbers within "
+            f"±{HEIGHT_LIMIT_MM:g} mm"
         )
     return height

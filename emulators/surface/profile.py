@@ -1,4 +1,4 @@
-"""Settings of a surface: shape, place, material, friction, and a wall across the path.
+"""Settings of a surface: shape, position, material, friction, and a wall across the path.
 
 Source of the default stiffness: project specification of the force control, section 5.
 """
@@ -38,11 +38,11 @@ class SurfaceKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SurfaceProfile:
-    """Shape, place and material of the surface."""
+    """Shape, position and material of the surface."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
-    kind: SurfaceKind = setting(SurfaceKind.FLAT, Mark.CHOSEN, "shape")
+    kind: SurfaceKind = setting(SurfaceKind.FLAT, Mark.CHOSEN, "shape of the surface")
     origin_x_mm: float = setting(900.0, Mark.CHOSEN, "base x of path coordinate 0", unit="mm")
     origin_y_mm: float = setting(0.0, Mark.CHOSEN, "base y of path coordinate 0", unit="mm")
     path_deg: float = setting(
@@ -69,13 +69,17 @@ class SurfaceProfile:
     height_map_file: str = setting(
         "",
         Mark.CHOSEN,
-        "text file of heights above height_mm, mm, a row of the grid a line, rows along the path (height_map)",
+        "text file of heights above height_mm, mm; each line is a row of the grid, rows along the path (height_map)",
     )
     height_map_spacing_mm: float = setting(
-        5.0, Mark.CHOSEN, "from one height of that grid to the next (height_map)", above(0.0), unit="mm"
+        5.0, Mark.CHOSEN, "spacing of that grid (height_map)", above(0.0), unit="mm"
     )
     stiffness_n_m: float = setting(
-        5000.0, Mark.OBSERVED, "stiffness along the normal; the paper's sponge", at_least(0.0), unit="N/m"
+        5000.0,
+        Mark.OBSERVED,
+        "stiffness along the normal; the default is the paper's sponge",
+        at_least(0.0),
+        unit="N/m",
     )
     damping_ns_m: float = setting(
         10.0,
@@ -88,38 +92,36 @@ class SurfaceProfile:
     stiffness_profile: tuple[tuple[float, float], ...] = setting(
         (),
         Mark.CHOSEN,
-        "factors on the stiffness along the path, linear between, constant beyond: pairs of path coordinate "
-        "in mm and factor; empty for 1 everywhere",
+        "factors on the stiffness along the path, as pairs of path coordinate in mm and factor; "
+        "linear in between, constant beyond; empty: 1 everywhere",
     )
     begin_mm: float | None = setting(
-        None, Mark.CHOSEN, "path coordinate before which there is no surface; none by default", unit="mm"
+        None, Mark.CHOSEN, "path coordinate at which the surface begins; by default unlimited", unit="mm"
     )
     end_mm: float | None = setting(
-        None, Mark.CHOSEN, "path coordinate behind which there is no surface; none by default", unit="mm"
+        None, Mark.CHOSEN, "path coordinate beyond which there is no surface; none by default", unit="mm"
     )
     wall_at_mm: float | None = setting(
         None,
         Mark.CHOSEN,
-        "path coordinate of an upright face, behind which the surface lies higher; none by default",
+        "path coordinate of an upright face, beyond which the surface is higher; none by default",
         unit="mm",
     )
     wall_height_mm: float = setting(
         1000.0,
         Mark.CHOSEN,
-        "how much higher: some mm for a step, more than the tool can climb for a wall",
+        "height of that face: a few mm for a step, more than the tool can climb for a wall",
         above(0.0),
         unit="mm",
     )
     wall_stiffness_n_m: float = setting(
-        50000.0, Mark.CHOSEN, "stiffness of the upright face", at_least(0.0), unit="N/m"
+        50000.0, Mark.CHOSEN, "stiffness of the vertical face", at_least(0.0), unit="N/m"
     )
-    friction: float = setting(
-        0.2, Mark.ASSUMED, "Coulomb coefficient against tangential motion", at_least(0.0)
-    )
+    friction: float = setting(0.2, Mark.ASSUMED, "Coulomb coefficient of tangential friction", at_least(0.0))
     friction_smoothing_mm_s: float = setting(
         1.0,
         Mark.CHOSEN,
-        "tangential speed at which friction has 71 % of its full value",
+        "tangential speed at which friction reaches 71 % of its full value",
         above(0.0),
         unit="mm/s",
     )
@@ -134,20 +136,20 @@ class SurfaceProfile:
             raise SettingError("stiffness_profile", "must be finite numbers")
         if any(factor < 0.0 for _, factor in self.stiffness_profile):
             raise SettingError("stiffness_profile", "must have factors of at least 0")
-        for (place, _), (following, _) in pairwise(self.stiffness_profile):
-            if not place < following:
+        for (coordinate, _), (following, _) in pairwise(self.stiffness_profile):
+            if not coordinate < following:
                 raise SettingError(
-                    "stiffness_profile", f"must ascend, but {following:g} mm follows {place:g} mm"
+                    "stiffness_profile", f"must ascend, but {following:g} mm follows {coordinate:g} mm"
                 )
         if self.begin_mm is not None and self.end_mm is not None and not self.begin_mm < self.end_mm:
             raise SettingError(
-                "end_mm", f"must be more than begin_mm, {self.begin_mm:g}, got {self.end_mm:g}"
+                "end_mm", f"must be greater than begin_mm ({self.begin_mm:g}), got {self.end_mm:g}"
             )
         if self.kind is SurfaceKind.HEIGHT_MAP and not self.height_map_file:
             raise SettingError("height_map_file", "is empty; name the file of the heights")
 
     def shape(self) -> Shape:
-        """Return the surface in m and rad. Raises ValueError for a file of heights that cannot be read."""
+        """Return the shape in m and rad. Raises ValueError for a height map file that cannot be read."""
         height, amplitude, radius = (
             millimetres / 1000.0 for millimetres in (self.height_mm, self.amplitude_mm, self.radius_mm)
         )

@@ -1,7 +1,7 @@
-"""Shapes of a surface: how deep a place lies below it, and where its outward normal points.
+"""Shapes of a surface: depth of a point below it, and its outward normal.
 
-Shapes have a frame of their own: `along` is the path coordinate, `across` lies level to the left of the path, and
-height is base z. All are m; angles are rad. A normal is three arrays: along, across and up.
+Shapes use a frame of their own: `along` is the path coordinate, `across` is horizontal to the left of the path, and
+height is base z. All are in m; angles are in rad. A normal consists of three arrays: along, across and up.
 """
 
 import math
@@ -16,27 +16,30 @@ Normal: TypeAlias = tuple[Floats, Floats, Floats]
 
 
 class Shape(Protocol):
-    """A solid below a surface."""
+    """Solid below a surface."""
 
     @property
     def narrows_below(self) -> float:
-        """Height below which the solid narrows again, m: that of the axis of a cylinder. Minus infinity for others."""
+        """Height below which the solid narrows again, m: the axis of a cylinder.
+
+        Minus infinity for all other shapes.
+        """
 
     def depth_and_normal(self, along: Floats, across: Floats, height: Floats) -> tuple[Floats, Normal]:
-        """Depth (n,) below the surface along its normal, m, negative outside, and the outward unit normal.
+        """Return the depth (n,) below the surface along its normal, m, negative outside, and the outward unit normal.
 
-        `along`, `across` and `height` (n,) are the places, m.
+        `along`, `across` and `height` (n,) are the coordinates of the points, m.
         """
 
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """A plane that rises along the path."""
+    """Plane that may rise along the path."""
 
     height: float
     """Height at path coordinate 0, m."""
     slope: float = 0.0
-    """rad, positive where the surface rises along the path."""
+    """Slope, rad, positive if the surface rises along the path."""
 
     narrows_below: ClassVar[float] = -math.inf
 
@@ -48,17 +51,17 @@ class Plane:
 
 @dataclass(frozen=True, slots=True)
 class Sinusoidal:
-    """Waves about a height, rising through it at path coordinate 0.
+    """Sine wave along the path about a mean height. It rises through the mean height at path coordinate 0.
 
-    The depth is that below the tangent under the tip: exact to first order in depth times curvature.
+    The depth is measured from the tangent below the tip, which is exact to first order in depth times curvature.
     """
 
     height: float
-    """m"""
+    """Mean height, m."""
     amplitude: float
-    """m"""
+    """Amplitude, m."""
     period: float
-    """Length of a wave along the path, m."""
+    """Wavelength along the path, m."""
 
     narrows_below: ClassVar[float] = -math.inf
 
@@ -73,19 +76,20 @@ class Sinusoidal:
 
 @dataclass(frozen=True, slots=True)
 class SinusoidalBoth:
-    """Waves along the path plus waves across it; both rise through the height where their coordinate is 0.
+    """Sum of a sine wave along the path and a sine wave across it.
 
-    The depth is that below the tangent plane under the tip, as of `Sinusoidal`.
+    Both rise through the mean height at coordinate 0. The depth is measured from the tangent plane below the tip,
+    as in `Sinusoidal`.
     """
 
     height: float
-    """m"""
+    """Mean height, m."""
     amplitude: float
-    """Of either waves, m."""
+    """Amplitude of each wave, m."""
     period: float
-    """Length of a wave along the path, m."""
+    """Wavelength along the path, m."""
     period_across: float
-    """Length of a wave across the path, m."""
+    """Wavelength across the path, m."""
 
     narrows_below: ClassVar[float] = -math.inf
 
@@ -98,9 +102,10 @@ class SinusoidalBoth:
 
 
 def _normal_parts(up: Floats, distance: Floats) -> tuple[Floats, Floats]:
-    """Distance to the middle of a round solid, as a divisor, and the normal's upward part.
+    """Return the distance to the centre of a round solid, usable as a divisor, and the upward component of the
+    normal.
 
-    The middle itself has no normal. Any would do; up is the limit of the others from above.
+    The centre itself has no normal. The result there is up, which is the limit from above.
     """
     safe = np.where(distance > 0.0, distance, 1.0)
     return safe, np.where(distance > 0.0, up / safe, 1.0)
@@ -108,12 +113,12 @@ def _normal_parts(up: Floats, distance: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True, slots=True)
 class CircularArc:
-    """A lying cylinder with its crest at path coordinate 0."""
+    """Horizontal cylinder across the path with its crest at path coordinate 0."""
 
     height: float
     """Height of the crest, m."""
     radius: float
-    """m"""
+    """Radius, m."""
 
     @property
     def narrows_below(self) -> float:
@@ -128,12 +133,12 @@ class CircularArc:
 
 @dataclass(frozen=True, slots=True)
 class Sphere:
-    """A ball with its crest at path coordinate 0, across 0."""
+    """Sphere with its crest at path coordinate 0 and across coordinate 0."""
 
     height: float
     """Height of the crest, m."""
     radius: float
-    """m"""
+    """Radius, m."""
 
     @property
     def narrows_below(self) -> float:
@@ -148,19 +153,19 @@ class Sphere:
 
 @dataclass(frozen=True, slots=True)
 class HeightMap:
-    """Heights on a grid, with a bicubic surface between them; its middle is at path coordinate 0, across 0.
+    """Grid of heights with bicubic interpolation. Its centre is at path coordinate 0 and across coordinate 0.
 
-    The surface goes through the heights, and its normal has no jumps. Beyond the edge it continues as at the edge. The
-    depth is that below the tangent plane under the tip, as of `Sinusoidal`. Source of the weights: Catmull and Rom, A
-    class of local interpolating splines, 1974.
+    The surface passes through the heights, and its normal is continuous. Beyond the edge, the height remains as at
+    the edge. The depth is measured from the tangent plane below the tip, as in `Sinusoidal`. Source of the weights:
+    Catmull and Rom, A class of local interpolating splines, 1974.
     """
 
     height: float
-    """Height of a 0 of the grid, m."""
+    """Height that corresponds to the value 0 in the grid, m."""
     heights: Floats
-    """Heights (rows, columns), m: rows follow each other along the path, columns across it."""
+    """Heights (rows, columns), m. Rows follow the path, and columns cross it."""
     spacing: float
-    """Distance from a row or column to the next, m."""
+    """Distance between adjacent rows or columns, m."""
 
     narrows_below: ClassVar[float] = -math.inf
 
@@ -172,9 +177,9 @@ class HeightMap:
         for k in range(4):
             line, line_across = np.zeros_like(along), np.zeros_like(along)
             for m in range(4):
-                found = self.heights[row[k], column[m]]
-                line += weights_across[m] * found
-                line_across += slopes_across[m] * found
+                node = self.heights[row[k], column[m]]
+                line += weights_across[m] * node
+                line_across += slopes_across[m] * node
             surface += weights[k] * line
             rise += slopes[k] * line
             rise_across += weights[k] * line_across
@@ -182,19 +187,24 @@ class HeightMap:
 
 
 def below_tangent(below: Floats, rise: Floats, rise_across: Floats) -> tuple[Floats, Normal]:
-    """Depth and normal for a vertical distance below a surface, m, and its slopes, both without unit."""
+    """Return depth and normal of a point relative to the tangent plane of a surface.
+
+    The arguments are the vertical distance below the surface, m, and the two dimensionless slopes of the surface.
+    """
     cosine = 1.0 / np.sqrt(1.0 + rise * rise + rise_across * rise_across)
     return below * cosine, (-rise * cosine, -rise_across * cosine, cosine)
 
 
-def _spline(place: Floats, count: int) -> tuple[NDArray[np.intp], Floats, Floats]:
-    """Catmull-Rom spline through `count` points: for places (n,) in steps from the first, the four points (4, n) that
-    matter, their weights (4, n), and their weights in the slope per step (4, n).
+def _spline(index: Floats, count: int) -> tuple[NDArray[np.intp], Floats, Floats]:
+    """Return the coefficients of a Catmull-Rom spline through `count` points at fractional indices (n,).
+
+    The coefficients are the indices (4, n) of the four relevant points, their weights (4, n), and their weights in
+    the slope per step (4, n).
     """
-    # Two steps outside all four points are the same one, however far it is.
-    place = place.clip(-2.0, count + 1.0)
-    first = np.floor(place)
-    t = place - first
+    # At a distance of two steps or more outside, all four points are identical.
+    index = index.clip(-2.0, count + 1.0)
+    first = np.floor(index)
+    t = index - first
     t2, t3 = t * t, t * t * t
     weights = 0.5 * np.stack((-t3 + 2 * t2 - t, 3 * t3 - 5 * t2 + 2, -3 * t3 + 4 * t2 + t, t3 - t2))
     slopes = 0.5 * np.stack((-3 * t2 + 4 * t - 1, 9 * t2 - 10 * t, -9 * t2 + 8 * t + 1, 3 * t2 - 2 * t))

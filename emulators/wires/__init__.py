@@ -1,1 +1,1 @@
-"""Emulated adapters between wires."""
+"""Emulated adapters between two kinds of wires."""

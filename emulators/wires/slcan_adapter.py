@@ -1,7 +1,7 @@
-"""A serial CAN adapter that speaks slcan text to its host, as a LAWICEL CAN232 with auto poll on.
+"""Emulated serial CAN adapter that speaks slcan text to its host, like a LAWICEL CAN232 with auto poll enabled.
 
-Source: LAWICEL CAN232 version 3 manual, February 2010. Frames are answered `z` or `Z` and CR, other commands
-CR, refused ones BELL.
+Source: LAWICEL CAN232 version 3 manual, February 2010. The adapter answers frames with `z` or `Z` and CR, other
+commands with CR, and refused commands with BELL.
 """
 
 from collections.abc import Sequence
@@ -26,9 +26,9 @@ BIT_RATES = {
     b"7": 800_000,
     b"8": 1_000_000,
 }
-"""Bit rate in bit/s by the digit of the S command."""
+"""Bit rate, bit/s, by the digit of the S command."""
 _CLOCK_HZ = 8_000_000
-"""Clock of the CAN controller's bit timing registers (s command)."""
+"""Clock frequency of the CAN controller's bit timing registers (s command), Hz."""
 
 _RX_FULL, _TX_FULL, _BUS_ERROR = 0x01, 0x02, 0x80
 """Bits of the status flags."""
@@ -44,19 +44,19 @@ class Channel(Enum):
 
 @dataclass(frozen=True)
 class SlcanProfile:
-    """The bus at the adapter and the adapter's limits."""
+    """Properties of the bus at the adapter, and the adapter's limits."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     bus_bit_rate: int = setting(
         1_000_000,
         Mark.OBSERVED,
-        "bit rate of the bus; opened at another, no frame passes",
+        "bit rate of the bus; at any other rate no frame passes",
         at_least(1),
         unit="bit/s",
     )
-    frames_limit: int = setting(1024, Mark.CHOSEN, "frames kept on their way to the bus", at_least(1))
-    text_limit: int = setting(32768, Mark.CHOSEN, "bytes kept on their way to the host", at_least(64))
+    frames_limit: int = setting(1024, Mark.CHOSEN, "maximum number of frames queued for the bus", at_least(1))
+    text_limit: int = setting(32768, Mark.CHOSEN, "maximum number of bytes queued for the host", at_least(64))
     version: str = setting("1013", Mark.STANDARD, "hardware and software version, two digits each")
     serial_number: str = setting("A123", Mark.STANDARD, "serial number")
 
@@ -89,14 +89,17 @@ class SlcanAdapter(TextEnd):
     # --- text side
 
     def receive(self, data: bytes, now: float) -> None:
-        """Commands of the host; each is answered."""
+        """Handle commands of the host, and answer each one."""
         for line in self._lines.feed(data):
-            self._say(self._answer(line, now))
+            self._send(self._answer(line, now))
 
     # --- CAN side
 
     def send_frames(self, frames: Sequence[CanFrame], now: float) -> None:
-        """Frames from the bus for the host; lost while closed, at a wrong bit rate, or unread."""
+        """Pass frames from the bus to the host.
+
+        Frames are lost while the channel is closed, at a wrong bit rate, or if the host does not read them.
+        """
         if self._channel is Channel.CLOSED:
             return
         if not self._on_bus():
@@ -106,19 +109,21 @@ class SlcanAdapter(TextEnd):
         for frame in frames:
             if frame.error:
                 self._flags |= _BUS_ERROR
-            elif not self._say(slcan.encode_frame(frame, stamp)):
+            elif not self._send(slcan.encode_frame(frame, stamp)):
                 self._flags |= _RX_FULL
 
     # --- commands
 
-    def _say(self, text: bytes) -> bool:
+    def _send(self, text: bytes) -> bool:
         fits = len(self._text) + len(text) <= self._profile.text_limit
         if fits:
             self._text += text
         return fits
 
     def _on_bus(self) -> bool:
-        """Whether the two sides' bit rates agree to within what bit timing bridges."""
+        """Return whether the bit rate of the adapter matches the bit rate of the bus within the tolerance of the
+        bit timing.
+        """
         rate = self._bit_rate or 0
         return abs(rate - self._profile.bus_bit_rate) <= 0.005 * self._profile.bus_bit_rate
 
@@ -155,12 +160,12 @@ class SlcanAdapter(TextEnd):
         return slcan.BELL
 
     def _set_registers(self, registers: bytes) -> bytes:
-        """Bit timing registers BTR0 and BTR1 of the CAN controller as four digits."""
+        """Set the bit rate from the bit timing registers BTR0 and BTR1 of the CAN controller, given as four digits."""
         try:
             first, second = bytes.fromhex(registers.decode("ascii"))
         except ValueError:
             return slcan.BELL
-        # A bit is one quantum, then 1 … 16 before the sampling point and 1 … 8 after it.
+        # A bit is one quantum, then 1 … 16 quanta before the sampling point and 1 … 8 quanta after it.
         quanta = 3 + (second & 0x0F) + (second >> 4 & 0x07)
         self._bit_rate = _CLOCK_HZ / (((first & 0x3F) + 1) * quanta)
         return slcan.CR

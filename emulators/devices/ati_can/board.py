@@ -1,4 +1,6 @@
-"""An emulated NETCANOEM board: it answers questions with gages, and with the matrix that makes a wrench of them."""
+"""Emulated NETCANOEM board: it answers requests with gage values, and with the matrix that converts them to a
+wrench.
+"""
 
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -31,19 +33,19 @@ from protocol.devices.ati_can.messages import (
 from protocol.wrench import AXES
 
 RATE_HZ = 4000
-"""Samples a second of the emulated gages. Assumed: the board samples when it is asked."""
+"""Sample rate of the emulated gages, Hz. Assumed: a real board samples on request."""
 _BAD_CALIBRATION = 1 << 6 | ANY_ERROR
 _UNITS_FROM = (3, 7)
 _DIAGNOSIS_FROM = (3, 8)
 _DIAGNOSES = 6
 _DIAGNOSIS = 2048
-"""Assumed: what a diagnosis tells, the middle of its converter."""
+"""Value of a diagnosis. Assumed: the middle of the converter's range."""
 _REMEMBERED = 4096
-"""Chosen: samples of which the time is known."""
+"""Number of samples whose time is stored. Chosen."""
 
 
 class AtiCanBoard:
-    """The board behind its wire, which `endpoint` is: takes and gives CAN frames. An `EmulatedSensor`."""
+    """Board behind its wire, which is `endpoint`. It receives and sends CAN frames. An `EmulatedSensor`."""
 
     def __init__(self, profile: AtiCanProfile, source: WrenchSource, powered_at: float, seed: int) -> None:
         self.profile = profile
@@ -55,12 +57,12 @@ class AtiCanBoard:
         converter = Converter(matrix, noise, *ends, offset=float(profile.offset_gages), unrest=errors)
         self._measured = MeasuredWrench(source, RATE_HZ, converter, seed, "cell.ati_can.noise_gages")
         self.endpoint: Packets[Sequence[CanFrame]] = Packets(self, FRAMES, f"{seed} frames")
-        """The end of its wire."""
+        """Board's end of the wire."""
         self._faults = OwnFaults()
         self._read = self._measured.number_at(powered_at)
         self._count = 0
-        self._told_at: deque[tuple[int, float]] = deque(maxlen=_REMEMBERED)
-        """Samples that were told, by their number since power-up, and when each was measured, s."""
+        self._sample_times: deque[tuple[int, float]] = deque(maxlen=_REMEMBERED)
+        """Numbers of reported samples, counted from power-up, each with the time of its measurement, s."""
         self.unmodelled = Unmodelled("ati-can")
         self._stored_base = self._base = profile.base
         self._boot(powered_at, watchdog=False)
@@ -78,13 +80,13 @@ class AtiCanBoard:
         }
 
     def sampled_at(self, counter: int) -> float | None:
-        """When it measured the sample that it told as the one of this number, s."""
-        return next((at for number, at in reversed(self._told_at) if number == counter), None)
+        """Return the time at which the board measured the reported sample with this number, s."""
+        return next((at for number, at in reversed(self._sample_times) if number == counter), None)
 
     # --- power
 
     def _boot(self, now: float, watchdog: bool) -> None:
-        self._hears_from = now + self.profile.boot_s
+        self._receives_from = now + self.profile.boot_s
         self._slot = 0
         self._watchdog = watchdog
         self._answers: deque[tuple[float, Sequence[CanFrame]]] = deque()
@@ -96,9 +98,9 @@ class AtiCanBoard:
     # --- endpoint
 
     def receive(self, data: Sequence[CanFrame], now: float) -> None:
-        """Take questions; anything else gets no answer."""
+        """Receive requests. The board does not answer other frames."""
         for frame in data:
-            if now < self._hears_from or frame.extended or frame.remote or frame.error:
+            if now < self._receives_from or frame.extended or frame.remote or frame.error:
                 continue
             if frame.identifier >> 4 != self._base:
                 continue
@@ -109,23 +111,23 @@ class AtiCanBoard:
         """Return None: a board has no events."""
 
     def data_to_send(self, now: float) -> Sequence[CanFrame]:
-        """Answers whose time has come."""
+        """Return answers that are due."""
         out: list[CanFrame] = []
         while self._answers and self._answers[0][0] <= now:
             out += self._answers.popleft()[1]
         return out
 
     def next_deadline(self) -> float | None:
-        """When the next answer goes out, s."""
+        """Return the time at which the next answer is due, s."""
         return self._answers[0][0] if self._answers else None
 
     def handle_deadline(self, now: float) -> None:
-        """Answers go out with `data_to_send`."""
+        """Do nothing: `data_to_send` returns the answers."""
 
     # --- questions
 
     def _answer(self, op: int, data: bytes, now: float) -> Sequence[CanFrame]:
-        """Frames of the answer; none for an operation that is not known, and for a byte that is missing or wrong."""
+        """Return the frames of the answer. There are none for an unknown operation or a missing or invalid byte."""
         profile, base, first = self.profile, self._base, data[0] if data else None
         if op == Op.SAMPLE:
             return self._sample(now)
@@ -166,7 +168,7 @@ class AtiCanBoard:
         return (CanFrame(identifier(self._base, op), data),)
 
     def _counts(self, kind: str, now: float) -> int:
-        """Return the counts for a unit, as the board reports them."""
+        """Return the counts per unit that the board reports."""
         counts, wrong = self.profile.counts_per_unit, self._faults.under_way("wrong-scales", now)
         if wrong is None or wrong.values["of"] not in ("all", kind):
             return counts
@@ -178,7 +180,7 @@ class AtiCanBoard:
         if self._faults.under_way("unplugged", now) is not None:
             gages = [self.profile.unplugged_gage] * GAGES
         self._count += 1
-        self._told_at.append((self._count, self._read / RATE_HZ))
+        self._sample_times.append((self._count, self._read / RATE_HZ))
         status = WATCHDOG | ANY_ERROR if self._watchdog else 0
         if self._slot not in self.profile.slots:
             status |= _BAD_CALIBRATION
@@ -189,10 +191,10 @@ class AtiCanBoard:
     # --- faults
 
     def _other_host(self, injection: Injection) -> None:
-        """Put the question of another host, and the board's answer to it, on the bus."""
+        """Put another host's request, and the board's answer to it, on the bus."""
         slot, at = int(injection.number("slot")), injection.injected_at
         self._slot = slot
-        asked = CanFrame(identifier(self._base, Op.SLOT), bytes((slot,)))
-        self._answers.append((at, (asked, asked)))
+        request = CanFrame(identifier(self._base, Op.SLOT), bytes((slot,)))
+        self._answers.append((at, (request, request)))
         injection.struck += 1
         injection.finish(at)

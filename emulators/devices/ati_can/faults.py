@@ -1,4 +1,4 @@
-"""Faults of a NETCANOEM board: of its signal, its calibration, its bus and itself."""
+"""Faults of a NETCANOEM board, by target: signal, calibration, bus and the board itself."""
 
 from collections.abc import Mapping
 
@@ -11,19 +11,19 @@ ATI_CAN_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     SENSOR_WIRE: FRAMES.faults,
     "sensor": {
         **WRONG_SCALES,
-        "unplugged": Fault(
-            "the transducer's plug is pulled: its gages go to an end, without a status", {}, 2.0
+        "unplugged": Fault("the transducer is unplugged: its gages saturate, without a status", {}, 2.0),
+        "power-cycle": Fault("it loses power, and reboots", {}),
+        "watchdog": Fault(
+            "its watchdog resets it: it boots, selects slot 0, and reports the reset in its status", {}
         ),
-        "power-cycle": Fault("it loses its supply, and boots", {}),
-        "watchdog": Fault("its watchdog resets it: it boots, chooses slot 0, and tells it in its status", {}),
         "status": Fault(
-            "it tells an error in its status, and continues",
-            {"bit": Parameter(5, "number of the bit", 0, 15)},
+            "its status reports an error, and it continues",
+            {"bit": Parameter(5, "bit number", 0, 15)},
             FOREVER,
         ),
         "other-host": Fault(
-            "another host chooses another calibration", {"slot": Parameter(1, "which", 0, 15)}
+            "another host selects another calibration", {"slot": Parameter(1, "slot number", 0, 15)}
         ),
     },
 }
-"""Faults by target."""
+"""Faults of the board, by target."""

@@ -61,21 +61,23 @@ _MINI40 = (
         12.7373831753738,
     ),
 )
-"""Calibration FT4472 of a Mini40, fx fy fz tx ty tz by gages 0 … 5. Source: sawATIForceSensor, FT4472Net.xml."""
+"""Calibration FT4472 of a Mini40: rows fx fy fz tx ty tz, columns gages 0 … 5. Source: sawATIForceSensor,
+FT4472Net.xml.
+"""
 _SINGULAR = 1e9
-"""Chosen: condition number from which six gages do not tell six axes apart."""
+"""Condition number from which six gages do not separate six axes. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class AtiCanProfile:
     """Settings in `[cell.ati_can]`."""
 
-    base: int = setting(BASE, Mark.OBSERVED, "base identifier", between(0, 0x7F))
+    base: int = setting(BASE, Mark.OBSERVED, "base identifier of the board", between(0, 0x7F))
     matrix: tuple[float, ...] = setting(
-        _MINI40, Mark.OBSERVED, "calibration: counts of each axis, fx first, for one count of gages 0 … 5"
+        _MINI40, Mark.OBSERVED, "calibration: counts of each axis, fx first, per count of gages 0 … 5"
     )
     counts_per_unit: int = setting(
-        1_000_000, Mark.OBSERVED, "counts for 1 N and for 1 N·m", between(1, 2**32 - 1)
+        1_000_000, Mark.OBSERVED, "counts per N and per N·m", between(1, 2**32 - 1)
     )
     slots: tuple[int, ...] = setting(
         (0,), Mark.CHOSEN, "slots that hold the calibration", between(0, SLOTS - 1)
@@ -83,7 +85,7 @@ class AtiCanProfile:
     offset_gages: int = setting(
         0,
         Mark.CHOSEN,
-        "what a gage tells without a load; a run then needs the bias that `identify tool` measures",
+        "gage reading without a load; if set, a run needs the bias that `identify tool` measures",
         between(-20000, 20000),
         unit="counts",
     )
@@ -91,7 +93,7 @@ class AtiCanProfile:
         5.0, Mark.CHOSEN, "noise of each gage, rms; up to 80 is normal", at_least(0.0), unit="counts"
     )
     wander_n: PerAxis = setting(0.01, Mark.ASSUMED, *errors.WANDER_N)
-    """This and all down to the noise in motion as those of a Net F/T."""
+    """This setting and those down to the noise in motion are those of a Net F/T."""
     slope_n_min: PerAxis = setting(0.0, Mark.ASSUMED, *errors.SLOPE_N_MIN)
     creep_share: float = setting(0.01, Mark.ASSUMED, *errors.CREEP_SHARE)
     creep_s: float = setting(5.0, Mark.ASSUMED, *errors.CREEP_S)
@@ -102,18 +104,23 @@ class AtiCanProfile:
     motion_n: PerAxis = setting((0.65, 0.32, 0.21), Mark.ASSUMED, *errors.MOTION_N)
     motion_mm_s: float = setting(100.0, Mark.ASSUMED, *errors.MOTION_MM_S)
     turnaround_s: float = setting(
-        0.0002, Mark.ASSUMED, "from a question to its answer", between(0.0, 1.0), unit="s"
+        0.0002, Mark.ASSUMED, "time from a request to its response", between(0.0, 1.0), unit="s"
     )
     boot_s: float = setting(
-        0.5, Mark.ASSUMED, "deaf and silent after power-up and reset", between(0.0, 60.0), unit="s"
+        0.5, Mark.ASSUMED, "time without response after power-up and reset", between(0.0, 60.0), unit="s"
     )
     unplugged_gage: int = setting(
-        32767, Mark.ASSUMED, "what the gages tell without a transducer", between(-32768, 32767)
+        32767, Mark.ASSUMED, "gage reading without a transducer", between(-32768, 32767)
     )
-    reset_applies: bool = setting(False, Mark.ASSUMED, "whether a new base holds after a reset, too")
-    serial: str = setting("FT4472", Mark.OBSERVED, "number of the transducer, up to 8 characters")
+    reset_applies: bool = setting(
+        False, Mark.ASSUMED, "a new base identifier takes effect after a reset, too"
+    )
+    serial: str = setting("FT4472", Mark.OBSERVED, "serial number of the transducer, up to 8 characters")
     firmware: tuple[int, int, int] = setting(
-        (3, 8, 2), Mark.OBSERVED, "major, minor, build; units are told from 3.7 on", between(0, 255)
+        (3, 8, 2),
+        Mark.OBSERVED,
+        "firmware version: major, minor, build; units are reported from 3.7 on",
+        between(0, 255),
     )
 
     def __post_init__(self) -> None:
@@ -122,7 +129,7 @@ class AtiCanProfile:
         if len(self.matrix) != GAGES * GAGES or not np.isfinite(self.matrix).all():
             raise SettingError("matrix", f"must be 36 numbers, got {len(self.matrix)}")
         if not np.linalg.cond(self.coefficients) < _SINGULAR:
-            raise SettingError("matrix", "must be one that can be inverted")
+            raise SettingError("matrix", "must be invertible")
         if len(self.firmware) != 3:
             raise SettingError("firmware", f"must be three numbers, got {len(self.firmware)}")
         if len(self.serial) > 8 or not self.serial.isascii():
@@ -130,6 +137,6 @@ class AtiCanProfile:
 
     @property
     def coefficients(self) -> Floats:
-        """The matrix (6, 6) as the board sends it, in numbers of 32 bits."""
+        """Matrix (6, 6) that the board sends, in 32-bit numbers."""
         form = f">{GAGES * GAGES}f"
         return np.reshape(struct.unpack(form, struct.pack(form, *self.matrix)), (GAGES, GAGES))

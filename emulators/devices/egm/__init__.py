@@ -1,4 +1,4 @@
-"""An emulated ABB controller with Externally Guided Motion, and its arm."""
+"""Emulated ABB controller with Externally Guided Motion, and its arm."""
 
 from emulators.devices.egm.controller import EgmController
 from emulators.devices.egm.faults import EGM_FAULTS

@@ -1,10 +1,11 @@
-"""An emulated controller with Externally Guided Motion: its session, its cycle, and its datagrams.
+"""Emulated controller with Externally Guided Motion: its session, cycle, and datagrams.
 
-One cycle [M]: read the measured place, send a datagram, take the next message of the queue, move the set point. The
-controller speaks first and keeps its own time; no answer is waited for.
+One cycle [M]: read the measured position, send a datagram, take the next message from the queue, move the set
+point. The controller sends first, on its own clock, and does not wait for answers.
 
-The RAPID program that is played: EGMReset, EGMGetId, EGMSetupUC, EGMActPose, EGMRunPose. After a time-out its error
-handler begins another session, after `retry_s`. After another error it stands until it is restarted.
+It executes this RAPID program: EGMReset, EGMGetId, EGMSetupUC, EGMActPose, EGMRunPose. After a timeout, the
+program's error handler begins another session once `retry_s` has passed. After any other error the program stops
+until it is restarted.
 """
 
 import math
@@ -44,10 +45,10 @@ _TIME_OUT = "event 41822: ERR_UDPUC_COMM, no message from the PC"
 
 
 class EgmController:
-    """The controller and its arm: an `EmulatedRobot` over datagrams."""
+    """Controller and its arm: an `EmulatedRobot` over datagrams."""
 
     def __init__(self, profile: EgmProfile, start: StartPose, now: float, seed: int) -> None:
-        """Powered up at `now`, with its program running. Raises ValueError for a start that the arm cannot hold."""
+        """Power up at `now`, with the program running. Raises ValueError for a start that the arm cannot hold."""
         pose = Pose(start.position, normalise(start.quaternion))
         self._profile, self._powered_at = profile, now
         self._period = profile.cycle_ms * 1e-3
@@ -55,14 +56,14 @@ class EgmController:
         self._cycle = 0
         """Number of the next cycle."""
         self.counters: Counter[str] = Counter()
-        """Datagrams sent and taken, and those that were not used, by name."""
+        """Numbers of datagrams sent, accepted and discarded, by name."""
         self.orders, self.unmodelled = Orders(), Unmodelled("egm")
         self.desk, self.stops = Desk(), Stops()
         self.session = Session(profile, self.counters, now)
         kinematics = ArmJoints(profile, start.tool_length)
         self.tool_pose_at = kinematics.pose
         self.motion = GuidedMotion(profile, pose, kinematics)
-        """Set point and law."""
+        """Set point and control law."""
         self.motion.begin(now)
         self._arm = FollowedArm(mechanics(profile), pose, now)
         self.path: ArmPath = self._arm.path
@@ -100,7 +101,7 @@ class EgmController:
         return self.queue.accepted
 
     joint_stiffness: Joints = (2.0e5, 2.0e5, 1.5e5, 3.0e4, 3.0e4, 2.0e4)
-    """Assumed, N·m/rad: of an arm for 20 kg with cycloidal gears; its encoders are on the motors."""
+    """Joint stiffness, N·m/rad. Assumed: as for an arm for 20 kg with cycloidal gears and encoders on the motors."""
 
     def joints_holding(self, pose: Pose, at: float) -> Joints | None:
         return self.motion.holding(pose)
@@ -127,7 +128,7 @@ class EgmController:
     def handle_deadline(self, now: float) -> None:
         while (at := self._cycle_at(self._cycle)) <= now:
             late = self._cycle_at(self._cycle + self._every) <= now
-            self._run_cycle(at, silent=late)  # a cycle that this computer has missed is not told any more
+            self._run_cycle(at, silent=late)  # a cycle that this computer has missed is not reported
             self._cycle += 1
 
     def _cycle_at(self, number: int) -> float:
@@ -163,7 +164,7 @@ class EgmController:
         self._move(at)
 
     def _act(self, message: Answer, at: float) -> None:
-        """Apply a message that has reached the motion."""
+        """Apply a message that has left the queue after its delay."""
         profile = self._profile
         self.motion.take(message)
         moves = self.session.state is State.GUIDING
@@ -173,7 +174,7 @@ class EgmController:
             self.end_guidance(at)
 
     def _move(self, at: float) -> None:
-        """Let time pass for the state: one cycle of motion, and the ends that come by themselves."""
+        """Advance the motion by one cycle, and end it if a condition or a timeout requires this."""
         motion, profile, session = self.motion, self._profile, self.session
         before, since = motion.pose, at - session.since
         match session.state:
@@ -184,10 +185,10 @@ class EgmController:
                 self._guide(at)
             case State.RAPID_STOPPED if motion.moves:
                 if motion.brake(1.0 - since / profile.stop_ramp_s if profile.stop_ramp_s else 0.0):
-                    motion.stand()
+                    motion.halt()
             case State.ENDED if session.origin is not None:
                 share = since / profile.ramp_out_s if profile.ramp_out_s else 1.0
-                motion.go_back(session.origin, share)
+                motion.return_to_start(session.origin, share)
                 if share >= 1.0:
                     session.origin = None
             case State.TIMED_OUT if profile.retry_s and since >= profile.retry_s:
@@ -207,8 +208,8 @@ class EgmController:
     # --- the session
 
     def restart_program(self, now: float) -> None:
-        """Start the RAPID program from its first line: another session. The tool stands where it is."""
-        self.motion.stand()
+        """Restart the RAPID program from its first line. This begins another session and does not move the tool."""
+        self.motion.halt()
         self.motion.begin(now)
         self.session.begin(now)
         self.reporter.begin_session()
@@ -218,28 +219,28 @@ class EgmController:
             self.session.enter(self.stops.state, now)
 
     def end_guidance(self, now: float) -> None:
-        """EGMRun ends without an error: the tool is held, or goes back to where the guidance began."""
+        """End EGMRun without an error: the tool is held, or returns to the pose at which the guidance began."""
         if self.session.state is State.GUIDING:
-            self.motion.stand()
+            self.motion.halt()
             self.session.enter(State.ENDED, now)
             self.session.origin = self.motion.pose if self._profile.stop_mode == "ramp_down" else None
 
     def _fail(self, error: str, at: float, state: State = State.FAILED) -> None:
-        """EGM ends with an error, and RAPID with it unless its error handler continues."""
+        """End EGM with an error. RAPID ends as well, unless its error handler continues."""
         self.session.error = error
-        self.motion.stand()
+        self.motion.halt()
         self.session.enter(state, at)
 
     # --- stops
 
     def stop(self, name: str, now: float) -> None:
-        """Stop the robot: `emergency-stop`, `motors-off` or `program-stopped`. Idempotent."""
+        """Stop the robot for the reason `emergency-stop`, `motors-off` or `program-stopped`. Idempotent."""
         if name not in self.stops.by_hand:
             self.stops.by_hand.add(name)
             self._begin_stop(name, now)
 
     def start(self, name: str, now: float) -> None:
-        """End a stop of the panel. Idempotent."""
+        """End a stop from the panel. Idempotent."""
         if name in self.stops.by_hand:
             self.stops.by_hand.remove(name)
             self._end_stop(name, now)
@@ -251,19 +252,19 @@ class EgmController:
     def _begin_stop(self, name: str, now: float) -> None:
         self.stops.names.append(name)
         if name in POWERLESS:
-            self.motion.stand()
+            self.motion.halt()
         if self.session.state not in OVER:
             self.session.enter(self.stops.state, now)
 
     def _end_stop(self, name: str, now: float) -> None:
-        """Continue the motion, unless something else stops it."""
+        """Resume the motion, unless another stop is active."""
         self.stops.names.remove(name)
         if self.session.state not in STOPPED:
             return
-        stays = name in POWERLESS and not self._profile.restart_after_motors_off
-        if self.stops.names or stays:
+        stays_off = name in POWERLESS and not self._profile.restart_after_motors_off
+        if self.stops.names or stays_off:
             self.session.enter(self.stops.state, now)
-        else:  # where the tool stands; messages that came meanwhile have gone on being taken [A]
+        else:  # at the current position; messages received during the stop were still accepted [A]
             self.session.resume(now)
             self.receiver.received_at = now
             self.motion.resume(now)

@@ -1,4 +1,4 @@
-"""Faults of a guided robot, of the pose and the force that it tells, and of its wire: one table a target."""
+"""Faults of a guided robot, its reported pose and force, and its wire: one table for each target."""
 
 from collections.abc import Mapping
 
@@ -9,18 +9,18 @@ from emulators.faults.packets import DATAGRAMS, WIRE
 
 ROBOT_FAULTS: Mapping[str, Fault] = {
     "emergency-stop": Fault("the emergency stop is pressed, and released at the end", {}, FOREVER),
-    "motors-off": Fault("the motors go off at once, and on again at the end", {}, FOREVER),
+    "motors-off": Fault("the motors are switched off at once, and on again at the end", {}, FOREVER),
     "program-stopped": Fault("the RAPID program is stopped, and started again at the end", {}, FOREVER),
-    "program-restarted": Fault("the RAPID program is started from its first line: another session"),
+    "program-restarted": Fault("the RAPID program is started from its first line: a new session begins"),
     "guidance-ended": Fault("the RAPID program ends the guidance by EGMStop"),
-    "out-of-limits": Fault("EGM ends with an error, as for a reference out of the range of a joint"),
+    "out-of-limits": Fault("EGM ends with an error, as for a reference outside a joint's range"),
     "cannot-send": Fault("EGM ends with event 41830: the controller cannot send"),
 }
 _SEQNO = Fault(
     "datagrams have a wrong number",
     {
-        "by": Parameter(-100, "how much is added", -1_000_000, 1_000_000),
-        "count": Parameter(1, "how many in a row", 1, 10000),
+        "by": Parameter(-100, "number that is added", -1_000_000, 1_000_000),
+        "count": Parameter(1, "number in a row", 1, 10000),
     },
     amounts=("by",),
 )
@@ -31,7 +31,7 @@ EGM_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     WIRE: {**DATAGRAMS.faults, "wrong-seqno": _SEQNO},
     "witness": {
         **WITNESS_FAULTS,
-        "missing": Fault("datagrams come without the measured force", {}, FOREVER),
+        "missing": Fault("datagrams do not contain the measured force", {}, FOREVER),
     },
 }
-"""Faults by target."""
+"""Faults of the robot, by target."""

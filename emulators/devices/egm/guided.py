@@ -1,4 +1,4 @@
-"""The set point of a controller that is guided: by poses, by joints, or along a path of its own with corrections."""
+"""Set point of a guided controller: guided by poses or joints, or moved along a programmed path with corrections."""
 
 import math
 from collections.abc import Callable
@@ -23,35 +23,36 @@ from protocol.geometry import (
 from protocol.kinematics import Arm, Joints
 
 _HALF_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
-"""About the tool's z axis: with all joints at zero the tool's x axis points down, against that of the kinematics.
-Derived: tool0 of ABB's arms has the orientation 0.707 0 0.707 0 there."""
+"""Rotation by half a turn about the tool's z axis. With all joints at zero, the tool's x axis points down, opposite
+to the x axis of the kinematics. Derived: tool0 of ABB's arms has the orientation 0.707 0 0.707 0 at these joints.
+"""
 _AT_HAND: Joints = (0.0,) * 6
 _QUICK = 1e9
-"""Speed of the arm's own interpolation, mm/s and degrees/s: it takes each set point as it is."""
+"""Speed limits of the arm's own interpolation, mm/s and degrees/s, so high that it takes each set point unchanged."""
 
 
 class ArmJoints:
-    """Joints of the emulated arm for poses of the tool, and back."""
+    """Kinematics of the emulated arm."""
 
     def __init__(self, profile: EgmProfile, tool_length: float) -> None:
         self._arm = Arm(profile.arm, tool_length)
         arm = profile.arm
         lengths = arm.upper_arm_mm, arm.elbow_offset_mm, arm.forearm_mm, arm.wrist_to_flange_mm
         self.reach = sum(lengths) * 1e-3 + tool_length
-        """Farthest that the tool is from axis 2, m."""
+        """Largest distance of the tool from axis 2, m."""
 
     def holding(self, pose: Pose, near: Joints = _AT_HAND) -> Joints | None:
-        """Return the joints nearest to others that hold a pose, rad; None where none do."""
+        """Return the joints that hold a pose and are nearest to the given ones, rad; None if there is no solution."""
         return self._arm.nearest(pose.position, product(pose.quaternion, _HALF_TURN), near)
 
     def pose(self, joints: Joints) -> Pose:
-        """Where the tool is with these joints."""
+        """Return the pose of the tool at these joints."""
         position, quaternion = self._arm.pose(joints)
         return Pose(position, product(quaternion, _HALF_TURN))
 
 
 class GuidedMotion:
-    """The set point, and how it continues from cycle to cycle.
+    """Set point, and its motion from cycle to cycle.
 
     Raises ValueError for a start that the arm cannot hold.
     """
@@ -71,49 +72,49 @@ class GuidedMotion:
         self.pose = start
         """Set point of the controller."""
         self.joints: Joints = at_start
-        """The same of the joints, rad."""
+        """Set point of the joints, rad."""
         self.tool_limit_m_s = math.inf
-        """Fastest that the tool is taken, m/s: reduced speed of the manual mode."""
+        """Speed limit of the tool, m/s: reduced speed of the manual mode."""
         self.programmed_share = 1.0
-        """The speed ratio, 0 … 1: share of the speed of the programmed path."""
+        """Programmed speed of the path, as a share of the full speed, 0 … 1: the speed ratio."""
         self.begin(0.0)
 
     # --- the run of the guidance
 
     def begin(self, now: float) -> None:
-        """Begin the guidance, or begin it again, at the present set point."""
+        """Begin or restart the guidance at the current set point."""
         self.begun_at = now
         self.start, self._start_joints = self.pose, self.joints
         self.moves = False
-        """It moved in the last cycle."""
+        """Whether the set point moved in the last cycle."""
         self._law.rest()
         self._velocity: Axes = STILL
         self._corrected = [0.0, 0.0]
-        self._gone = 0.0
+        self._path_mm = 0.0
         self.forget()
 
     def resume(self, now: float) -> None:
-        """Continue the guidance after a stop, from standstill and with its ramp; the reference is kept [A]."""
+        """Continue the guidance after a stop, from standstill and with a new ramp. The reference is kept [A]."""
         self.begun_at = now
-        self.stand()
+        self.halt()
 
     def forget(self) -> None:
-        """There is no reference."""
+        """Discard the reference."""
         self._reference: Pose | Joints | None = None
         self._ahead: Axes = STILL
         self._offset: Vector = (0.0, 0.0, 0.0)
 
     def holding(self, pose: Pose) -> Joints | None:
-        """Return the joints nearest to the set point that hold a pose, rad; None where none do."""
+        """Return the joints that hold a pose and are nearest to the set point, rad; None if there is no solution."""
         return self._kinematics.holding(pose, self.joints)
 
     @property
     def utilization_percent(self) -> float:
-        """Speed that was asked for, in percent of the largest."""
+        """Requested speed, in percent of the maximum speed."""
         return self._law.utilization_percent
 
     def take(self, message: Answer) -> None:
-        """Have this as the reference. A part that is missing leaves the place as it is, and the speed at zero [A]."""
+        """Set the reference. A missing position leaves the position unchanged; a missing speed is zero [A]."""
         if isinstance(message, PathCorrection):
             self._offset = message.offset_mm
             return
@@ -136,7 +137,9 @@ class GuidedMotion:
     # --- one cycle
 
     def guide(self, now: float) -> str:
-        """Move the set point for one cycle. Words for what ends the guidance, empty for nothing."""
+        """Move the set point for one cycle. Return the text of an error that ends the guidance, or an empty string
+        if there is none.
+        """
         step: Callable[[float], tuple[Pose, Joints | None]] = {
             "pose": self._by_pose,
             "joint": self._by_joint,
@@ -146,28 +149,28 @@ class GuidedMotion:
         return self._go(pose, joints)
 
     def brake(self, share: float) -> str:
-        """Move on for one cycle with this share of the last speed of the guidance."""
+        """Move for one cycle at this share of the last guided speed."""
         if share <= 0.0:
-            self.stand()
+            self.halt()
             return ""
         pose, joints = self._moved(tuple(share * part for part in self._velocity))
         return self._go(pose, joints)
 
-    def stand(self) -> None:
-        """Move no more."""
+    def halt(self) -> None:
+        """Stop moving."""
         self.moves = False
         self._law.rest()
         self._velocity = STILL
 
-    def go_back(self, origin: Pose, share: float) -> None:
-        """Stand on the straight way from a pose to the start of the guidance, behind this share of it."""
+    def return_to_start(self, origin: Pose, share: float) -> None:
+        """Move the set point to this fraction of the straight line from a pose to the start of the guidance."""
         share = min(share, 1.0)
         x, y, z = (p + (q - p) * share for p, q in zip(origin.position, self.start.position, strict=True))
         pose = Pose((x, y, z), slerp(origin.quaternion, self.start.quaternion, share))
         self._go(pose, self.holding(pose))
 
     def converged(self) -> bool:
-        """Whether the reference is there and inside the window of convergence."""
+        """Return whether there is a reference and the set point is within the convergence limits around it."""
         if self._reference is None:
             return False
         degrees, error = math.radians(self._profile.conv_deg), self._error()
@@ -178,7 +181,7 @@ class GuidedMotion:
         return near and abs(u) <= degrees and abs(v) <= degrees and abs(w) <= degrees
 
     def _error(self) -> Axes:
-        """From the set point to the reference."""
+        """Return the difference from the set point to the reference."""
         reference = self._reference
         if reference is None:
             return STILL
@@ -195,35 +198,37 @@ class GuidedMotion:
     def _by_pose(self, since: float) -> tuple[Pose, Joints | None]:
         self._velocity = self._law.speed(self._error(), self._ahead, since)
         pose, joints = self._moved(self._velocity)
-        way, most = math.dist(pose.position, self.pose.position), self.tool_limit_m_s * self._period
-        if way <= most:
+        distance, most = math.dist(pose.position, self.pose.position), self.tool_limit_m_s * self._period
+        if distance <= most:
             return pose, joints
-        self._velocity = tuple([part * most / way for part in self._velocity])
+        self._velocity = tuple([part * most / distance for part in self._velocity])
         return self._moved(self._velocity)
 
     _by_joint = _by_pose
 
     def _by_path(self, since: float) -> tuple[Pose, Joints | None]:
-        """Along the programmed path, with the correction in the path frame: y = x cross tool z, z = x cross y [M]."""
+        """Move along the programmed path, with the correction in the path frame: y = x cross tool z, z = x cross y
+        [M].
+        """
         profile, (dx, dy, dz) = self._profile, self._profile.path_mm
         length = math.hypot(dx, dy, dz)
         tangent = (dx / length, dy / length, dz / length) if length else (1.0, 0.0, 0.0)
         speed = min(profile.path_speed_mm_s * self.programmed_share, self.tool_limit_m_s * 1e3)
-        self._gone = min(self._gone + speed * self._period, length)
+        self._path_mm = min(self._path_mm + speed * self._period, length)
         y = _unit(_cross(tangent, tool_axis(self.start.quaternion)))
         z = _cross(tangent, y)
         most = profile.path_corr_mm_s * self._period
-        for axis, wanted in enumerate(self._offset[1:]):
-            self._corrected[axis] += max(-most, min(most, wanted - self._corrected[axis]))
+        for axis, target in enumerate(self._offset[1:]):
+            self._corrected[axis] += max(-most, min(most, target - self._corrected[axis]))
         a, b, c = (
-            p + (self._gone * t + self._corrected[0] * j + self._corrected[1] * k) * 1e-3
+            p + (self._path_mm * t + self._corrected[0] * j + self._corrected[1] * k) * 1e-3
             for p, t, j, k in zip(self.start.position, tangent, y, z, strict=True)
         )
         pose = Pose((a, b, c), self.start.quaternion)
         return pose, self.holding(pose)
 
     def _moved(self, velocity: Axes) -> tuple[Pose, Joints | None]:
-        """Return the set point after a cycle at this speed."""
+        """Return the set point after one cycle at this speed."""
         if velocity == STILL:
             return self.pose, self.joints
         by = tuple([part * self._period for part in velocity])
@@ -243,7 +248,7 @@ class GuidedMotion:
         return pose, self.holding(pose)
 
     def _go(self, pose: Pose, joints: Joints | None) -> str:
-        """Have this as the set point, unless it is out of bounds."""
+        """Change the set point, unless the new one is out of bounds."""
         profile = self._profile
         for low, place, high in zip(
             profile.workspace_min_mm, pose.position, profile.workspace_max_mm, strict=True
@@ -257,7 +262,7 @@ class GuidedMotion:
             for start, before, after, quickest in zip(
                 self._start_joints, self.joints, joints, self._quickest, strict=True
             ):
-                # quicker than the joint, as next to a singularity
+                # faster than the joint can move, for example near a singularity
                 if abs(after - start) > most or abs(after - before) > quickest:
                     return OUT_OF_BOUNDS
         self.moves = pose != self.pose
@@ -275,7 +280,7 @@ def _unit(v: Vector) -> Vector:
 
 
 def mechanics(profile: EgmProfile) -> FollowedProfile:
-    """Return the arm after the set point; the set point itself is delayed by one cycle."""
+    """Return the settings of the arm that follows the set point. The set point itself is delayed by one cycle."""
     arm = profile.arm
     return FollowedProfile(
         cycle_ms=profile.cycle_ms,

@@ -1,10 +1,12 @@
-"""Acts at an emulated ABB controller, by an operator at its panel and by a client of its web services.
+"""Operation of an emulated ABB controller, by an operator at its panel and by a client of its web services.
 
-Switching the motors off stops RAPID too, and motors that are switched on again leave it stopped. Turning the key does
-both. An emergency stop that is released only permits the motors to be switched on (ISO 13850: a reset starts nothing).
+Switching the motors off also stops RAPID, and switching them on again leaves it stopped. Turning the key switches
+the motors off and stops RAPID. Releasing an emergency stop only permits the motors to be switched on (ISO 13850: a
+reset starts nothing).
 
-Source: abb_librws (9ba0837) for what its requests do; its pull request 159: EGM works in both manual modes. 250 mm/s at
-reduced speed: ISO 10218-1. Assumed: the key as above; in a manual mode the web services refuse to operate the robot.
+Source: abb_librws (9ba0837) for the effect of its requests; its pull request 159: EGM works in both manual modes.
+250 mm/s at reduced speed: ISO 10218-1. Assumed: the effect of the key; in a manual mode the web services refuse to
+operate the robot.
 """
 
 import math
@@ -14,20 +16,20 @@ from emulators.devices.egm.state import EMERGENCY_STOP, MOTORS_OFF, POWERLESS, P
 from protocol.devices.egm import Rapid
 
 REDUCED_M_S = 0.25
-"""Fastest tool in the manual mode of reduced speed. Standard: ISO 10218-1."""
+"""Tool speed limit in the manual mode with reduced speed, m/s. Standard: ISO 10218-1."""
 
 
 class RefusedAct(ValueError):
-    """The controller refuses an act in its present state; the words say why."""
+    """Action that the controller refuses in its current state. The text gives the reason."""
 
 
 def runs(controller: EgmController) -> bool:
-    """Whether RAPID runs."""
+    """Return whether RAPID is running."""
     return not controller.stops.names and controller.session.state.value[2] is Rapid.RUNNING
 
 
 def press_emergency_stop(controller: EgmController, now: float) -> None:
-    """Stop the robot at once, with its motors off."""
+    """Stop the robot at once and switch its motors off."""
     controller.stop(EMERGENCY_STOP, now)
     switch_motors_off(controller, now)
 
@@ -38,7 +40,7 @@ def release_emergency_stop(controller: EgmController, now: float) -> None:
 
 
 def turn_key(controller: EgmController, key: Key, now: float) -> None:
-    """Choose the operating mode. Harmless for the present one."""
+    """Select the operating mode. No effect if it is already selected."""
     if key is not controller.desk.key:
         switch_motors_off(controller, now)
         controller.desk.key = key
@@ -46,7 +48,7 @@ def turn_key(controller: EgmController, key: Key, now: float) -> None:
 
 
 def switch_motors_off(controller: EgmController, now: float) -> None:
-    """Switch the motors off; RAPID stops with them."""
+    """Switch the motors off. This stops RAPID."""
     controller.stop(PROGRAM_STOPPED, now)
     controller.stop(MOTORS_OFF, now)
 
@@ -61,21 +63,23 @@ def switch_motors_on(controller: EgmController, now: float) -> None:
 
 
 def stop_program(controller: EgmController, now: float) -> None:
-    """Stop RAPID where it is."""
+    """Stop RAPID at its current position."""
     controller.stop(PROGRAM_STOPPED, now)
 
 
 def reset_pointer(controller: EgmController) -> None:
-    """Set the program pointer to main: the next start begins another session. Raises RefusedAct while RAPID runs."""
+    """Set the program pointer to main, so that the next start begins another session. Raises RefusedAct while RAPID
+    runs.
+    """
     if runs(controller):
         raise RefusedAct("the program runs")
     controller.desk.at_main = True
 
 
 def start_program(controller: EgmController, now: float) -> None:
-    """Start RAPID where it was stopped, or from main. Raises RefusedAct while it runs, and where it cannot."""
+    """Start RAPID where it was stopped, or from main. Raises RefusedAct if RAPID is running or cannot start."""
     if runs(controller):
-        raise RefusedAct("the program runs already")
+        raise RefusedAct("the program is already running")
     if set(controller.stops.names) & set(POWERLESS):
         raise RefusedAct("the motors are off")
     controller.start(PROGRAM_STOPPED, now)
@@ -87,7 +91,9 @@ def start_program(controller: EgmController, now: float) -> None:
 
 
 def restart_program(controller: EgmController, now: float) -> None:
-    """Start RAPID from its first line, whether it runs or not: another session. Raises RefusedAct where it cannot."""
+    """Start RAPID from its first line, even if it is running. This begins another session. Raises RefusedAct if
+    RAPID cannot start.
+    """
     if runs(controller):
         controller.restart_program(now)
     else:
@@ -96,6 +102,6 @@ def restart_program(controller: EgmController, now: float) -> None:
 
 
 def set_speed(controller: EgmController, percent: float) -> None:
-    """Set the speed ratio: 0 to 100 % of programmed speeds. The guidance by poses or joints has none (assumed)."""
+    """Set the speed ratio, 0 to 100 % of the programmed speeds. Guidance by poses or joints ignores it (assumed)."""
     controller.desk.speed_percent = round(percent)
     controller.motion.programmed_share = controller.desk.speed_percent / 100.0

@@ -1,4 +1,4 @@
-"""The panel of an emulated controller with EGM: its buttons, its key, and the state that its pendant shows."""
+"""Panel of an emulated controller with EGM: its buttons, its key, and the state displayed on its pendant."""
 
 import math
 from collections.abc import Mapping
@@ -10,8 +10,8 @@ from emulators.devices.egm.faults import EGM_FAULTS
 from emulators.devices.egm.state import EMERGENCY_STOP, POWERLESS, Key
 from emulators.panel import Controls, Dial, Move, Switch, millimetres, motion_text, numbers_text
 
-_KEY_WORDS = {Key.AUTO: "auto", Key.MANUAL: "manual", Key.MANUAL_FULL_SPEED: "full-speed"}
-"""Positions of the key, for people."""
+_KEY_TEXTS = {Key.AUTO: "auto", Key.MANUAL: "manual", Key.MANUAL_FULL_SPEED: "full-speed"}
+"""Texts for the key's positions."""
 
 
 def _turn(key: Key) -> Move:
@@ -19,7 +19,7 @@ def _turn(key: Key) -> Move:
 
 
 def _start(robot: EgmController, now: float) -> None:
-    """Start RAPID; harmless where it runs."""
+    """Start RAPID. No effect if it is running."""
     if not operation.runs(robot):
         operation.start_program(robot, now)
 
@@ -33,7 +33,7 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
     ),
     "key": Switch(
         "Turn the key: automatic, manual at reduced speed, or manual at full speed. It switches the motors off.",
-        {words: _turn(key) for key, words in _KEY_WORDS.items()},
+        {words: _turn(key) for key, words in _KEY_TEXTS.items()},
         at=lambda state: str(state["key"]),
     ),
     "motors": Switch(
@@ -47,7 +47,7 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
         at=lambda state: "start" if state["rapid"] == "running" else "stop",
     ),
     "speed": Dial(
-        "Set the speed ratio of programmed paths. The guidance by poses or joints has none.",
+        "Set the speed ratio of programmed paths. It does not affect guidance by poses or joints.",
         lambda robot, percent, now: operation.set_speed(robot, percent),
         0.0,
         100.0,
@@ -62,7 +62,7 @@ def _state(robot: EgmController, now: float) -> dict[str, Any]:
     hindrance = robot.hindrance(now)
     pose, joints = robot.reporter.measured
     return {
-        "key": _KEY_WORDS[robot.desk.key],
+        "key": _KEY_TEXTS[robot.desk.key],
         "motors": "off" if set(POWERLESS) & set(robot.stops.names) else "on",
         "guidance": guidance.name.lower(),
         "rapid": "running" if operation.runs(robot) else "stopped",

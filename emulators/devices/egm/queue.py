@@ -1,4 +1,4 @@
-"""Messages of a client on their way to the motion of a controller with EGM: the queue, and the delay behind it."""
+"""Queue of a client's messages, and their delay until a controller with EGM moves."""
 
 import math
 from collections import deque
@@ -7,17 +7,17 @@ from emulators.devices.egm.profile import EgmProfile
 from protocol.devices.egm import Answer
 
 _BEGINS = 256
-"""Chosen: begins of motion that are kept."""
+"""Number of stored start times of motions. Chosen."""
 
 
 class MessageQueue:
-    """Accepted messages, and the times at which they begin to act."""
+    """Accepted messages, and the times at which they take effect."""
 
     def __init__(self, profile: EgmProfile) -> None:
         self._profile = profile
         self._messages: deque[Answer] = deque()
         self._delayed: deque[Answer | None] = deque()
-        """Message that each of the last cycles took from the queue, None for none."""
+        """Message taken from the queue in each of the last cycles; None for a cycle in which the queue was empty."""
         self.accepted = 0
         self._begins: deque[float] = deque(maxlen=_BEGINS)
         self._begun = 0
@@ -26,7 +26,7 @@ class MessageQueue:
         return len(self._messages)
 
     def put(self, message: Answer) -> bool:
-        """Add a message; False where the queue is full."""
+        """Add a message. Return False if the queue is full."""
         if self._profile.rx_queue == "latest":
             self._drop(len(self))
             self._messages.clear()
@@ -37,17 +37,19 @@ class MessageQueue:
         return True
 
     def take(self) -> Answer | None:
-        """Return the message that acts in this cycle, and take the next one from the queue; None for none."""
+        """Return the message that takes effect in this cycle, or None if there is none. Also take the next message
+        from the queue.
+        """
         self._delayed.append(self._messages.popleft() if self._messages else None)
         return self._delayed.popleft() if len(self._delayed) > self._profile.ref_delay_cycles else None
 
     def note_begin(self, at: float) -> None:
-        """Note when the motion to the next message begins, s; NaN for never."""
+        """Store the time at which the motion to the next message begins, s; NaN if it never begins."""
         self._begun += 1
         self._begins.append(at)
 
     def clear(self) -> None:
-        """Give up all messages before they act."""
+        """Discard all messages that have not taken effect."""
         self._messages.clear()
         self._delayed.clear()
         self._drop(self.accepted - self._begun)
@@ -57,7 +59,10 @@ class MessageQueue:
             self.note_begin(math.nan)
 
     def begun_at(self, target: int) -> float | None:
-        """When the motion to a message began, s; None before, NaN for one that did not act or is forgotten."""
+        """Return the time at which the motion to a message began, s.
+
+        It is None if the motion has not begun, and NaN if the message has no effect or is no longer stored.
+        """
         if target > self._begun:
             return None
         kept = self._begun - len(self._begins)

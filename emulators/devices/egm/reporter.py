@@ -1,4 +1,4 @@
-"""Datagrams of an emulated controller with EGM: measured pose, joints and force, altered by its faults."""
+"""Datagrams of an emulated controller with EGM: measured pose, joints and force, as altered by faults."""
 
 import math
 from collections.abc import Mapping
@@ -17,27 +17,29 @@ from protocol.devices.egm import Place, RobotMessage, RobotWare, encode_robot, t
 from protocol.geometry import Pose, inverse, rotate
 
 _EPOCH_S = 1_700_000_000
-"""Chosen: the controller's calendar at power-up, s since 1970, so that a run of one seed repeats itself."""
+"""Calendar time of the controller at power-up, s since 1970. Chosen: constant, so that runs with equal seeds are
+equal.
+"""
 _NUMBER, _NO_OWN_FORCE = "wrong-seqno", "missing"
 _NO_FORCE = (0.0,) * 6
 
 
 class Reporter:
-    """Makes the datagrams of a controller that was powered up at a time, s."""
+    """Creates the datagrams of a controller, given the time of its power-up, s."""
 
     def __init__(
         self, profile: EgmProfile, motion: GuidedMotion, arm: FollowedArm, powered_at: float, seed: int
     ) -> None:
         self._profile, self._motion, self._powered_at = profile, motion, powered_at
         self.measured: tuple[Pose, Joints] = motion.pose, motion.joints
-        """The pose that was measured last, and the joints that hold it."""
+        """Newest measured pose, and the joints that hold it."""
         self._pose = ReportedPose(arm.pose)
         rms = profile.force_noise_n
         noise = (rms, rms, rms, 0.0, 0.0, 0.0)
         errors = Errors(profile.force_offset_n, profile.force_lag_ms * 1e-3, noise, noise)
         self._force = OwnForce(errors, seed)
         self.feel = self._force.feel
-        """Source of what it feels, see `emulators.seams.FeelingRobot`."""
+        """Sets the source of the measured force; see `emulators.seams.FeelingRobot`."""
         self._faults = faults = OwnFaults()
         self.handlers: Mapping[str, Mapping[str, Handler]] = {
             "pose": self._pose.handlers,
@@ -47,11 +49,11 @@ class Reporter:
         self._seqno = 0
 
     def begin_session(self) -> None:
-        """Restart the numbers of datagrams at 0."""
+        """Restart the numbering of datagrams at 0."""
         self._seqno = 0
 
     def make_datagram(self, measured: Pose, at: float, session: Session) -> bytes:
-        """Return the next datagram, with the pose measured at a time, s."""
+        """Return the next datagram, with the pose measured at the given time, s."""
         motion, profile = self._motion, self._profile
         if measured != self.measured[0]:
             self.measured = measured, motion.holding(measured) or motion.joints
@@ -83,7 +85,7 @@ class Reporter:
         return tuple(joints) if self._profile.joints_in == "radians" else tuple(map(math.degrees, joints))
 
     def _altered(self, message: RobotMessage, at: float) -> RobotMessage:
-        """Return a message with the faults that are active."""
+        """Return a message, altered by the active faults."""
         if (wrong := self._faults.under_way(_NUMBER, at)) is not None:
             message = message._replace(seqno=message.seqno + int(wrong.number("by")))
         if self._faults.under_way(_NO_OWN_FORCE, at) is not None:
@@ -91,5 +93,5 @@ class Reporter:
         return message
 
     def _measured_force(self, measured: Pose, at: float) -> tuple[float, ...]:
-        """Measured force along the tool's axes, N, and zero moments."""
+        """Return the measured force along the tool's axes, N, with zero moments."""
         return *rotate(inverse(measured.quaternion), self._force.at(at)[:3]), 0.0, 0.0, 0.0

@@ -1,4 +1,4 @@
-"""States of an emulated controller with Externally Guided Motion, and the reasons for which it stands."""
+"""States of an emulated controller with Externally Guided Motion, and the reasons of its stops."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -10,31 +10,31 @@ from protocol.devices.egm import Guidance, Motors, Rapid
 from protocol.geometry import Pose
 
 EMERGENCY_STOP, MOTORS_OFF, PROGRAM_STOPPED = "emergency-stop", "motors-off", "program-stopped"
-"""Names of the stops by people."""
+"""Names of the stops that an operator can trigger."""
 POWERLESS = (EMERGENCY_STOP, MOTORS_OFF)
-"""Stops by which the motors go off."""
+"""Stops that switch the motors off."""
 OUT_OF_BOUNDS = "the input is out of bounds"
-"""Words of the controller's error [M]."""
+"""Text of the controller's error [M]."""
 
 
 class State(Enum):
-    """State of the controller, as its datagrams tell it: motors, guidance, RAPID [A but for GUIDING]."""
+    """State of the controller as its datagrams report it: motors, guidance, RAPID [A, except GUIDING]."""
 
     SET_UP = (Motors.ON, Guidance.STOPPED, Rapid.RUNNING)
-    """The session is there, the guidance has not begun."""
+    """The session exists, but the guidance has not begun."""
     GUIDING = (Motors.ON, Guidance.RUNNING, Rapid.RUNNING)
-    """As abb_libegm waits for it [O:lib]."""
+    """State that abb_libegm waits for [O:lib]."""
     ENDED = (Motors.ON, Guidance.STOPPED, Rapid.RUNNING, "ended")
     """EGMRun has ended: by convergence, by a digital input, or by EGMStop."""
     RAPID_STOPPED = (Motors.ON, Guidance.STOPPED, Rapid.STOPPED)
     MOTORS_OFF = (Motors.OFF, Guidance.STOPPED, Rapid.STOPPED)
     TIMED_OUT = (Motors.ON, Guidance.ERROR, Rapid.RUNNING)
-    """ERR_UDPUC_COMM; the error handler of the program runs."""
+    """ERR_UDPUC_COMM; the error handler of the program is running."""
     FAILED = (Motors.ON, Guidance.ERROR, Rapid.STOPPED)
 
 
 class Key(Enum):
-    """Operating modes, as the web services name them [O: abb_librws]."""
+    """Operating modes, named as in the web services [O: abb_librws]."""
 
     AUTO = "AUTO"
     MANUAL = "MANR"
@@ -44,13 +44,13 @@ class Key(Enum):
 
 @dataclass(slots=True)
 class Desk:
-    """Settings of the controller that no datagram tells."""
+    """Settings of the controller that no datagram reports."""
 
     key: Key = Key.AUTO
     speed_percent: int = 100
-    """The speed ratio."""
+    """Speed ratio, %."""
     at_main: bool = False
-    """The program pointer was set to main: a start begins another session."""
+    """Whether the program pointer was set to main, so that a start begins another session."""
 
 
 STOPPED = (State.RAPID_STOPPED, State.MOTORS_OFF)
@@ -59,40 +59,42 @@ OVER = (State.ENDED, State.TIMED_OUT, State.FAILED)
 
 @dataclass(slots=True)
 class Stops:
-    """Stops that hold the robot."""
+    """Active stops of the robot."""
 
     names: list[str] = field(default_factory=list)
-    """By faults and by hand; one name may be there by both."""
+    """Names of all active stops, by faults and by an operator. A name may occur in both groups."""
     by_hand: set[str] = field(default_factory=set)
-    """Names of those of an operator at the panel."""
+    """Names of the stops by an operator at the panel."""
 
     @property
     def state(self) -> State:
-        """The state to which they bring a session."""
+        """Return the state of a session under these stops."""
         return State.MOTORS_OFF if set(POWERLESS) & set(self.names) else State.RAPID_STOPPED
 
 
 class Session:
-    """The RAPID program from EGMSetupUC on: the state of its guidance, and what has ended it."""
+    """RAPID program from EGMSetupUC onwards: the state of its guidance, and the error that ended it."""
 
     def __init__(self, profile: EgmProfile, counters: Counter[str], now: float) -> None:
         self._profile, self._counters = profile, counters
         self.begin(now)
 
     def begin(self, now: float) -> None:
-        """Another session: EGMReset, EGMSetupUC and what follows."""
+        """Begin another session: EGMReset, EGMSetupUC and the following statements."""
         self.state, self.error = State.SET_UP, ""
-        """`error` is in words, with the number of its event where that is known."""
+        """State of the guidance, and text of the error that ended it, with the event number if known."""
         self.since = self._converged_since = now
-        """When the state, and the window of convergence, were entered, s."""
+        """Times at which the state was entered, and at which the reference entered the convergence window, s."""
         self.converged = self.end_sent = False
-        """`end_sent`: a datagram has told that the guidance is over."""
+        """Whether the reference is inside the convergence window, and whether a datagram has reported the end of
+        the guidance.
+        """
         self.origin: Pose | None = None
-        """Set point at which the return to the start of the guidance began; None without one."""
+        """Set point at which the return to the start of the guidance began; None if there is no return."""
         self._counters["sessions"] += 1
 
     def enter(self, state: State, now: float) -> None:
-        """End or stop the guidance in this state."""
+        """Enter a state in which the guidance has ended or is stopped."""
         self.state, self.since, self.end_sent = state, now, False
         self._counters[f"ended: {state.name}"] += 1
 
@@ -101,7 +103,10 @@ class Session:
         self.state, self._converged_since = State.GUIDING, now
 
     def has_converged(self, converged: bool, now: float) -> bool:
-        """Whether the reference was inside the window of convergence for long enough; it is `converged` now."""
+        """Return whether the reference was inside the convergence window for long enough.
+
+        `converged` states whether it is inside now.
+        """
         self.converged = converged
         if not converged:
             self._converged_since = now
@@ -123,8 +128,8 @@ class Session:
         return True
 
     def hindrance(self, now: float) -> Hindrance | None:
-        """Why messages have no effect."""
+        """Return the reason why messages have no effect."""
         if self.is_guidable:
             return None
-        words = self.state.name.lower().replace("_", " ")
-        return Hindrance(f"{words}: {self.error}" if self.error else words, self.error == OUT_OF_BOUNDS)
+        text = self.state.name.lower().replace("_", " ")
+        return Hindrance(f"{text}: {self.error}" if self.error else text, self.error == OUT_OF_BOUNDS)

@@ -1,4 +1,4 @@
-"""Documents of an emulated ABB controller that never change: its configuration, its system, its tasks and modules.
+"""Constant documents of an emulated ABB controller: its configuration, system, tasks and modules.
 
 Source: the resources and attributes that abb_librws (9ba0837) reads. Values are those of the emulated arm.
 """
@@ -11,11 +11,11 @@ from emulators.devices.egm.web_documents import Item
 
 UNIT, TASK = "ROB_1", "T_ROB1"
 MODULES = ("TRobMain", "TRobEGM", "TRobRAPID", "TRobUtility")
-"""Modules of the StateMachine add-in that abb_librws names, as far as they stand here."""
+"""Modules of the StateMachine add-in that abb_librws names and this controller emulates."""
 SYSTEM_NAME = "HilBridgeEmulator"
 _ADD_IN = "StateMachine"
-"""Name by which abb_egm_rws_managers (7e554e5) knows the add-in 1.0, whose value of a stopped EGM action is 0. By that
-option alone it asks for `current_state` and `current_action`.
+"""Name by which abb_egm_rws_managers (7e554e5) identifies the add-in 1.0, which reports a stopped EGM action as 0.
+It requests `current_state` and `current_action` only with that option.
 """
 _OPTIONS = ("689-1 Externally Guided Motion (EGM)", "616-1 PC Interface", _ADD_IN)
 _VERSIONS = {"6.06": "6.06.00.00", "6.10": "6.10.00.00", "7": "7.00.00.00"}
@@ -33,7 +33,7 @@ _FRAME = {
 
 
 def make_documents(profile: EgmProfile) -> Mapping[str, Sequence[Item]]:
-    """Items by path, in lower case."""
+    """Return items by path, in lower case."""
     return {
         **_make_system(profile),
         **{f"/rw/cfg/moc/{name}/instances": items for name, items in _make_motion(profile).items()},
@@ -58,7 +58,7 @@ def _make_system(profile: EgmProfile) -> Mapping[str, Sequence[Item]]:
 
 
 def _make_motion(profile: EgmProfile) -> Mapping[str, Sequence[Item]]:
-    """Instances of the motion configuration by type."""
+    """Return instances of the motion configuration by type."""
     arm, arms, joints = profile.arm, [], []
     limits = zip(arm.axis_middles_deg, arm.axis_ranges_deg, strict=True)
     for axis, (name, (middle, half)) in enumerate(zip(_NAMES, limits, strict=True), 1):

@@ -1,9 +1,9 @@
-"""Documents of Robot Web Services 1.0: one tree of items, written as XHTML or as JSON.
+"""Documents of Robot Web Services 1.0: a tree of items, written as XHTML or as JSON.
 
-Source: the classes and titles that abb_librws (9ba0837) looks for. Observed: the JSON form of documents with one state,
-as public clients read it, and its type: abb_robot_client (rws.py) reads a document of `?json=1` where its type is
-exactly application/json. Controllers of RWS 2.0 send application/hal+json;v=2.0, which they are asked for by Accept.
-Assumed: the frame around them, and the JSON form of others.
+Source: the classes and titles that abb_librws (9ba0837) searches for. Observed: the JSON form and the content type
+of documents with one state, as public clients read them. abb_robot_client (rws.py) reads a document of `?json=1`
+only if its type is exactly application/json. Controllers of RWS 2.0 send application/hal+json;v=2.0, which clients
+request by Accept. Assumed: the enclosing frame, and the JSON form of other documents.
 """
 
 import json
@@ -15,7 +15,7 @@ XHTML, JSON = "application/xhtml+xml;v=1.0", "application/json"
 
 
 class Item(NamedTuple):
-    """A resource, or a part of one."""
+    """Resource, or part of one."""
 
     kind: str
     """Class of its list element, such as `pnl-ctrlstate`."""
@@ -24,11 +24,11 @@ class Item(NamedTuple):
     """Texts by class."""
     items: Sequence["Item"] = ()
     href: str = ""
-    """Path of the resource itself, which events name."""
+    """Path by which events name the resource."""
 
 
 def write_xhtml(items: Sequence[Item], part: str = "state") -> bytes:
-    """Return a document of these items; `part` is the class of its block: state or status."""
+    """Return a document of these items as XHTML. `part` is the class of its block: state or status."""
     rows = "".join(map(_row, items))
     return (
         '<?xml version="1.0" encoding="UTF-8"?>'
@@ -45,7 +45,7 @@ def _row(item: Item) -> str:
 
 
 def write_json(items: Sequence[Item]) -> bytes:
-    """Return the same as JSON."""
+    """Return a document of these items as JSON."""
     return json.dumps({"_embedded": {"_state": [_tree(item) for item in items]}}).encode()
 
 

@@ -1,7 +1,7 @@
 """Digest authentication and sessions of Robot Web Services 1.0.
 
-Source: RFC 2617 for the digest; user and password are the maker's defaults, as abb_librws (9ba0837) has them. Assumed:
-the realm, the names of the cookies, the limit of sessions and their life.
+Source: RFC 2617 for the digest; user and password are the maker's defaults, as in abb_librws (9ba0837). Assumed:
+the realm, the names of the cookies, the maximum number of sessions and their lifetime.
 """
 
 import hashlib
@@ -17,29 +17,29 @@ SESSION_COOKIE, SECOND_COOKIE = "-http-session-", "ABBCX"
 SESSIONS_MAX = 70
 SESSION_S = 300.0
 NONCES_MAX = 256
-"""Chosen: nonces that are kept, so that no client makes the list grow."""
+"""Maximum number of stored nonces. Chosen, so that no client can exhaust the memory."""
 _FIELD = re.compile(r'(\w+)\s*=\s*(?:"([^"]*)"|([^\s,]+))')
 _HEADER_MAX = 2048
 
 
 class Login:
-    """Decides which requests are answered. It knows no clock: `now` comes with each question."""
+    """Decides which requests are authorised. The caller passes the time as `now`."""
 
     def __init__(self, secret: bytes) -> None:
-        """`secret` makes nonces and session numbers."""
+        """Use `secret` to create nonces and session numbers."""
         self._secret = secret
-        self._made = 0
+        self._nonces_made = 0
         self._nonces: OrderedDict[str, None] = OrderedDict()
         self._sessions: dict[str, float] = {}
-        """When each session was used last, s."""
+        """Time of the last use of each session, s."""
 
     @property
     def sessions(self) -> int:
-        """Number of sessions that are kept."""
+        """Number of stored sessions."""
         return len(self._sessions)
 
     def challenge(self) -> str:
-        """Value of `WWW-Authenticate` for a client without credentials."""
+        """Return the value of `WWW-Authenticate` for a client without credentials."""
         nonce = self._draw()
         self._nonces[nonce] = None
         if len(self._nonces) > NONCES_MAX:
@@ -47,7 +47,7 @@ class Login:
         return f'Digest realm="{REALM}", domain="/", qop="auth", nonce="{nonce}", algorithm="MD5"'
 
     def knows(self, cookies: Mapping[str, str], now: float) -> bool:
-        """Whether these cookies are of a session that lives; it lives on then."""
+        """Return whether these cookies belong to an active session, and extend its lifetime."""
         session = cookies.get(SESSION_COOKIE, "")
         self._expire(now)
         if session not in self._sessions:
@@ -56,7 +56,7 @@ class Login:
         return True
 
     def accepts(self, header: str, method: str, target: str) -> bool:
-        """Whether the value of `Authorization` is right for this request."""
+        """Return whether the value of `Authorization` is valid for this request."""
         if len(header) > _HEADER_MAX or not header.lower().startswith("digest "):
             return False
         fields = {name.lower(): quoted or plain for name, quoted, plain in _FIELD.findall(header)}
@@ -72,16 +72,16 @@ class Login:
         return hmac.compare_digest(expected.encode(), fields.get("response", "").lower().encode())
 
     def open(self, now: float) -> Mapping[str, str] | None:
-        """Cookies of a new session; None where there are as many as may be."""
+        """Return the cookies of a new session; None if there are too many."""
         self._expire(now)
         if len(self._sessions) >= SESSIONS_MAX:
             return None
         session = self._draw()
         self._sessions[session] = now
-        return {SESSION_COOKIE: session, SECOND_COOKIE: str(self._made)}
+        return {SESSION_COOKIE: session, SECOND_COOKIE: str(self._nonces_made)}
 
     def close(self, cookies: Mapping[str, str]) -> None:
-        """Forget a session."""
+        """End a session."""
         self._sessions.pop(cookies.get(SESSION_COOKIE, ""), None)
 
     def _expire(self, now: float) -> None:
@@ -89,8 +89,8 @@ class Login:
             del self._sessions[session]
 
     def _draw(self) -> str:
-        self._made += 1
-        return hmac.new(self._secret, str(self._made).encode(), hashlib.sha256).hexdigest()[:32]
+        self._nonces_made += 1
+        return hmac.new(self._secret, str(self._nonces_made).encode(), hashlib.sha256).hexdigest()[:32]
 
 
 def _md5(text: str) -> str:

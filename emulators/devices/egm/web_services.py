@@ -1,10 +1,12 @@
-"""Robot Web Services 1.0 of an emulated ABB controller: what it answers to a request, without a port and a clock.
+"""Robot Web Services 1.0 of an emulated ABB controller: its answers to requests, independent of port and clock.
 
-Requests change the controller as its panel does. Motors off and a stop of RAPID end the guidance; a start of RAPID lets
-it continue there, or, after a reset of the program pointer, begins another session. `operation` has those acts.
+Requests have the same effect as actions at the panel. Switching the motors off, or stopping RAPID, ends the
+guidance. Starting RAPID resumes the guidance where it ended, or begins another session after a reset of the program
+pointer. `operation` implements these actions.
 
-Source: resources, actions, forms and statuses of abb_librws (9ba0837). Assumed: statuses of requests that this library
-does not make; in a manual mode motors, speed and RAPID are the person's at the robot, and such requests are refused.
+Source: resources, actions, forms and status codes of abb_librws (9ba0837). Assumed: the status codes of requests
+that this library does not make; in a manual mode only the operator at the robot controls motors, speed and RAPID,
+and such requests are refused.
 """
 
 import math
@@ -22,16 +24,18 @@ from emulators.devices.egm.web_subscriptions import Subscriptions
 from protocol.devices.egm import to_wire
 
 BODY_MAX = 65_536
-"""Chosen: most bytes of a request's body."""
+"""Maximum size of a request's body, bytes. Chosen."""
 FIELDS_MAX = 512
-"""Chosen: most fields of a form."""
+"""Maximum number of fields in a form. Chosen."""
 VALUE_MAX = 1024
-"""Chosen: most characters of a value that a client writes."""
+"""Maximum number of characters in a value that a client writes. Chosen."""
 _NO_AXIS = "8.9999995E+09"
-"""Stands for an external axis that there is not."""
+"""Value of an external axis that does not exist."""
 _EXTERNAL = {f"eax_{letter}": _NO_AXIS for letter in "abcdef"}
 _EXTERNAL_OF_TARGET = {f"eax{letter}": _NO_AXIS for letter in "abcdef"}
-"""The names that abb_robot_client reads in a robtarget, where abb_librws looks for those above; both are sent [A]."""
+"""External axes of a robtarget under the names that abb_robot_client reads; abb_librws reads the names in
+`_EXTERNAL`. Both are sent [A].
+"""
 _SIGNALS = "/rw/iosystem/signals"
 _DATA, _PROPERTIES = "/rw/rapid/symbol/data/rapid", "/rw/rapid/symbol/properties/rapid"
 _STATE, _ACTION = f"{TASK}/TRobMain/current_state", f"{TASK}/TRobEGM/current_action"
@@ -42,7 +46,7 @@ _ACTIONS = {"joint": 1, "pose": 2}
 
 
 class WebAnswer(NamedTuple):
-    """An answer to a request."""
+    """Answer to a request."""
 
     status: int
     body: bytes = b""
@@ -51,7 +55,7 @@ class WebAnswer(NamedTuple):
 
 
 class _Refusal(Exception):
-    """A request that is answered with an error."""
+    """Request that is answered with an error."""
 
     def __init__(self, status: int, text: str) -> None:
         super().__init__(text)
@@ -59,7 +63,7 @@ class _Refusal(Exception):
 
 
 class WebServices:
-    """The answers of one controller."""
+    """Answers of one controller to web requests."""
 
     def __init__(self, controller: EgmController, profile: EgmProfile) -> None:
         self._controller, self._profile = controller, profile
@@ -76,7 +80,7 @@ class WebServices:
         self.subscriptions = Subscriptions(self._find_event)
 
     def answer(self, method: str, target: str, body: str, now: float) -> WebAnswer:
-        """Answer a request of a client that has logged in; `target` is path and query, `body` a form."""
+        """Answer a request of an authorised client. `target` consists of path and query; `body` is a form."""
         try:
             return self._answer(method, target, body, now)
         except _Refusal as refusal:
@@ -88,7 +92,7 @@ class WebServices:
             query = dict(parse_qsl(parts.query, max_num_fields=FIELDS_MAX))
             form = parse_qsl(body, keep_blank_values=True, max_num_fields=FIELDS_MAX)
         except ValueError as error:
-            raise _Refusal(400, "the request cannot be read") from error
+            raise _Refusal(400, "cannot read the request") from error
         path = unquote(parts.path).rstrip("/")
         if path == "/subscription" or path.startswith("/subscription/"):
             return self._subscribe(method, path, form, now)
@@ -98,7 +102,7 @@ class WebServices:
                 return WebAnswer(200, write_json(items), JSON)
             return WebAnswer(200, write_xhtml(items))
         if method != "POST":
-            raise _Refusal(405, f"{method} is not served here")
+            raise _Refusal(405, f"method {method} is not supported here")
         self._act(path, query.get("action", ""), dict(form), now)
         return WebAnswer(204)
 
@@ -107,7 +111,7 @@ class WebServices:
     def _items(self, path: str, query: Mapping[str, str], now: float) -> Sequence[Item]:
         low = path.lower()
         if low == "/rw/rapid/modules" and query.get("task", TASK) != TASK:
-            raise _Refusal(404, "there is no such task")
+            raise _Refusal(404, "no such task")
         if low in self._documents:
             return self._documents[low]
         if low == "/logout":
@@ -124,7 +128,7 @@ class WebServices:
         return [self._live(path)]
 
     def _live(self, path: str) -> Item:
-        """Return a resource that can be read and subscribed. Raises _Refusal for another path."""
+        """Return a resource that clients can read and subscribe to. Raises _Refusal for any other path."""
         low = path.lower()
         if low == "/rw/panel/ctrlstate":
             return Item("pnl-ctrlstate", "ctrlstate", {"ctrlstate": self._controller_state()}, (), path)
@@ -144,7 +148,7 @@ class WebServices:
         if low.startswith(f"{_DATA}/"):
             _, value = self._symbol(path[len(_DATA) + 1 :])
             return Item("rap-data", path, {"value": value}, (), path)
-        raise _Refusal(404, "there is no such resource")
+        raise _Refusal(404, "no such resource")
 
     def _controller_state(self) -> str:
         stops = self._controller.stops.names
@@ -162,7 +166,7 @@ class WebServices:
 
     def _signal(self, name: str) -> Item:
         if name not in self._signals:
-            raise _Refusal(404, "there is no such signal")
+            raise _Refusal(404, "no such signal")
         values = {
             "name": name,
             "type": "DI",
@@ -173,7 +177,7 @@ class WebServices:
         return Item("ios-signal", name, values, (), f"{_SIGNALS}/{name}")
 
     def _symbol(self, path: str) -> tuple[str, str]:
-        """Type and value of RAPID data."""
+        """Return type and value of RAPID data."""
         state = self._controller.session.state
         guides = operation.runs(self._controller) and state in (State.SET_UP, State.GUIDING)
         if path == _STATE:
@@ -181,12 +185,12 @@ class WebServices:
         if path == _ACTION:
             return "num", f"{_ACTIONS.get(self._profile.mode, 0) if guides else 0}"
         if path not in self._symbols:
-            raise _Refusal(404, "there is no such data")
+            raise _Refusal(404, "no such data")
         return self._symbols[path]
 
     def _unit(self, parts: Sequence[str], query: Mapping[str, str], now: float) -> Item:
         if parts[0] != UNIT or len(parts) > 2:
-            raise _Refusal(404, "there is no such mechanical unit")
+            raise _Refusal(404, "no such mechanical unit")
         if len(parts) == 1:
             return self._unit_facts(query.get("resource", "static"))
         pose, joints = self._controller.reporter.measured
@@ -194,12 +198,12 @@ class WebServices:
             axes = {f"rax_{axis}": f"{math.degrees(angle):.6g}" for axis, angle in enumerate(joints, 1)}
             return Item("ms-jointtarget", "jointtarget", {**axes, **_EXTERNAL})
         if parts[1] != "robtarget":
-            raise _Refusal(404, "there is no such resource")
+            raise _Refusal(404, "no such resource")
         if query.get("coordinate", "Base") not in ("Base", "World", "Word", "Wobj"):
             self._controller.unmodelled.touch("robtarget?coordinate", "answered in the base frame")
-        told = to_wire(pose)
-        values = {axis: f"{value:.6g}" for axis, value in zip("xyz", told.position_mm, strict=True)}
-        values |= {f"q{number}": f"{value:.6g}" for number, value in enumerate(told.quaternion, 1)}
+        reported = to_wire(pose)
+        values = {axis: f"{value:.6g}" for axis, value in zip("xyz", reported.position_mm, strict=True)}
+        values |= {f"q{number}": f"{value:.6g}" for number, value in enumerate(reported.quaternion, 1)}
         turns = {f"cf{axis}": f"{math.floor(joints[axis - 1] / (math.pi / 2.0))}" for axis in (1, 4, 6)}
         return Item(
             "ms-robtargets", "robtarget", {**values, **turns, "cfx": "0", **_EXTERNAL_OF_TARGET, **_EXTERNAL}
@@ -211,7 +215,7 @@ class WebServices:
             values |= {"total-payload-name": "load0", "status": "Running", "mode": "Activated"}
             return Item("ms-mechunit", UNIT, {**values, "jog-mode": "AxisGroup1", "coord-system": "World"})
         if resource != "static":
-            raise _Refusal(400, "resource is static or dynamic")
+            raise _Refusal(400, "resource must be static or dynamic")
         values = {"type": "TCPRobot", "task-name": TASK, "axes": "6", "axes-total": "6"}
         return Item(
             "ms-mechunit",
@@ -234,13 +238,13 @@ class WebServices:
         elif low.startswith(f"{_DATA}/") and action == "set":
             self._set_symbol(path[len(_DATA) + 1 :], form.get("value"))
         elif low in self._documents:
-            raise _Refusal(405, "this resource can only be read")
+            raise _Refusal(405, "this resource is read-only")
         else:
             self._live(path)
-            raise _Refusal(400, f"there is no action {action!r} here"[:VALUE_MAX])
+            raise _Refusal(400, f"no such action: {action!r}"[:VALUE_MAX])
 
     def _operate(self, act: Callable[[], object]) -> None:
-        """Carry out an act that in a manual mode belongs to the operator at the robot."""
+        """Perform an action. In a manual mode, only the operator at the robot may perform it."""
         if self._controller.desk.key is not Key.AUTO:
             raise _Refusal(403, "the controller is in manual mode")
         try:
@@ -251,7 +255,7 @@ class WebServices:
     def _switch_motors(self, state: str, now: float) -> None:
         acts = {"motoroff": operation.switch_motors_off, "motoron": operation.switch_motors_on}
         if state not in acts:
-            raise _Refusal(400, "ctrl-state is motoron or motoroff")
+            raise _Refusal(400, "ctrl-state must be motoron or motoroff")
         self._operate(lambda: acts[state](self._controller, now))
 
     def _run_program(self, action: str, now: float) -> None:
@@ -262,12 +266,12 @@ class WebServices:
             "resetpp": lambda: operation.reset_pointer(controller),
         }
         if action not in acts:
-            raise _Refusal(400, "action is start, stop or resetpp")
+            raise _Refusal(400, "action must be start, stop or resetpp")
         self._operate(acts[action])
 
     def _set_speed_ratio(self, text: str) -> None:
         if not (text.isascii() and text.isdigit() and len(text) < 4 and int(text) <= 100):
-            raise _Refusal(400, "speed-ratio is a whole number from 0 to 100")
+            raise _Refusal(400, "speed-ratio must be an integer from 0 to 100")
         if self._profile.mode != "path":
             self._controller.unmodelled.touch("speedratio", "kept, without effect on the guidance")
         self._operate(lambda: operation.set_speed(self._controller, int(text)))
@@ -275,7 +279,7 @@ class WebServices:
     def _set_signal(self, name: str, value: str, now: float) -> None:
         self._signal(name)
         if value not in ("0", "1"):
-            raise _Refusal(400, "lvalue is 0 or 1")
+            raise _Refusal(400, "lvalue must be 0 or 1")
         rises = value == "1" and self._signals[name] == "0"
         self._signals[name] = value
         if not rises:
@@ -294,9 +298,9 @@ class WebServices:
     def _set_symbol(self, path: str, value: str | None) -> None:
         kind, _ = self._symbol(path)
         if path not in self._symbols:
-            raise _Refusal(403, "this data can only be read")
+            raise _Refusal(403, "this data is read-only")
         if value is None or len(value) > VALUE_MAX:
-            raise _Refusal(400, f"value is a text of at most {VALUE_MAX} characters")
+            raise _Refusal(400, f"value must be a text of at most {VALUE_MAX} characters")
         self._controller.unmodelled.touch(f"data {path}", "kept; no routine reads it")
         self._symbols[path] = kind, value
 
@@ -306,23 +310,23 @@ class WebServices:
         group = path.removeprefix("/subscription").strip("/")
         if method == "DELETE" and group:
             if not self.subscriptions.end(group):
-                raise _Refusal(404, "there is no such subscription")
+                raise _Refusal(404, "no such subscription")
             return WebAnswer(200)
         if method != "POST" or group:
-            raise _Refusal(405, f"{method} is not served here")
+            raise _Refusal(405, f"method {method} is not supported here")
         fields = dict(form)
         resources = [fields.get(number, "") for key, number in form if key == "resources"]
         if not resources:
-            raise _Refusal(400, "a subscription names resources")
+            raise _Refusal(400, "a subscription must name resources")
         for resource in resources:
             self._find_event(resource)
         number = self.subscriptions.begin(resources)
         if number is None:
-            raise _Refusal(503, "there are too many subscriptions")
+            raise _Refusal(503, "too many subscriptions")
         return WebAnswer(201, b"", XHTML, {"Location": f"/poll/{number}"})
 
     def _find_event(self, resource: str) -> Item:
-        """Return the event with the present value of a resource such as `/rw/panel/ctrlstate;ctrlstate`."""
+        """Return the event with the current value of a resource such as `/rw/panel/ctrlstate;ctrlstate`."""
         path, _, _ = resource.partition(";")
         item = self._live(unquote(path))
         kind = {

@@ -1,6 +1,6 @@
-"""Subscriptions of Robot Web Services 1.0: what has changed since a subscriber was told last.
+"""Subscriptions of Robot Web Services 1.0: changes since the last report to a subscriber.
 
-Nothing is queued. A value that changed twice between two looks is told once, with its newest value.
+Changes are not queued. A value that changed twice between two reports is reported once, with its newest value.
 """
 
 from collections.abc import Callable, Sequence
@@ -8,40 +8,42 @@ from collections.abc import Callable, Sequence
 from emulators.devices.egm.web_documents import Item, write_xhtml
 
 GROUPS_MAX = 64
-"""Chosen: subscriptions at a time."""
+"""Maximum number of simultaneous subscriptions. Chosen."""
 RESOURCES_MAX = 64
-"""Chosen: resources of one subscription; more are left out."""
+"""Maximum number of resources in one subscription; further ones are ignored. Chosen."""
 
 
 class Subscriptions:
-    """All subscriptions of a controller, by number."""
+    """Subscriptions of a controller, by number."""
 
-    def __init__(self, look: Callable[[str], Item]) -> None:
-        """`look` gives the event that tells a resource's present value."""
-        self._look = look
+    def __init__(self, find_event: Callable[[str], Item]) -> None:
+        """Start without subscriptions. `find_event` returns the event with a resource's current value."""
+        self._find_event = find_event
         self._groups: dict[str, dict[str, Item]] = {}
-        """The newest event of each resource, by number of the subscription."""
+        """Newest event of each resource, by subscription number."""
         self._begun = 0
 
     def begin(self, resources: Sequence[str]) -> str | None:
-        """Begin one at the present values; its number, or None where there are as many as may be."""
+        """Begin a subscription at the current values. Return its number, or None if there are too many
+        subscriptions.
+        """
         if len(self._groups) >= GROUPS_MAX:
             return None
         self._begun += 1
-        self._groups[f"{self._begun}"] = {one: self._look(one) for one in resources[:RESOURCES_MAX]}
+        self._groups[f"{self._begun}"] = {one: self._find_event(one) for one in resources[:RESOURCES_MAX]}
         return f"{self._begun}"
 
     def end(self, number: str) -> bool:
-        """End one; whether there was such."""
+        """End a subscription; return whether it existed."""
         return self._groups.pop(number, None) is not None
 
     def knows(self, number: str) -> bool:
-        """Whether there is such a subscription."""
+        """Return whether a subscription exists."""
         return number in self._groups
 
     def news(self, number: str) -> bytes:
-        """Return the document of what has changed since the last one; empty if nothing has."""
-        told = self._groups.get(number, {})
-        changed = [event for one in told if (event := self._look(one)) != told[one]]
-        told |= {event.href: event for event in changed}
+        """Return the document of changes since the last report; empty if nothing has changed."""
+        reported = self._groups.get(number, {})
+        changed = [event for one in reported if (event := self._find_event(one)) != reported[one]]
+        reported |= {event.href: event for event in changed}
         return write_xhtml(changed) if changed else b""

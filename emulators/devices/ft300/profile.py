@@ -13,65 +13,78 @@ class Ft300Profile:
     """Settings in `[cell.ft300]`."""
 
     noise_n: PerAxis = setting((0.08, 0.10, 0.04), Mark.OBSERVED, *errors.NOISE_N)
-    """Source of this and the next: Sijiahui/FT300-sensor 91440f9, two records of 30 samples at 10 Hz."""
+    """Source of this and the next setting: Sijiahui/FT300-sensor 91440f9, two records of 30 samples at 10 Hz."""
     noise_nm: PerAxis = setting((0.0065, 0.0055, 0.004), Mark.OBSERVED, *errors.NOISE_NM)
     wander_n: PerAxis = setting(0.05, Mark.ASSUMED, *errors.WANDER_N)
-    """As that of a UR's own sensor. Source: charintorn/UR_RTDE_Force_Recorder 134e620."""
+    """As for a UR's own sensor. Source: charintorn/UR_RTDE_Force_Recorder 134e620."""
     slope_n_min: PerAxis = setting(0.0, Mark.ASSUMED, *errors.SLOPE_N_MIN)
     creep_share: float = setting(0.01, Mark.ASSUMED, *errors.CREEP_SHARE)
-    """This and the next as those of a Net F/T."""
+    """This and the next setting are those of a Net F/T."""
     creep_s: float = setting(5.0, Mark.ASSUMED, *errors.CREEP_S)
     vibration_n: PerAxis = setting(0.0, Mark.ASSUMED, *errors.VIBRATION_N)
-    """Records at 10 Hz do not tell it from the white noise, which has it already."""
+    """Records at 10 Hz do not distinguish it from the white noise, which includes it."""
     vibration_hz: tuple[float, float] = setting((9.0, 16.0), Mark.ASSUMED, *errors.VIBRATION_HZ)
     vibration_peak_hz: float = setting(71.0, Mark.ASSUMED, *errors.VIBRATION_PEAK_HZ)
     vibration_peak_share: float = setting(0.04, Mark.ASSUMED, *errors.VIBRATION_PEAK_SHARE)
     motion_n: PerAxis = setting(0.0, Mark.ASSUMED, *errors.MOTION_N)
     motion_mm_s: float = setting(100.0, Mark.ASSUMED, *errors.MOTION_MM_S)
     latency_s: float = setting(
-        0.010, Mark.ASSUMED, "from a sample to its message", between(0.0, 0.1), unit="s"
+        0.010, Mark.ASSUMED, "time from a sample to its message", between(0.0, 0.1), unit="s"
     )
     jitter_s: float = setting(
-        0.0005, Mark.ASSUMED, "by so much a message may come later", between(0.0, 0.005), unit="s"
+        0.0005, Mark.ASSUMED, "largest additional delay of a message", between(0.0, 0.005), unit="s"
     )
     stream_start_s: float = setting(
-        0.01, Mark.ASSUMED, "from the answer to the first message", between(0.0, 1.0), unit="s"
+        0.01,
+        Mark.ASSUMED,
+        "time from the response that starts the stream to the first message",
+        between(0.0, 1.0),
+        unit="s",
     )
-    stop_after_ff: int = setting(1, Mark.ASSUMED, "bytes FF that end the stream", between(1, 50))
+    stop_after_ff: int = setting(1, Mark.ASSUMED, "number of bytes FF that end the stream", between(1, 50))
     power_up: Literal["modbus", "stream"] = setting("modbus", Mark.ASSUMED, "state after power-up")
     modbus_turnaround_s: float = setting(
-        0.004, Mark.ASSUMED, "from a question to its answer", between(0.0, 1.0), unit="s"
+        0.004, Mark.ASSUMED, "time from a request to its response", between(0.0, 1.0), unit="s"
     )
     frame_timeout_s: float = setting(
-        0.05, Mark.ASSUMED, "after so long without a byte a question is forgotten", above(0.0), unit="s"
+        0.05,
+        Mark.ASSUMED,
+        "time without a byte after which an incomplete request is discarded",
+        above(0.0),
+        unit="s",
     )
-    fc04: bool = setting(True, Mark.ASSUMED, "whether function 04 reads as 03 does")
-    fc06: bool = setting(True, Mark.ASSUMED, "whether function 06 writes the mode as 16 does")
-    boot_s: float = setting(0.5, Mark.ASSUMED, "deaf and silent after power-up", between(0.0, 60.0), unit="s")
+    fc04: bool = setting(True, Mark.ASSUMED, "function 04 reads registers as 03 does")
+    fc06: bool = setting(True, Mark.ASSUMED, "function 06 writes the mode as 16 does")
+    boot_s: float = setting(
+        0.5, Mark.ASSUMED, "time without response after power-up", between(0.0, 60.0), unit="s"
+    )
     urcap_period_s: float = setting(
         0.0101,
         Mark.ASSUMED,
-        "between two texts of the URCap, which sleeps 10 ms and works",
+        "time between two texts of the URCap: its sleep of 10 ms and its computing time",
         between(0.001, 1.0),
         unit="s",
     )
     """Observed: the sleep; the maker's server sent 94 texts a second on a busy computer."""
     urcap_clients: int = setting(
-        1, Mark.OBSERVED, "clients that the URCap serves; further ones wait in silence", between(1, 64)
+        1,
+        Mark.OBSERVED,
+        "clients that the URCap serves at a time; further ones wait without data",
+        between(1, 64),
     )
-    """Source of this and the next: the maker's server, robotiq_ft_sensor_dev 1.0.1, run with two clients."""
+    """Source of this and the next setting: the maker's server, robotiq_ft_sensor_dev 1.0.1, run with two clients."""
     urcap_repeats: int = setting(
-        41, Mark.OBSERVED, "texts that repeat the newest value of a sensor that is silent", between(0, 10_000)
+        41, Mark.OBSERVED, "texts that repeat the newest value of a silent sensor", between(0, 10_000)
     )
     urcap_search_s: float = setting(
-        1.5, Mark.ASSUMED, "from the sensor's return to the next text", between(0.0, 60.0), unit="s"
+        1.5, Mark.ASSUMED, "time from the sensor's return to the next text", between(0.0, 60.0), unit="s"
     )
     """Observed: one second between two searches."""
     version: tuple[int, int, int] = setting(
-        (1, 0, 0), Mark.CHOSEN, "numbers of its firmware", between(0, 255)
+        (1, 0, 0), Mark.CHOSEN, "numbers of the firmware version", between(0, 255)
     )
-    serial: int = setting(1234, Mark.CHOSEN, "its number", between(0, 2**32 - 1))
-    year: int = setting(2021, Mark.CHOSEN, "year of its production", between(0, 65535))
+    serial: int = setting(1234, Mark.CHOSEN, "serial number", between(0, 2**32 - 1))
+    year: int = setting(2021, Mark.CHOSEN, "year of production", between(0, 65535))
 
     def __post_init__(self) -> None:
         check_settings(self)

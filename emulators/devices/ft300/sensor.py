@@ -1,4 +1,4 @@
-"""An emulated FT 300: Modbus RTU until it is told to stream, then messages until it is told to stop."""
+"""Emulated FT 300: Modbus RTU until a command starts the stream, then messages until a command ends it."""
 
 import random
 from collections import deque
@@ -49,11 +49,11 @@ RATE_HZ = round(1.0 / PERIOD_S)
 _FF = 0xFF
 _LETTERS = b"FTS"
 _DOWN = (0, 0, (-1000) & 0xFFFF)
-"""Acceleration of a sensor that rests with its z axis up, thousandths of g."""
+"""Acceleration that a stationary sensor reports with its z axis up, thousandths of g."""
 _KEPT = 300
-"""Chosen: most bytes of a question that is not complete."""
+"""Maximum size of a stored incomplete request, bytes. Chosen."""
 _REMEMBERED = 4096
-"""Chosen: samples of which the time is known."""
+"""Number of samples whose time is stored. Chosen."""
 
 
 def measured_counts(
@@ -62,25 +62,27 @@ def measured_counts(
     """Return the counts that the sensor measures, with its errors."""
     per_unit = 1.0 / np.array(SCALES)
     noise = np.array((*per_axis(profile.noise_n), *per_axis(profile.noise_nm))) * per_unit
-    high = np.full(6, float(COUNT_END))  # assumed: it clips
+    high = np.full(6, float(COUNT_END))  # assumed: the sensor clips the counts
     errors = unrest(profile, powered_at)
     converter = Converter(np.diag(per_unit), noise, -high - 1.0, high, unrest=errors)
     return MeasuredWrench(source, RATE_HZ, converter, seed, "cell.ft300.noise_n")
 
 
 class Ft300:
-    """The sensor behind its wire, which `endpoint` is: takes and gives bytes, tells no events. An `EmulatedSensor`."""
+    """Sensor behind its wire, which is `endpoint`. It receives and sends bytes and has no events. An
+    `EmulatedSensor`.
+    """
 
     def __init__(self, profile: Ft300Profile, source: WrenchSource, powered_at: float, seed: int) -> None:
         self.profile = profile
         self._measured = measured_counts(profile, source, powered_at, seed)
         self.endpoint: Packets[bytes] = Packets(self, BYTES, f"{seed} frames")
-        """The end of its wire."""
+        """Sensor's end of the wire."""
         self._seed = seed
         self._faults = OwnFaults()
         self.unmodelled = Unmodelled("ft300")
-        self._told_at: deque[tuple[int, float]] = deque(maxlen=_REMEMBERED)
-        """Counters of the samples that were told, and when each was measured, s."""
+        self._sample_times: deque[tuple[int, float]] = deque(maxlen=_REMEMBERED)
+        """Counters of the reported samples, each with the time of its measurement, s."""
         self._read = self._measured.number_at(powered_at) - 1
         self._power_up(powered_at)
         faults = self._faults
@@ -95,13 +97,15 @@ class Ft300:
         }
 
     def sampled_at(self, counter: int) -> float | None:
-        """When it measured the sample that it told as the one of this number since it was asked to, s."""
-        return next((at for number, at in reversed(self._told_at) if number == counter), None)
+        """Return the time at which the sensor measured the reported sample with this number, s. Numbers count from
+        the request of the stream.
+        """
+        return next((at for number, at in reversed(self._sample_times) if number == counter), None)
 
     # --- power
 
     def _power_up(self, now: float) -> None:
-        self._hears_from = now + self.profile.boot_s
+        self._receives_from = now + self.profile.boot_s
         self._out = bytearray()
         self._answers: deque[tuple[float, bytes]] = deque()
         self._question = b""
@@ -109,24 +113,24 @@ class Ft300:
         self._mode = self._ffs = 0
         self._count = 0
         self._next: int | None = None
-        """Number of the sample that the stream tells next; None while it does not stream."""
+        """Number of the next sample of the stream; None if there is no stream."""
         if self.profile.power_up == "stream":
-            self._stream(self._hears_from)
+            self._stream(self._receives_from)
 
     def _stream(self, begin: float) -> None:
         self._mode, self._ffs, self._count = STREAM_MODE, 0, 0
         self._next = self._measured.first_after(begin - self.profile.latency_s)
 
     def _due(self, number: int) -> float:
-        """When the message of a sample goes out, s."""
+        """Return the time at which the message of a sample is due, s."""
         late = random.Random(f"{self._seed} {number}").random() * self.profile.jitter_s
         return number * PERIOD_S + self.profile.latency_s + late
 
     # --- endpoint
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes: a question, or the end of the stream."""
-        if now < self._hears_from or self._faults.under_way("unplugged", now):
+        """Receive the bytes of a request, or of the command that ends the stream."""
+        if now < self._receives_from or self._faults.under_way("unplugged", now):
             return
         if self._next is not None:
             at = self._stopped_at(data)
@@ -145,22 +149,22 @@ class Ft300:
         """Return None: a sensor has no events."""
 
     def data_to_send(self, now: float) -> bytes:
-        """Bytes whose time has come."""
+        """Return bytes that are due."""
         out = bytes(self._out)
         self._out.clear()
         return out
 
     def next_deadline(self) -> float | None:
-        """When the next message or answer goes out, s."""
+        """Return the time at which the next message or answer is due, s."""
         times = [at for at, _ in self._answers]
         if self._next is not None:
             times.append(self._due(self._next))
         return min(times, default=None)
 
     def handle_deadline(self, now: float) -> None:
-        """Send what is due."""
+        """Send all messages and answers that are due."""
         while self._answers and self._answers[0][0] <= now:
-            self._tell(self._answers.popleft()[1], now)
+            self._send(self._answers.popleft()[1], now)
         while self._next is not None and self._due(self._next) <= now:
             self._message(self._next, now)
 
@@ -169,24 +173,24 @@ class Ft300:
     def _message(self, number: int, now: float) -> None:
         slow = self._faults.under_way("slow", now)
         self._next = number + (1 if slow is None else max(1, round(slow.number("factor"))))
-        self._tell(encode_message(self._sample(number)), now)
+        self._send(encode_message(self._sample(number)), now)
 
     def _sample(self, number: int) -> list[int]:
         """Return the counts of a sample that is sent now."""
         self._read = max(number, self._read)
         self._count += 1
-        self._told_at.append((self._count, self._read * PERIOD_S))
+        self._sample_times.append((self._count, self._read * PERIOD_S))
         counts: list[int] = self._measured.outputs(self._read, self._read)[0].astype(np.int64).tolist()
         return counts
 
-    def _tell(self, data: bytes, now: float) -> None:
+    def _send(self, data: bytes, now: float) -> None:
         if self._faults.under_way("unplugged", now) is None:
             self._out += data
 
     # --- questions
 
     def _stopped_at(self, data: bytes) -> int | None:
-        """Where, in bytes that came during the stream, it is told to end; None where it is not."""
+        """Return the index after the byte that ends the stream; None if none of these bytes ends it."""
         for at, byte in enumerate(data):
             self._ffs = self._ffs + 1 if byte == _FF else 0
             if self._ffs >= self.profile.stop_after_ff:
@@ -194,7 +198,7 @@ class Ft300:
         return None
 
     def _frame(self) -> bytes | None:
-        """Return the next complete question, whether its check is valid or not; None if there is none."""
+        """Return the next complete request, even if its checksum is invalid; None if there is none."""
         begin = self._question.find(SLAVE)
         self._question = self._question[begin:] if begin >= 0 else b""
         size = request_size(self._question)
@@ -250,7 +254,7 @@ class Ft300:
             wrong = ILLEGAL_ADDRESS if request.words else ILLEGAL_VALUE
             self.unmodelled.touch(f"writing register {request.register}", "refused")
             return encode_exception(request.function, wrong)
-        if request.values[0] == STREAM_MODE:  # assumed: any other value is taken and does nothing
+        if request.values[0] == STREAM_MODE:  # assumed: any other value is accepted without effect
             self._stream(at + self.profile.stream_start_s)
         return encode_written(request)
 

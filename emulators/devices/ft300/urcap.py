@@ -1,7 +1,8 @@
-"""An emulated FT 300 behind Robotiq's URCap: texts of its newest message, as long as the URCap has a sensor.
+"""Emulated FT 300 behind Robotiq's URCap: texts of its newest message, while the URCap has detected a sensor.
 
-The URCap's loop does not wait for a message: it sends the newest one, again where none has come. Its own zero, which a
-program of the robot takes over another port, is not emulated: it is none after the start.
+The URCap's loop does not wait for a message. It sends the newest one, and repeats it if no other has arrived. The
+URCap has its own zero, which a robot program sets over another port. It is not emulated: the zero is 0 after the
+start.
 """
 
 import random
@@ -22,36 +23,38 @@ from protocol.devices.ft300.messages import BAUDRATE, MESSAGE_SIZE, PERIOD_S
 from protocol.devices.ft300.urcap import encode_text
 
 _LINE_S = 10 * MESSAGE_SIZE / BAUDRATE
-"""Derived: time of a message on the sensor's line."""
+"""Duration of a message on the sensor's line, s. Derived."""
 _DIVISORS = np.array((100,) * 3 + (1000,) * 3, dtype=np.float32)
-"""Counts for one N and N·m, in the precision of the maker's server."""
+"""Counts per N and per N·m, in the precision of the maker's server."""
 _REMEMBERED = 4096
-"""Chosen: texts of which the time is known."""
+"""Number of texts whose time is stored. Chosen."""
 
 
 class UrcapServer:
-    """Sensor and URCap as a client knows them: texts go out, and nothing is heard. An `EmulatedSensor`."""
+    """Sensor and URCap as a client sees them: texts are sent, and received bytes are ignored. An `EmulatedSensor`."""
 
     def __init__(self, profile: Ft300Profile, source: WrenchSource, powered_at: float, seed: int) -> None:
         self.profile = profile
         self._measured = measured_counts(profile, source, powered_at, seed)
         self.endpoint: Packets[bytes] = Packets(self, TEXTS, f"{seed} texts")
-        """The end of its wire."""
+        """URCap's end of the wire."""
         self.unmodelled = Unmodelled("ft300")
         self._seed = seed
         self._faults = faults = OwnFaults()
-        self._told_at: deque[tuple[int, float]] = deque(maxlen=_REMEMBERED)
-        """Numbers of the texts of a client, and when each was measured, s."""
+        self._sample_times: deque[tuple[int, float]] = deque(maxlen=_REMEMBERED)
+        """Numbers of a client's texts, each with the time of its measurement, s."""
         self._count = 0
         self._repeated = profile.urcap_repeats
-        """Turns since the newest message; so many at the start, that nothing is sent before the first one."""
+        """Loop iterations since the newest message. The initial value is so large that nothing is sent before the
+        first message.
+        """
         self._out = bytearray()
         self._alive_from = powered_at + profile.boot_s
-        """When the sensor's stream began, or begins, s: the URCap looked for it before."""
+        """Time at which the sensor's stream begins, s. Until then the URCap searches for the sensor."""
         self._sample = self._measured.number_at(powered_at) - 1
-        """Number of the sample that the URCap received last."""
+        """Number of the last sample received by the URCap."""
         self._next = int(self._alive_from / profile.urcap_period_s) + 1
-        """Number of the URCap's turn that is next."""
+        """Number of the URCap's next loop iteration."""
         self.handlers: Mapping[str, Mapping[str, Handler]] = {
             "signal": self._measured.signal.handlers,
             SENSOR_WIRE: self.endpoint.handlers,
@@ -63,39 +66,41 @@ class UrcapServer:
         }
 
     def sampled_at(self, counter: int) -> float | None:
-        """When the sample of the text was measured that is the one of this number for its client, s."""
-        return next((at for number, at in reversed(self._told_at) if number == counter), None)
+        """Return the time at which the sample in a client's text with this number was measured, s."""
+        return next((at for number, at in reversed(self._sample_times) if number == counter), None)
 
     def begin(self) -> None:
-        """Begin to serve a client: its texts count from 1."""
+        """Begin to serve a client. Its texts are counted from 1."""
         self._count = 0
-        self._told_at.clear()
+        self._sample_times.clear()
 
     def _boot(self, now: float) -> None:
-        """Restart the sensor: no message comes until the URCap has detected the loss and found it again."""
-        given_up = now + max(0, self.profile.urcap_repeats - self._repeated) * self.profile.urcap_period_s
-        self._alive_from = max(now + self.profile.boot_s, given_up) + self.profile.urcap_search_s
+        """Restart the sensor. No message arrives until the URCap has detected the loss and detected the sensor
+        again.
+        """
+        lost_at = now + max(0, self.profile.urcap_repeats - self._repeated) * self.profile.urcap_period_s
+        self._alive_from = max(now + self.profile.boot_s, lost_at) + self.profile.urcap_search_s
 
     # --- endpoint
 
     def receive(self, data: bytes, now: float) -> None:
-        """Ignore what arrives: the URCap reads nothing on this port."""
+        """Ignore received bytes: the URCap reads nothing on this port."""
 
     def next_event(self) -> None:
         """Return None: there are no events."""
 
     def data_to_send(self, now: float) -> bytes:
-        """Texts whose time has come."""
+        """Return texts that are due."""
         out = bytes(self._out)
         self._out.clear()
         return out
 
     def next_deadline(self) -> float:
-        """When the URCap's next turn is, s."""
+        """Return the time of the URCap's next loop iteration, s."""
         return self._due(self._next)
 
     def handle_deadline(self, now: float) -> None:
-        """Send what is due."""
+        """Send all texts that are due."""
         while (due := self._due(self._next)) <= now:
             self._next += 1
             self._turn(due)
@@ -105,7 +110,9 @@ class UrcapServer:
         return number * self.profile.urcap_period_s + late
 
     def _turn(self, now: float) -> None:
-        """Send the newest message, or the one before; nothing when there has been none for too long."""
+        """Send the newest message, or repeat the previous one if no newer one has arrived. Send nothing once it has
+        been repeated too often.
+        """
         newest = self._newest(now)
         fresh = newest > self._sample
         self._sample = max(newest, self._sample)
@@ -113,12 +120,14 @@ class UrcapServer:
         if self._repeated > self.profile.urcap_repeats:
             return
         self._count += 1
-        self._told_at.append((self._count, self._sample * PERIOD_S))
+        self._sample_times.append((self._count, self._sample * PERIOD_S))
         counts = self._measured.outputs(self._sample, self._sample)[0]
         self._out += encode_text((counts.astype(np.float32) / _DIVISORS).tolist())
 
     def _newest(self, now: float) -> int:
-        """Return the number of the newest sample whose message the URCap has received, or of the one before."""
+        """Return the number of the newest sample that the URCap has received. A slow sensor sends only every n-th
+        sample.
+        """
         if now < self._alive_from or self._faults.under_way("unplugged", now):
             return self._sample
         newest = self._measured.number_at(now - self.profile.latency_s - _LINE_S)

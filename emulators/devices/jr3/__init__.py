@@ -1,4 +1,4 @@
-"""The emulated JR3 force/torque sensor and its receivers."""
+"""Emulated JR3 force/torque sensor and its receivers."""
 
 from emulators.devices.jr3.board import Board, BoardProfile
 from emulators.devices.jr3.can_gateway import Gateway, GatewayProfile

@@ -1,7 +1,7 @@
-"""A microcontroller between a JR3 sensor's serial link and CAN.
+"""Microcontroller between a JR3 sensor's serial link and CAN.
 
-Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware-can does, which was read for facts only. Its main program
-looks for a SYNC, then for commands, then sleeps; an interrupt takes what the bus brings meanwhile.
+It behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware-can, which was read for facts only. Its main program
+checks for a SYNC, then for commands, then sleeps. Throughout, an interrupt receives frames from the bus.
 """
 
 import math
@@ -31,33 +31,35 @@ from protocol.endpoint import RemoteProtocolError
 from protocol.marks import Mark, SettingError, above, at_least, between, setting
 
 _ROUNDING = 1e-6
-"""Of the time between two looks: by so much a time may be off through rounding."""
+"""Rounding tolerance, as a share of the time between two checks."""
 
 
 @dataclass(frozen=True)
 class GatewayProfile(FirmwareProfile):
-    """How a gateway behaves in time."""
+    """Timing of a gateway."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     node: int = setting(1, Mark.OBSERVED, "node number", between(1, 127))
-    boot_s: float = setting(2.0, Mark.OBSERVED, "deaf and silent after power-up", at_least(0.0), unit="s")
+    boot_s: float = setting(
+        2.0, Mark.OBSERVED, "time without response after power-up", at_least(0.0), unit="s"
+    )
     loop_ms: float = setting(
         1.0,
         Mark.OBSERVED,
-        "its main program looks for commands and for a SYNC so often, and answers all SYNCs since its last look once; "
-        "0: everything at once",
+        "interval at which the gateway's main program polls commands and SYNC; it answers all "
+        "SYNCs since the last poll once; 0: everything at once",
         between(0.0, 1000.0),
         unit="ms",
     )
-    buffer_commands: int = setting(32, Mark.OBSERVED, "commands that wait for it at most", between(1, 65536))
+    buffer_commands: int = setting(32, Mark.OBSERVED, "length of the command queue", between(1, 65536))
     buffer_loses: Literal["oldest", "newest"] = setting(
-        "oldest", Mark.OBSERVED, "which command is lost when one more comes than can wait"
+        "oldest", Mark.OBSERVED, "command that is lost when the queue is full"
     )
     shortest_period_us: float = setting(
         260.0,
         Mark.DERIVED,
-        "shortest period of the stream, that is two frames of 8 bytes at 1 Mbit/s",
+        "shortest period of the stream: two frames of 8 bytes at 1 Mbit/s",
         above(0.0),
         unit="µs",
     )
@@ -69,29 +71,29 @@ class GatewayProfile(FirmwareProfile):
 
 
 class Gateway(AnyGateway[Sequence[CanFrame]]):
-    """Endpoint of the gateway: takes and gives sequences of CAN frames, tells no events."""
+    """Endpoint of the gateway. It receives and sends sequences of CAN frames and has no events."""
 
     def __init__(self, profile: GatewayProfile, sensor: Jr3Sensor, powered_at: float, seed: int = 0) -> None:
         super().__init__(profile, sensor, seed)
         self.endpoint = Packets(self, FRAMES, f"{seed} frames")
         self._profile = profile
-        self._hears_from = powered_at + profile.boot_s
+        self._receives_from = powered_at + profile.boot_s
         self._out: list[CanFrame] = []
         self._waiting: deque[Command] = deque()
         self._synced = False
-        """A SYNC has come since the last look."""
-        self._looks_at: float | None = self._hears_from
-        """When the main program looks next, s; None while there is nothing to be seen."""
+        """Whether a SYNC has arrived since the last check."""
+        self._next_check_at: float | None = self._receives_from
+        """Time of the main program's next check, s; None while there is nothing to process."""
         self._booting = True
         self._under_way: Command | None = None
-        """The command that takes time; the main program looks at nothing else meanwhile."""
+        """Command in progress. Until it completes, the main program checks nothing else."""
 
     # --- endpoint
 
     def receive(self, data: Sequence[CanFrame], now: float) -> None:
-        """Take frames; those of other nodes, unknown ops and anything during boot get no answer."""
+        """Receive frames. Frames of other nodes, unknown operations and all frames during the boot get no answer."""
         self.handle_deadline(now)
-        if now < self._hears_from:
+        if now < self._receives_from:
             return
         for frame in data:
             if frame.extended or frame.remote or frame.error:
@@ -105,13 +107,13 @@ class Gateway(AnyGateway[Sequence[CanFrame]]):
             if command.op is Op.SYNC:
                 self._synced = True
             elif command.node == self._profile.node:
-                self._keep(command)
-            self._look_soon(now)
+                self._queue_command(command)
+            self._schedule_check(now)
             if not self._profile.loop_ms:
                 self._work(now)
         self._work(now)
 
-    def _keep(self, command: Command) -> None:
+    def _queue_command(self, command: Command) -> None:
         if len(self._waiting) >= self._profile.buffer_commands:
             if self._profile.buffer_loses == "newest":
                 return
@@ -119,43 +121,47 @@ class Gateway(AnyGateway[Sequence[CanFrame]]):
         self._waiting.append(command)
 
     def data_to_send(self, now: float) -> Sequence[CanFrame]:
-        """Frames whose time has come."""
+        """Return frames that are due."""
         frames, self._out = self._out, []
         return frames
 
     def next_deadline(self) -> float | None:
-        """Time of the main program's next step, the next frame of the stream, or the next block of samples."""
+        """Return the time of the main program's next step, the stream's next frame, or the next block of samples, s."""
         due = self._firmware.next_deadline()
         if (works_at := self._works_at()) is not None:
             due = works_at if due is None else min(due, works_at)
         return due
 
     def handle_deadline(self, now: float) -> None:
-        """Emit every frame that is due up to and including now."""
+        """Send every frame that is due up to and including now."""
         self._work(now)
         self._send_due(now)
         self._firmware.catch_up(now)
 
     # --- the main program
 
-    def _look_soon(self, now: float) -> None:
-        """Look at the next of the times that lie `loop_ms` apart, unless it will anyhow, or is busy."""
-        if self._looks_at is not None or self._under_way is not None or not (self._synced or self._waiting):
+    def _schedule_check(self, now: float) -> None:
+        """Schedule the next check, on a grid of `loop_ms`, unless one is already scheduled or the program is busy."""
+        if (
+            self._next_check_at is not None
+            or self._under_way is not None
+            or not (self._synced or self._waiting)
+        ):
             return
         period = self._profile.loop_ms * 1e-3
-        self._looks_at = now
+        self._next_check_at = now
         if period:
-            looks = math.ceil((now - self._hears_from) / period - _ROUNDING)
-            self._looks_at = max(now, self._hears_from + looks * period)
+            checks = math.ceil((now - self._receives_from) / period - _ROUNDING)
+            self._next_check_at = max(now, self._receives_from + checks * period)
 
     def _works_at(self) -> float | None:
         if self._under_way is not None:
             until = self._firmware.busy_until
             return until if until < math.inf else None
-        return self._looks_at
+        return self._next_check_at
 
     def _work(self, now: float) -> None:
-        """Do what is to be done up to and including now, each at its time."""
+        """Process everything that is due up to and including now, each item at its own time."""
         while (at := self._works_at()) is not None and at <= now:
             self._send_due(at)
             if self._under_way is not None:
@@ -164,10 +170,10 @@ class Gateway(AnyGateway[Sequence[CanFrame]]):
                 self._boot(at)
             elif self._synced:
                 self._on_sync(at)
-            self._looks_at = None
+            self._next_check_at = None
             while self._waiting and self._under_way is None:
                 self._on_command(self._waiting.popleft(), at)
-            self._look_soon(at)
+            self._schedule_check(at)
 
     def _boot(self, now: float) -> None:
         self._booting = False
@@ -187,7 +193,7 @@ class Gateway(AnyGateway[Sequence[CanFrame]]):
         self._finish(now)
 
     def _finish(self, now: float) -> None:
-        """Carry out what is under way, if it has waited long enough."""
+        """Complete the command in progress if it has waited long enough."""
         command, at = self._under_way, self._firmware.finish(now)
         if command is None or at is None:
             return
@@ -205,7 +211,7 @@ class Gateway(AnyGateway[Sequence[CanFrame]]):
             case Op.BOOT_UP:
                 self._out.append(CanFrame(identifier(Op.BOOT_UP, self._profile.node)))
                 return
-            case _:  # the steps have done it all, or the queries only want the acknowledge
+            case _:  # the steps have already executed it, or it requires only an acknowledgement
                 pass
         self._acknowledge(command.op)
 

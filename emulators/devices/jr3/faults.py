@@ -1,4 +1,4 @@
-"""Faults of a JR3 sensor and its receivers: one table a receiver, by target."""
+"""Faults of a JR3 sensor and its receivers: one table for each receiver, by target."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,12 +8,12 @@ from emulators.faults.packets import BYTES, FRAMES, SENSOR_WIRE, Pieces
 from emulators.sensing.faults import SIGNAL_FAULTS, WRONG_SCALES
 
 FIRST, SECOND = "first", "second"
-"""The sensors that can be plugged in."""
+"""Sensors that can be plugged in."""
 
 
-def _unplugged(choices: tuple[str, ...], meaning: str) -> Fault:
+def _unplugging_fault(choices: tuple[str, ...], meaning: str) -> Fault:
     return Fault(
-        "the sensor's plug is pulled off its receiver",
+        "the sensor is unplugged from its receiver",
         {"sensor": Parameter(FIRST, meaning, choices=choices)},
         2.0,
     )
@@ -25,10 +25,10 @@ def _of_gateway(pieces: Pieces[Any]) -> Mapping[str, Mapping[str, Fault]]:
         SENSOR_WIRE: pieces.faults,
         "sensor": {
             **WRONG_SCALES,
-            "unplugged": _unplugged((FIRST,), "which is plugged in then"),
+            "unplugged": _unplugging_fault((FIRST,), "sensor that is plugged in at the end"),
             "slow": Fault(
                 "samples are sent less often",
-                {"factor": Parameter(10.0, "of their period", 1.0, 1000.0)},
+                {"factor": Parameter(10.0, "factor of their period", 1.0, 1000.0)},
                 FOREVER,
             ),
             "frozen-counter": Fault("samples continue with the counter of the first", {}, FOREVER),
@@ -41,6 +41,9 @@ CAN_GATEWAY_FAULTS, UART_GATEWAY_FAULTS = _of_gateway(FRAMES), _of_gateway(BYTES
 
 BOARD_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "signal": SIGNAL_FAULTS,
-    "sensor": {**WRONG_SCALES, "unplugged": _unplugged((FIRST, SECOND), "which is plugged in then")},
+    "sensor": {
+        **WRONG_SCALES,
+        "unplugged": _unplugging_fault((FIRST, SECOND), "sensor that is plugged in at the end"),
+    },
 }
-"""Faults of a sensor at a receiver board, by target: it is read and streams nothing."""
+"""Faults of a sensor at a receiver board, by target. A host reads the board; there is no stream."""

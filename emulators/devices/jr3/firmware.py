@@ -1,10 +1,10 @@
-"""The program of both gateways of a JR3 sensor: it reads and filters the sensor, zeroes, counts and streams.
+"""Firmware of both gateways of a JR3 sensor: it reads and filters the sensor, zeroes, counts and streams.
 
-Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware does, which was read for facts only. A gateway around
-it adds its wire, and when it listens.
+It behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware, which was read for facts only. A gateway adds the
+wire and decides when the wire is read.
 
-Some commands take time: they wait for the firmware's threads to end, or for the sensor's calibration. A gateway that
-carries out such a command listens to nothing meanwhile: it calls `begin` with the steps, then `finish`.
+Some commands take time: they wait for the firmware's threads to end, or for the sensor's calibration. A gateway
+does not read its wire while it executes such a command. It calls `begin` with the steps, then `finish`.
 """
 
 import math
@@ -26,68 +26,68 @@ from emulators.faults.ledger import Handler, Injection
 from protocol.devices.jr3 import COUNTER_MODULUS, GatewayState
 
 _BLOCK = 4096
-"""Most samples computed at once."""
+"""Maximum number of samples computed at once."""
 _IDLE_S = 0.1
-"""Chosen: samples are computed at least this often, so that no call has to catch up on a long time."""
+"""Maximum interval between computations of samples, s. Chosen: no call has to catch up on a long time."""
 
 
 class Step(Enum):
-    """Events that a command may have to wait for, in this order."""
+    """Events that a command may have to wait for, in the order in which it waits."""
 
     JOIN_STREAM = auto()
-    """The task that sends ends after the rest of its period."""
+    """End of the sending task, which occurs after the rest of its period."""
     JOIN_SAMPLING = auto()
-    """The task that reads the sensor ends after a sample, so not without a sensor."""
+    """End of the reading task, which occurs after a sample. It never occurs if no sensor is connected."""
     READ_CALIBRATION = auto()
-    """The calibration comes with the samples."""
+    """Reception of the calibration, which arrives with the samples."""
 
 
 STOP = (Step.JOIN_STREAM, Step.JOIN_SAMPLING)
 RESET = (*STOP, Step.READ_CALIBRATION)
 START = (Step.JOIN_STREAM,)
-"""Steps of the commands by which nothing is streamed any more."""
+"""Steps of the commands that end a stream."""
 
 
 @dataclass(slots=True)
 class _Sampling:
-    """The task that reads and filters the sensor; it lives from start to stop."""
+    """Task that reads and filters the sensor, from start to stop."""
 
     started_at: float
     taken: int = 0
-    """Samples so far: the frame counter before it wraps."""
+    """Number of samples so far: the frame counter before it wraps around."""
     read: int = 0
-    """Samples that were read of the sensor so far, some of them ahead of their time and perhaps never used."""
+    """Number of samples read from the sensor so far. Some of them were read early and may never be used."""
     ahead: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 6)))
-    """Counts of the samples that were read last: those not yet taken are at its end."""
+    """Counts of the newest samples read. Samples that have not been used yet are at the end."""
 
 
 @dataclass(slots=True)
 class _Stream:
-    """The task that sends by the gateway's own clock: frame k is due at `anchor` + k · `period`.
+    """Task that sends on the gateway's own clock: frame k is due at `anchor` + k · `period`.
 
-    `anchor` moves on by what each period was longer.
+    When a period is longer than `period`, `anchor` increases by the difference.
     """
 
     anchor: float
     period: float
     sent: int = 0
     due: float = field(init=False)
-    """When the next one is, s."""
+    """Time of the next frame, s."""
     ends: bool = False
-    """It was asked to end: it sends no more, but its period continues."""
+    """Whether the task was ordered to end. It then sends nothing more, but completes its period."""
 
     def __post_init__(self) -> None:
         self.due = self.anchor
 
     def step(self, longer: float) -> None:
-        """One more was sent; its period lasts so much longer, s."""
+        """Advance by one frame. `longer` is the excess length of its period, s."""
         self.sent += 1
         self.anchor += longer
         self.due = self.anchor + self.sent * self.period
 
 
 class _FrozenCounters:
-    """Faults by which the counter stays what it was when each first had an effect."""
+    """Faults that freeze the counter at the value that it has when the fault first takes effect."""
 
     def __init__(self) -> None:
         self._counters: dict[Injection, int | None] = {}
@@ -97,7 +97,7 @@ class _FrozenCounters:
         self._counters[injection] = None
 
     def apply(self, counter: int, at: float) -> int:
-        """Return the counter as reported at a time, s."""
+        """Return the counter that is reported at a time, s."""
         for injection, frozen in self._counters.items():
             if injection.holds(at):
                 if frozen is None:
@@ -108,14 +108,17 @@ class _FrozenCounters:
 
 
 class Firmware:
-    """Commands take effect only once `initialised`; the gateway sees to that. Times are in s and do not fall."""
+    """Firmware of a gateway. Times are in s and do not decrease.
+
+    Commands take effect only once `initialised`; the gateway sends no command before that.
+    """
 
     def __init__(self, sensor: Jr3Sensor, profile: FirmwareProfile, seed: int = 0) -> None:
         self._profile = profile
         self._late = LateSamples(profile.delay_ms, seed) if profile.delay_ms else None
         self._random = random.Random(f"{seed} period")
         self.plugged = sensor.profile.connected
-        """Whether the sensor's plug is in."""
+        """Whether the sensor is plugged in."""
         self._steps: deque[Step] = deque()
         self._step_from = 0.0
         self.initialised = False
@@ -137,40 +140,41 @@ class Firmware:
 
     @property
     def state(self) -> GatewayState:
-        """The state that acknowledges tell."""
+        """State reported in acknowledgements."""
         return GatewayState.READY if self.initialised else GatewayState.NOT_INITIALISED
 
     @property
     def full_scales(self) -> tuple[int, ...]:
-        """The six words. Without a calibration the firmware sends whatever lies in its memory. Assumed: zeros."""
+        """Full scales, six words. Without a calibration, the firmware sends the contents of its memory. Assumed:
+        zeros.
+        """
         if not self.initialised:
             return (0,) * 6
         words = self._sensor.profile.full_scale_words
-        return self._scales.told(words) if self._scales.faulty else words
+        return self._scales.falsified(words) if self._scales.faulty else words
 
     @property
     def handlers(self) -> Mapping[str, Handler]:
-        """Handlers of the faults of its target `sensor`, for a ledger."""
+        """Fault handlers for the target `sensor`, for a ledger."""
         return {
             **self._scales.handlers,
             "frozen-counter": Handler(self._frozen_counters.begin),
             "slow": Handler(self._slow.append),
-            "unplugged": Handler(self._pulled, self._put_back),
+            "unplugged": Handler(self._begin_unplugged, self._put_back),
         }
 
     # --- the sensor's plug
 
     def unplug(self, now: float) -> None:
-        """Pull the sensor's plug: its last sample stays, with its counter. Harmless when it is out."""
+        """Unplug the sensor. Its last sample and its counter remain. Idempotent."""
         if self.plugged:
             self._take_samples(now)
             self.plugged = False
 
     def plug_in(self, now: float) -> None:
-        """Put the plug of the same sensor in; harmless when it is in.
+        """Plug the same sensor in. Idempotent.
 
-        A command that waits for the sensor continues. Assumed: a calibration that was being read is read from its
-        beginning.
+        A command that waits for the sensor continues. Assumed: an interrupted calibration is read from its start.
         """
         if self.plugged:
             return
@@ -180,7 +184,7 @@ class Firmware:
             sampling.started_at = now - sampling.taken * self._sample_period
             sampling.read, sampling.ahead = sampling.taken, sampling.ahead[:0]
 
-    def _pulled(self, injection: Injection) -> None:
+    def _begin_unplugged(self, injection: Injection) -> None:
         injection.struck += self.plugged
         self.unplug(injection.injected_at)
 
@@ -191,11 +195,11 @@ class Firmware:
 
     @property
     def before_stream(self) -> tuple[Step, ...]:
-        """Steps before a stream starts: the first start of one since power-up ends the sampling that runs."""
+        """Steps before a stream starts. The first start since power-up ends the sampling that is running."""
         return () if self._streamed else STOP
 
     def begin(self, steps: Iterable[Step], now: float) -> None:
-        """Begin to wait; a stream that is to end sends no more."""
+        """Begin to wait for the steps of a command. A stream that is ending sends nothing more."""
         self._steps = deque(steps)
         self._step_from = now
         if Step.JOIN_STREAM in self._steps and self._stream is not None:
@@ -203,7 +207,7 @@ class Firmware:
 
     @property
     def busy_until(self) -> float:
-        """When the step under way ends, s; infinity where only a sensor that is plugged in ends it."""
+        """Time at which the current step ends, s; infinite if only plugging in a sensor ends it."""
         blocked = self._profile.blocks and not self.plugged
         match self._steps[0]:
             case Step.JOIN_STREAM if self._stream is not None and self._profile.joins:
@@ -216,7 +220,9 @@ class Firmware:
                 return self._step_from
 
     def finish(self, now: float) -> float | None:
-        """Do the steps whose time has come; when the last ended, s, None while one is under way."""
+        """Complete the steps that are due. Return the time at which the last one ended, s, or None while one is in
+        progress.
+        """
         while self._steps:
             if (end := self.busy_until) > now:
                 return None
@@ -234,17 +240,17 @@ class Firmware:
     # --- commands
 
     def start(self, cutoff_centihertz: int, now: float) -> None:
-        """Sample, and send when asked: ends the stream; a sampling that runs continues counting."""
+        """Sample, and send on request only. A stream ends; if sampling is already running, the counter continues."""
         self.set_filter(cutoff_centihertz, now)
         self._stream = None
         self._begin_sampling(now)
 
     def start_stream(self, cutoff_centihertz: int, period_us: int, now: float) -> None:
-        """Sample, and send by the own clock from now on; a running stream takes the new period after the frame that
-        it waits for.
+        """Sample, and send on the gateway's clock from now on. A running stream adopts the new period after the
+        pending frame.
         """
         if not self._streamed:
-            # The firmware's first start of a stream since power-up first stops the sampling that runs.
+            # The first start of a stream since power-up stops the sampling that is already running.
             self.stop()
             self._streamed = True
         self.set_filter(cutoff_centihertz, now)
@@ -254,17 +260,17 @@ class Firmware:
         self._stream = _Stream(now if self._stream is None else self._stream.due, period)
 
     def stop(self) -> None:
-        """Forget stream, counter, filter state and offset; a zero that waits for its sample stays."""
+        """Discard stream, counter, filter state and offset. A pending zero remains pending."""
         self._stream = self._sampling = None
         self._filtered, self._offset = np.zeros(6), np.zeros(6)
 
     def zero(self, now: float) -> None:
-        """Make the next sample the origin, also when it is taken only after a start."""
+        """Set the zero at the next sample, even if sampling starts only later."""
         self._take_samples(now)
         self._zero_requested = True
 
     def set_filter(self, cutoff_centihertz: int, now: float) -> None:
-        """First-order low pass; 0 is unfiltered."""
+        """Set the cut-off frequency of the first-order low-pass. With 0, samples are not filtered."""
         self._take_samples(now)
         period = self._sample_period
         cutoff_hz = cutoff_centihertz / 100
@@ -273,16 +279,16 @@ class Firmware:
     # --- samples
 
     def sample(self, at: float) -> Sample | None:
-        """Return the newest sample, or None while stopped."""
+        """Return the newest sample; None if sampling is stopped."""
         return None if self._sampling is None else self._newest(self._sampling, at)
 
     def due_samples(self, now: float) -> Iterator[Sample]:
-        """Return samples of the stream that are due: their time has come, and their delay has passed."""
+        """Return the samples of the stream whose delay has passed."""
         samples = self._stream_samples(now)
         return samples if self._late is None else self._late.arrived(samples, now)
 
     def _stream_samples(self, now: float) -> Iterator[Sample]:
-        """Return samples of the stream whose time has come, each as it was at its time."""
+        """Return the samples of the stream that are due, each with the values at its own time."""
         stream, sampling = self._stream, self._sampling
         while stream is not None and sampling is not None and not stream.ends and stream.due <= now:
             yield self._newest(sampling, stream.due)
@@ -290,20 +296,21 @@ class Firmware:
                 if injection.holds(stream.due):
                     stream.anchor += (injection.number("factor") - 1.0) * stream.period
                     injection.struck += 1
-            stream.step(self._longer())
+            stream.step(self._period_excess())
 
-    def _longer(self) -> float:
-        """How much longer a period of the stream lasts, s: sending and waking up take time."""
+    def _period_excess(self) -> float:
+        """Return the excess length of a period of the stream, s. Sending and waking up take time."""
         least, largest = self._profile.period_overhead_us
         if not largest:
             return 0.0
-        asked, shortest = self._period_us, self._profile.shortest_period_us
+        period, shortest = self._period_us, self._profile.shortest_period_us
         overhead = self._random.uniform(least, largest)
-        return (max(asked + overhead, shortest) - max(asked, shortest)) * 1e-6
+        return (max(period + overhead, shortest) - max(period, shortest)) * 1e-6
 
     def sampled_at(self, counter: int) -> float | None:
-        """Return when the sensor really measured the newest sample with this frame counter, s; None where there is no
-        such sample since the start.
+        """Return the time at which the sensor measured the newest sample with this frame counter, s.
+
+        None if there has been no such sample since the start.
         """
         sampling = self._sampling
         if sampling is None:
@@ -316,7 +323,7 @@ class Firmware:
         )
 
     def next_deadline(self) -> float | None:
-        """Return the time of the stream's next frame, a late one included, or of the next block of samples."""
+        """Return the time of the stream's next frame, including a delayed one, or of the next block of samples, s."""
         due = self._own_deadline()
         return due if self._late is None else self._late.next_deadline(due)
 
@@ -330,7 +337,7 @@ class Firmware:
         return due if due < math.inf else None
 
     def catch_up(self, now: float) -> None:
-        """Take the block of samples that is due."""
+        """Process the block of samples that is due."""
         deadline = self._own_deadline()
         if deadline is not None and deadline <= now:
             self._take_samples(now)
@@ -361,7 +368,7 @@ class Firmware:
             sampling.taken = last
 
     def _read(self, sampling: _Sampling, last: int) -> None:
-        """Have the samples up to number `last` at hand, and those behind it that the sensor tells already."""
+        """Read the samples up to number `last`, and the following samples that the sensor predicts."""
         rest = sampling.ahead[len(sampling.ahead) - (sampling.read - sampling.taken) :]
         period, began = self._sample_period, sampling.started_at
         first = math.floor(((sampling.read + 1) * period + began) * SENSOR_RATE_HZ)
@@ -373,7 +380,7 @@ class Firmware:
         sampling.ahead = np.concatenate((rest, counts.take(numbers - first, axis=0)))
 
     def _invalidate(self, first: int) -> None:
-        """Drop the sensor's samples from this number on: they will change."""
+        """Drop the sensor's samples from this number on, because they will change."""
         sampling = self._sampling
         if sampling is None:
             return
@@ -386,18 +393,20 @@ class Firmware:
             sampling.read = read
 
     def _filter(self, counts: NDArray[np.float64]) -> None:
-        """First-order low pass, y += α (x − y); α may differ from the block before."""
-        away = counts - self._filtered
+        """Apply the first-order low-pass, y += α (x − y); α may differ from the previous block."""
+        difference = counts - self._filtered
         if self._zero_requested:
             self._zero_requested = False
-            self._offset = self._filtered + self._smoothing * away[0]
-        # Of a block only the last output is ever sent, so the recursion is one weighted sum. It is taken from the
-        # filter's present output, so that a constant input leaves it exactly there.
+            self._offset = self._filtered + self._smoothing * difference[0]
+        # Only the last output of a block is sent, so the recursion is one weighted sum. The sum is relative to the
+        # filter's current output, so that a constant input leaves the output exactly unchanged.
         weights = _impulse_response(self._smoothing, len(counts))
-        self._filtered = self._filtered + weights.dot(away)  # which `@` does as well, but begins more slowly
+        self._filtered = self._filtered + weights.dot(
+            difference
+        )  # `@` gives the same result, but has a larger overhead
 
 
 @lru_cache(maxsize=64)
 def _impulse_response(smoothing: float, count: int) -> NDArray[np.float64]:
-    """Weight of each of `count` samples, oldest first, in a first-order low pass y += smoothing (x − y)."""
+    """Return the weight of each of `count` samples, oldest first, in a first-order low-pass y += smoothing (x − y)."""
     return smoothing * (1.0 - smoothing) ** np.arange(count - 1, -1, -1.0)

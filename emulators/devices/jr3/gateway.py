@@ -1,4 +1,4 @@
-"""The part of a gateway of a JR3 sensor that does not depend on its wire: the sensor, the firmware, their faults."""
+"""Parts of a JR3 gateway that do not depend on its wire: sensor, firmware and faults."""
 
 from collections.abc import Mapping
 from typing import Generic
@@ -12,21 +12,21 @@ from emulators.unmodelled import Unmodelled
 
 
 class AnyGateway(Generic[Data]):
-    """A gateway without its session on the wire."""
+    """Gateway without the protocol on its wire."""
 
     endpoint: Packets[Data]
-    """The end of its wire."""
+    """Gateway's end of the wire."""
 
     def __init__(self, profile: FirmwareProfile, sensor: Jr3Sensor, seed: int) -> None:
         self.jr3 = sensor
-        """The sensor behind it."""
+        """Connected sensor."""
         self.unmodelled = Unmodelled("jr3")
         self._blocks = profile.blocks
         self._firmware = Firmware(sensor, profile, seed)
 
     @property
     def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
-        """Faults of the receiver and the sensor, by target, for a ledger."""
+        """Fault handlers of the receiver and the sensor, by target, for a ledger."""
         return {
             "signal": self.jr3.signal.handlers,
             SENSOR_WIRE: self.endpoint.handlers,
@@ -34,15 +34,15 @@ class AnyGateway(Generic[Data]):
         }
 
     def unplug(self, now: float) -> None:
-        """Pull the sensor's plug; harmless when it is out."""
+        """Unplug the sensor. Idempotent."""
         self._firmware.unplug(now)
 
     def plug_in(self, now: float) -> None:
-        """Put the sensor's plug in; harmless when it is in."""
+        """Plug the sensor in. Idempotent."""
         self._firmware.plug_in(now)
 
     def steps_of(self, order: str) -> tuple[Step, ...] | None:
-        """Return the steps of a command of this name; None if it is answered at once by an uninitialised gateway."""
+        """Return the steps of the command with this name; None if an uninitialised gateway answers it at once."""
         if not (self._firmware.initialised or (self._blocks and order == "RESET")):
             return None
         before = self._firmware.before_stream
@@ -50,7 +50,9 @@ class AnyGateway(Generic[Data]):
         return steps.get(order, ())
 
     def sampled_at(self, counter: int) -> float | None:
-        """Return when the sensor really measured the newest sample sent with this counter, s; None if there is none."""
+        """Return the time at which the sensor measured the newest sample sent with this counter, s; None if there
+        is none.
+        """
         return self._firmware.sampled_at(counter)
 
     def next_event(self) -> None:

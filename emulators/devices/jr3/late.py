@@ -1,4 +1,4 @@
-"""A delay between a gateway's frames and their arrival that differs from frame to frame."""
+"""Random delay of each frame of a gateway's stream."""
 
 import random
 from collections import deque
@@ -10,16 +10,16 @@ from emulators.quantiles import draw
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One reading that a gateway sends."""
+    """Reading sent by a gateway."""
 
     counts: list[int]
-    """Filtered and zeroed: fx fy fz mx my mz."""
+    """Filtered and zeroed counts: fx fy fz mx my mz."""
     counter: int
-    """Samples taken since the start, modulo 65536."""
+    """Number of samples since the start, modulo 65536."""
 
 
 class LateSamples:
-    """Samples of a stream on their way, each as late as its draw says, none before the one ahead of it."""
+    """Delays the samples of a stream, each by a random time, and keeps their order."""
 
     def __init__(self, quantiles_ms: Sequence[float], seed: int) -> None:
         self._quantiles_ms = quantiles_ms
@@ -27,7 +27,7 @@ class LateSamples:
         self._waiting: deque[tuple[float, Sample]] = deque()
 
     def arrived(self, samples: Iterable[Sample], now: float) -> Iterator[Sample]:
-        """Send samples on their way; those whose time has come."""
+        """Add samples. Return the samples that are due."""
         for sample in samples:
             at = now + draw(self._quantiles_ms, self._random) / 1000.0
             if self._waiting:
@@ -37,7 +37,7 @@ class LateSamples:
             yield self._waiting.popleft()[1]
 
     def next_deadline(self, other: float | None) -> float | None:
-        """When the next one is through, or `other` if that is earlier."""
+        """Return the time at which the next sample is due, s, or `other` if that is earlier."""
         if not self._waiting:
             return other
         at = self._waiting[0][0]

@@ -1,4 +1,4 @@
-"""The JR3 sensor with each of its receivers as a part of a cell."""
+"""Factories of JR3 sensors, with each of their receivers, for a cell."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ from emulators.seams import WrenchSource
 
 @dataclass(frozen=True)
 class Jr3Profiles:
-    """Everything that may differ between one JR3 sensor and the next. The section `[cell.jr3]`."""
+    """Settings of a JR3 sensor and its receivers: section `[cell.jr3]`."""
 
     sensor: SensorProfile = field(default_factory=SensorProfile)
     gateway: GatewayProfile = field(default_factory=GatewayProfile)
@@ -37,5 +37,5 @@ def make_uart(sensor: SensorProfile, gateway: UartGatewayProfile) -> UartFactory
 
 
 def make_board(sensor: SensorProfile, board: BoardProfile, filter_number: int = 0) -> BoardFactory:
-    """Return a factory of sensors behind a receiver board, of which a client reads the filter of this number, 0 … 6."""
+    """Return a factory of sensors behind a receiver board. A client reads the filter with this number, 0 … 6."""
     return lambda source, now, seed: Board(board, Jr3Sensor(sensor, source, seed), now, filter_number)

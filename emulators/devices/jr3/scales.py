@@ -1,4 +1,4 @@
-"""Full scales that a device tells wrongly."""
+"""Falsification of a device's full scales."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,29 +9,29 @@ _FORCES = 3
 
 
 class WrongScales:
-    """Falsifies the six full scales that are told while a fault lasts."""
+    """Falsifies the six reported full scales while a fault is active."""
 
     def __init__(self) -> None:
         self._faults: list[Injection] = []
         self.handlers: Mapping[str, Handler] = {"wrong-scales": Handler(self._faults.append)}
-        """Handlers for a ledger."""
+        """Fault handlers for a ledger."""
 
     @property
     def faulty(self) -> bool:
-        """Whether other full scales are told than the true ones."""
+        """Whether the reported full scales differ from the true ones."""
         self._faults = [injection for injection in self._faults if injection.ended_at is None]
         return bool(self._faults)
 
-    def told(self, words: Sequence[int]) -> tuple[int, ...]:
-        """Return the falsified full scales, forces first, for all or the first of the true ones."""
-        told = tuple(words)
+    def falsified(self, words: Sequence[int]) -> tuple[int, ...]:
+        """Return the full scales as falsified, forces first. `words` are all true full scales, or the first ones."""
+        falsified = tuple(words)
         for injection in self._faults:
-            which, before = injection.values["of"], told
-            told = tuple(
+            which, before = injection.values["of"], falsified
+            falsified = tuple(
                 min(round(word * injection.number("factor")), _WORD_LIMIT)
                 if which == "all" or (which == "forces") == (k < _FORCES)
                 else word
-                for k, word in enumerate(told)
+                for k, word in enumerate(falsified)
             )
-            injection.struck += told != before
-        return told
+            injection.struck += falsified != before
+        return falsified

@@ -1,6 +1,6 @@
-"""A JR3 sensor up to its serial link: wrench in, samples at 8 kHz out, with noise and saturation.
+"""JR3 sensor up to its serial link: it converts a wrench to samples at 8 kHz, with noise and saturation.
 
-A gateway takes counts of the wrench; a receiver board takes the raw channels, which the sensor's calibration
+A gateway receives counts of the wrench. A receiver board receives the raw channels, which the sensor's calibration
 decouples.
 """
 
@@ -17,44 +17,47 @@ from protocol.devices.jr3 import FULL_SCALE_COUNTS
 from protocol.marks import Mark, SettingError, at_least, between, check_settings, setting
 
 SENSOR_RATE_HZ = 8000
-"""Source: JR3 manual 5907E."""
+"""Sample rate, Hz. Source: JR3 manual 5907E."""
 _AXES = 6
 _SINGULAR = 1e6
-"""Condition number from which six channels do not tell six axes apart."""
+"""Condition number from which six channels do not separate six axes."""
 
 
 @dataclass(frozen=True)
 class SensorProfile:
-    """Which sensor, and how good."""
+    """Type and quality of the sensor."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     full_scales_n: tuple[float, float, float] = setting(
         (115.0, 111.0, 185.0),
         Mark.OBSERVED,
-        "fx fy fz, whole N (a wrist sensor on CAN)",
+        "full scales of fx fy fz, integer N (a wrist sensor on CAN)",
         between(1.0, 65535.0),
         unit="N",
     )
     full_scales_nm: tuple[float, float, float] = setting(
         (5.6, 5.2, 6.1),
         Mark.OBSERVED,
-        "mx my mz, whole 0.1 N·m (a wrist sensor on CAN)",
+        "full scales of mx my mz, multiples of 0.1 N·m (a wrist sensor on CAN)",
         between(0.1, 6553.5),
         unit="N·m",
     )
     noise_counts: float = setting(
-        1.0, Mark.DERIVED, "noise of every axis, rms; recordings show 0.5 … 2.8", at_least(0.0), unit="counts"
+        1.0, Mark.DERIVED, "noise of each axis, rms; recordings show 0.5 … 2.8", at_least(0.0), unit="counts"
     )
     adc_bits: int = setting(
-        14, Mark.ASSUMED, "resolution of the converter: sets where counts saturate", between(12, 16)
+        14,
+        Mark.ASSUMED,
+        "resolution of the A/D converter in bits, which decides where counts saturate",
+        between(12, 16),
     )
-    connected: bool = setting(True, Mark.CHOSEN, "whether the sensor is plugged in")
+    connected: bool = setting(True, Mark.CHOSEN, "a sensor is connected")
     coupling: tuple[float, ...] = setting(
         (),
         Mark.ASSUMED,
-        "what each axis, fx first, shows on the raw channels 1 … 6, as parts of full scale: 36 values, "
-        "six for every axis; empty = every axis on its own channel",
+        "signal of each axis, fx first, on the raw channels 1 … 6, as a fraction of full scale: "
+        "36 values, six per axis; empty: each axis on its own channel",
     )
 
     def __post_init__(self) -> None:
@@ -65,11 +68,11 @@ class SensorProfile:
         if len(self.coupling) not in (0, _AXES * _AXES):
             raise SettingError("coupling", f"must be 36 values or none, got {len(self.coupling)}")
         if not (np.isfinite(self.coupling).all() and np.linalg.cond(self.coupling_matrix) < _SINGULAR):
-            raise SettingError("coupling", "must be a matrix that can be inverted")
+            raise SettingError("coupling", "must be an invertible matrix")
 
     @property
     def full_scale_words(self) -> tuple[int, ...]:
-        """The six full scales as calibration and wire hold them: N and N·m×10."""
+        """Full scales as in calibration and messages, six words: N and N·m×10."""
         return (
             *(round(value) for value in self.full_scales_n),
             *(round(v * 10) for v in self.full_scales_nm),
@@ -77,12 +80,12 @@ class SensorProfile:
 
     @property
     def coupling_matrix(self) -> NDArray[np.float64]:
-        """Parts of full scale on the raw channels (columns) for full scale of each axis (rows)."""
+        """Signal on each raw channel (columns) at full scale of each axis (rows), as shares of full scale."""
         return np.reshape(self.coupling, (_AXES, _AXES)) if self.coupling else np.eye(_AXES)
 
     @property
     def saturation_counts(self) -> int:
-        """Most positive count: 32768 − 2^(16 − bits)."""
+        """Largest positive count: 32768 − 2^(16 − bits)."""
         return 32768 - (1 << (16 - self.adc_bits))
 
 
@@ -93,25 +96,27 @@ class Jr3Sensor:
         self._source = source
         self._samples = samples = Samples(source, SENSOR_RATE_HZ, self._counts)
         self.on_invalidate = samples.on_invalidate
-        """Called with the number of the first sample that may differ from the one that was read ahead."""
+        """Functions to call with the number of the first sample that may differ from the one read ahead."""
         self.invalidate = samples.invalidate
-        """Samples from a time on, s, are others than could be read."""
+        """Declare that samples from a time on, s, differ from the samples read ahead."""
         self.committed_until = samples.committed_until
-        """Time up to which samples may be read ahead, at least the given present, s."""
+        """Return the time up to which samples may be read ahead, s; never earlier than the current time passed to
+        it.
+        """
         self.predicted_until = samples.predicted_until
-        """The same for a reader that minds `on_invalidate`."""
+        """Return the time up to which a reader may read ahead if it handles `on_invalidate`, s."""
         self.counts_from = samples.starting
-        """Six counts of each sample, whole numbers (n, 6). The samples are those from the first number to the second,
-        the newest at present, and further ones as far as they are predicted.
+        """Return the six counts of each sample, integers (n, 6), from the first number to the second, which is the
+        newest sample now. Further samples follow as far as they are predicted.
         """
         self._noise = NumberedNoise(profile.noise_counts, seed)
         self._become(profile)
         needs = "" if profile.noise_counts else "cell.jr3.sensor.noise_counts"
         self.signal = Signal(SENSOR_RATE_HZ, needs, samples.invalidate_from)
-        """Faults before the converter."""
+        """Faults that act before the converter."""
 
     def exchange(self, profile: SensorProfile, now: float) -> None:
-        """From now on, s, another sensor measures, as noisy as this one: only full scales and coupling differ."""
+        """Replace the sensor at a time, s, by another one with equal noise. Only full scales and coupling differ."""
         if profile != self.profile:
             self._become(profile)
             self.invalidate(now)
@@ -126,9 +131,9 @@ class Jr3Sensor:
         """Matrix (6, 6) from raw channels 1 … 6 to N and N·m: wrench = raw @ calibration."""
 
     def counts(self, indices: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Six counts (n, 6) of the samples with these numbers k, which do not fall.
+        """Return the six counts (n, 6) of the samples with these numbers, which do not decrease.
 
-        Noise belongs to the sample number: it is the same whatever the blocks in which samples are read.
+        Noise depends only on the sample number, not on the blocks in which samples are read.
         """
         if not len(indices):
             return np.empty((0, _AXES), dtype=np.int64)
@@ -136,8 +141,8 @@ class Jr3Sensor:
         return self.counts_from(first, last).take(indices - first, axis=0).astype(np.int64)
 
     def _counts(self, first: int, stop: int) -> NDArray[np.float64]:
-        """Six counts (n, 6) of the samples from number `first` to before `stop`."""
-        # One row an axis: numpy is quickest along the last dimension, and six is too short for it.
+        """Return the six counts (n, 6) of the samples `first` … `stop` − 1."""
+        # One row per axis: numpy is fastest along the last dimension, and a length of six is too short.
         counts = self._wrench(first, stop) * self._counts_per_unit[:, np.newaxis]
         self._add_noise(counts, first)
         # Assumed: rounded to nearest.
@@ -148,17 +153,15 @@ class Jr3Sensor:
         return counts.T
 
     def _wrench(self, first: int, stop: int) -> NDArray[np.float64]:
-        """Wrench (6, n) before the converter of the samples from number `first` to before `stop`, N and N·m."""
+        """Return the wrench (6, n) before the converter of the samples `first` … `stop` − 1, N and N·m."""
         wrench = self._source.wrench(np.arange(first, stop) / SENSOR_RATE_HZ).T
         return self.signal.wrench(wrench, first) if self.signal.faulty else wrench
 
     def raw(self, first: int, stop: int) -> NDArray[np.int64]:
-        """Return the converter readings (n, 6) of raw channels 1 … 6.
+        """Return the converter readings (n, 6) of raw channels 1 … 6 for the samples `first` … `stop` − 1.
 
-        They belong to the samples from number `first` to before `stop`.
-
-        Left-justified in 16 bits, so that they rise in steps of 2^(16 − bits). Assumed: twice full scale of an
-        axis is the converter's range, and the noise of an axis is that of its channel before conversion.
+        They are left-justified in 16 bits, hence in steps of 2^(16 − bits). Assumed: the converter's range is twice
+        the full scale of an axis, and an axis has the noise of its channel before conversion.
         """
         step = 1 << (16 - self.profile.adc_bits)
         channels = self._raw_per_wrench.T @ self._wrench(first, stop)

@@ -1,8 +1,9 @@
-"""A microcontroller between a JR3 sensor's serial link and a serial line.
+"""Microcontroller between a JR3 sensor's serial link and a serial line.
 
-Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware-usb does, which was read for facts only. It misreads its
-input in its own ways, and a client has to live with that. It reads all bytes in one go, lays them over those of the
-read before, takes the first frame in it and sleeps for a second, whatever that frame was.
+It behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware-usb, which was read for facts only. The firmware
+misreads its input in characteristic ways, and a client has to cope with that. It reads all bytes at once, writes
+them over the bytes of the previous read, and executes the first frame in the result. Then it sleeps for a second,
+whatever the frame was.
 """
 
 import math
@@ -29,43 +30,48 @@ from protocol.endpoint import RemoteProtocolError
 from protocol.marks import Mark, above, at_least, between, setting
 
 _READ_SIZE = 32
-"""Bytes that one read takes at most. Source: firmware."""
+"""Maximum number of bytes in one read. Source: firmware."""
 _PAYLOAD_SIZE = 14
-"""Bytes of a command that the firmware has room for; it overruns its memory by more. Assumed: they are lost."""
+"""Maximum number of command bytes that fit the firmware's memory. Further bytes overrun it. Assumed: they are lost."""
 
 
 @dataclass(frozen=True)
 class UartGatewayProfile(FirmwareProfile):
-    """How a gateway behaves in time."""
+    """Timing of a gateway."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
-    boot_s: float = setting(5.0, Mark.OBSERVED, "deaf and silent after power-up", at_least(0.0), unit="s")
-    deaf_s: float = setting(1.0, Mark.OBSERVED, "deaf after every read", at_least(0.0), unit="s")
+    boot_s: float = setting(
+        5.0, Mark.OBSERVED, "time without response after power-up", at_least(0.0), unit="s"
+    )
+    deaf_s: float = setting(
+        1.0, Mark.OBSERVED, "time without reception after every read", at_least(0.0), unit="s"
+    )
     kept_bytes: int = setting(
         0,
         Mark.ASSUMED,
-        "bytes that wait while it is deaf, to be read after it; 0 loses them all, 256 is its driver's default",
+        "bytes buffered during that time, which are read after it; 0: all are lost; 256 is the "
+        "driver's default",
         between(0, 65536),
     )
     shortest_period_us: float = setting(
         DATA_FRAME_S * 1e6,
         Mark.DERIVED,
-        "shortest period of the stream, that is a frame of 18 bytes at 115200 baud",
+        "shortest period of the stream: a frame of 18 bytes at 115200 baud",
         above(0.0),
         unit="µs",
     )
 
 
 class _State(Enum):
-    BOOTING = "deaf, what arrives is lost"
-    BUSY = "carrying out a command that takes time"
+    BOOTING = "booting, received bytes are lost"
+    BUSY = "executing a command that takes time"
     LISTENING = "waiting for bytes"
     DEAF = "asleep after a read"
 
 
 class UartGateway(AnyGateway[bytes]):
-    """Endpoint of the gateway: takes and gives bytes, tells no events."""
+    """Endpoint of the gateway. It receives and sends bytes and has no events."""
 
     def __init__(
         self, profile: UartGatewayProfile, sensor: Jr3Sensor, powered_at: float, seed: int = 0
@@ -80,12 +86,14 @@ class UartGateway(AnyGateway[bytes]):
         self._state = _State.BOOTING
         self._until = powered_at + profile.boot_s
         self._under_way: Command | None = None
-        """The command that takes time; None of it for the calibration read at power-up."""
+        """Command in progress. It is None while the gateway reads the calibration at power-up."""
 
     # --- endpoint
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes; what arrives while it is deaf is lost, or waits as far as there is room."""
+        """Receive bytes. Bytes that arrive while the gateway is not reading are buffered if there is room, or else
+        lost.
+        """
         self.handle_deadline(now)
         if not data:
             return
@@ -96,28 +104,30 @@ class UartGateway(AnyGateway[bytes]):
             self._kept += data[: self._profile.kept_bytes - len(self._kept)]
 
     def data_to_send(self, now: float) -> bytes:
-        """Frames whose time has come."""
+        """Return frames that are due."""
         data, self._out = bytes(self._out), bytearray()
         return data
 
     def next_deadline(self) -> float | None:
-        """Return the end of the present action, or the time of the next frame or block of samples."""
+        """Return the end of the current action, or the time of the next frame or block of samples, s."""
         due = self._firmware.next_deadline()
         until = self._ends_at()
         return until if due is None else due if until is None else min(until, due)
 
     def handle_deadline(self, now: float) -> None:
-        """Emit every frame that is due up to and including now."""
+        """Send every frame that is due up to and including now."""
         while (at := self._ends_at()) is not None and at <= now:
             self._send_due(at)
-            self._go_on(at)
+            self._enter_next_state(at)
         self._send_due(now)
         self._firmware.catch_up(now)
 
     # --- its states one after another
 
     def _ends_at(self) -> float | None:
-        """When it continues with the next state, s; None while it waits for bytes, or for a sensor."""
+        """Return the time at which the gateway enters the next state, s; None while it waits for bytes or for a
+        sensor.
+        """
         match self._state:
             case _State.LISTENING:
                 return None
@@ -130,8 +140,8 @@ class UartGateway(AnyGateway[bytes]):
     def _enter(self, state: _State, until: float) -> None:
         self._state, self._until = state, until
 
-    def _go_on(self, at: float) -> None:
-        """Begin the next state."""
+    def _enter_next_state(self, at: float) -> None:
+        """Enter the next state."""
         match self._state:
             case _State.BOOTING if self._firmware.plugged:
                 self._begin(None, (Step.READ_CALIBRATION,), at)
@@ -139,7 +149,7 @@ class UartGateway(AnyGateway[bytes]):
             case _State.BUSY:
                 self._finish(at)
                 return
-            case _:  # awake, or never to have a sensor
+            case _:  # after the sleep, or after the boot without a sensor
                 self._listen(at)
 
     def _listen(self, at: float) -> None:
@@ -150,14 +160,16 @@ class UartGateway(AnyGateway[bytes]):
             self._read(data, at)
 
     def _read(self, data: bytes, at: float) -> None:
-        """One read: the bytes lie over those of earlier reads, and all up to the first `>` is taken for a command."""
+        """Read once. The bytes overwrite those of earlier reads, and all bytes up to the first `>` are interpreted
+        as a command.
+        """
         self._enter(_State.DEAF, at + self._profile.deaf_s)
         self._read_over[: len(data)] = data
         text, closing, _ = self._read_over.partition(b">")
         if not closing:
-            return  # it reads on through its memory. Assumed: nothing comes of that
+            return  # the firmware then reads beyond the buffer. Assumed: this has no effect
         text = text.replace(b"<", b"")
-        # Any character counts as a digit, and digits that are not there are those of the command before.
+        # Any character counts as a digit. Missing digits keep their values from the previous command.
         zero = ord("0")
         if text:
             self._op = (text[0] - zero) * 10
@@ -183,7 +195,7 @@ class UartGateway(AnyGateway[bytes]):
         self._finish(now)
 
     def _finish(self, now: float) -> None:
-        """Carry out what is under way, if it has waited long enough; the deaf second begins behind it."""
+        """Complete the command in progress if it has waited long enough. The gateway then sleeps for `deaf_s`."""
         at = self._firmware.finish(now)
         if at is None:
             return
@@ -200,7 +212,7 @@ class UartGateway(AnyGateway[bytes]):
                 self._firmware.zero(at)
             case Op.SET_FILTER:
                 self._firmware.set_filter(command.cutoff_centihertz, at)
-            case _:  # the steps have done it all, or the queries only want the acknowledge
+            case _:  # the steps have already executed it, or it requires only an acknowledgement
                 pass
         self._acknowledge(command.op)
         self._enter(_State.DEAF, at + self._profile.deaf_s)

@@ -1,11 +1,12 @@
-"""An emulated Net F/T: samples at some kHz, a filter, records over UDP, and a page that tells its configuration.
+"""Emulated Net F/T: samples at several kHz, a filter, records over UDP, and a page with its configuration.
 
-It serves one client at a time: a start from another address takes the stream there, and the first client is told
-nothing. A stop from another address ends the stream, unless a setting says otherwise. A bias from there is taken, and
-the stream stays. What is no request changes nothing, wherever it comes from.
+It serves one client at a time: a start request from another address redirects the stream to that address, without
+notice to the first client. A stop request from another address ends the stream, unless a setting prevents it. A
+bias request from another address is applied, and the stream continues. Anything other than a request has no effect,
+whatever its source.
 
-Samples are numbered at the family's highest rate. An Axia with a lower one, `adc_rate_hz`, tells each second, fourth,
-eighth or sixteenth of them.
+Samples are numbered at the family's highest rate. An Axia with a lower rate, `adc_rate_hz`, reports every second,
+fourth, eighth or sixteenth sample.
 """
 
 import math
@@ -42,31 +43,34 @@ from protocol.endpoint import RemoteProtocolError
 
 _COUNT_END = 2**31 - 1
 _MOST_AT_ONCE = 64
-"""Chosen: records sent before others have their turn. After a pause of the computer they would overrun a reader."""
+"""Maximum number of records sent at once. Chosen: after a pause of the computer, more records would overrun a
+reader.
+"""
 _LOAD_MAX = 1.05
-"""Share of an Axia's ratings, in its plane with the turn about its axis, or along its axis with the tilt, above which
-a load is out of range. Source: manual 9610-05-EtherCAT Axia-09, 5.2.1.8; assumed: that the shares are added so.
+"""Load above which an Axia reports that the load is out of range, as a share of its ratings. Two pairs of shares
+are added: the force in the sensor's plane with the moment about its axis, and the force along its axis with the
+tilting moment. Source: manual 9610-05-EtherCAT Axia-09, 5.2.1.8; assumed: that the shares are added in this way.
 """
 
 
 @dataclass(slots=True)
 class _Stream:
-    """A request for records that is being answered."""
+    """Active request for records."""
 
     next: int
-    """Number of the sample that is told next."""
+    """Number of the next sample to report."""
     remaining: int | None
-    """Records that are still to be sent; None: until a stop."""
+    """Total number of records to send; None if the stream continues until a stop."""
     at_once: int
-    """Records in a datagram."""
+    """Number of records per datagram."""
     side: Hashable
-    """Side that has asked."""
+    """Address that sent the request."""
     sent: int = 0
     buffer: list[bytes] = field(default_factory=list)
 
 
 class NetBox:
-    """The box behind its wire, which `endpoint` is: takes and gives datagrams. An `EmulatedSensor`."""
+    """Box behind its wire, which is `endpoint`. It receives and sends datagrams. An `EmulatedSensor`."""
 
     def __init__(self, profile: NetFtProfile, source: WrenchSource, powered_at: float, seed: int) -> None:
         self.profile, self._family = profile, FAMILIES[profile.family]
@@ -78,14 +82,14 @@ class NetBox:
         self._measured = MeasuredWrench(source, self._family.rate_hz, converter, seed, "cell.netft.noise_n")
         self.filter = SampleFilter(self._measured, profile)
         self.endpoint: Packets[Sequence[bytes]] = Packets(self, DATAGRAMS, f"{seed} frames")
-        """The end of its wire."""
+        """Box's end of the wire."""
         self._out: list[bytes] = []
         self.bias: Floats = np.zeros(6)
-        """Counts that are taken off."""
+        """Bias subtracted from the counts."""
         self.streams = profile.rdt_enabled
         self.rate_hz: float = profile.rate_hz
         self._every = round(self._family.rate_hz / profile.adc_rate_hz)
-        """So manieth sample of the highest rate is taken."""
+        """Ratio of the highest sample rate to the current one."""
         self.buffered_records = profile.buffered_records
         self._latched = False
         self._stream: _Stream | None = None
@@ -113,9 +117,9 @@ class NetBox:
 
     def _power_up(self, now: float) -> None:
         self.ready_at = now + self.profile.boot_s
-        """From when on it hears and answers, s."""
+        """Time from which the box receives and answers, s."""
         self._first = self._measured.first_after(now)
-        """Number of the sample that has the ft_sequence 0."""
+        """Number of the sample whose ft_sequence is 0."""
         self.filter.restart(self._first)
         self._frozen_ft: int | None = None
         self._stop(now)
@@ -128,14 +132,14 @@ class NetBox:
         self._power_up(now)
 
     def sampled_at(self, counter: int) -> float | None:
-        """When it measured the sample of this ft_sequence, s."""
+        """Return the time at which the box measured the sample with this ft_sequence, s."""
         number = self._first + counter * self._every
         return number / self._family.rate_hz if number <= self.filter.newest else None
 
     # --- endpoint
 
     def receive(self, data: Sequence[bytes], now: float) -> None:
-        """Take requests; anything else gets no answer."""
+        """Receive requests. The box does not answer anything else."""
         self._send_due(now)
         if now < self.ready_at or not self.streams:
             return
@@ -145,7 +149,9 @@ class NetBox:
             except RemoteProtocolError:
                 continue  # assumed: dropped without an answer
             if request.extended:
-                self.unmodelled.touch("extended request", "dropped: records go to the asking address alone")
+                self.unmodelled.touch(
+                    "extended request", "dropped: records are sent to the requesting address only"
+                )
                 continue
             own = self._stream is None or side_of(datagram) == self._stream.side
             if request.command == Command.STOP:
@@ -171,7 +177,7 @@ class NetBox:
         return out
 
     def next_deadline(self) -> float | None:
-        """When the next record goes out, s."""
+        """Return the time at which the next record is due, s."""
         stream = self._stream
         return None if stream is None else stream.next / self._family.rate_hz + self.profile.latency_s
 
@@ -209,26 +215,26 @@ class NetBox:
 
     @property
     def adc_rate_hz(self) -> int:
-        """Internal samples a second, as its page tells them."""
+        """Internal sample rate that the page reports, Hz."""
         return self._family.rate_hz // self._every
 
     def set_adc_rate(self, rate_hz: int, now: float) -> None:
-        """Take samples at another rate of the family, at once; their numbers continue (assumed)."""
+        """Change at once to another sample rate of the family. Sample numbers continue (assumed)."""
         newest = self._measured.number_at(now)
-        told = (newest - self._first) // self._every
+        sent = (newest - self._first) // self._every
         self._every = round(self._family.rate_hz / rate_hz)
-        self._first = newest - told * self._every
+        self._first = newest - sent * self._every
         if self._stream is not None:
             self._stream.next = newest + self.step
 
     @property
     def rate_used_hz(self) -> int:
-        """Records a second, in whole numbers."""
+        """Records per second, an integer."""
         return self._family.rate_hz // self.step
 
     @property
     def step(self) -> int:
-        """Samples of the highest rate from one record to the next."""
+        """Number of samples at the highest rate between two records."""
         return self._every * output_step(self.rate_hz, self._family.rate_hz / self._every)
 
     def newest(self, now: float) -> int:
@@ -237,11 +243,11 @@ class NetBox:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """The counts that it told last, or would."""
+        """Counts of the last record; without a record, the counts that it would have."""
         return tuple(self._counts_of(self.filter.output or [0.0] * 6))
 
     def status(self, number: int, now: float) -> int:
-        """Return the status word with the sample of this number."""
+        """Return the status word that is sent with the sample of this number."""
         faulty, status = self._faults.any, 0
         if faulty and self._faults.under_way("unplugged", now):
             return self._family.unplugged
@@ -257,17 +263,17 @@ class NetBox:
         return status
 
     def _is_out_of_range(self) -> bool:
-        """Whether the load of the newest sample is more than an Axia's ratings bear together."""
+        """Return whether the load of the newest sample exceeds an Axia's combined ratings."""
         units = [abs(count) / self.profile.counts_per_unit for count in self.filter.output or [0.0] * 6]
         ratings = (*self.profile.ratings_n, *self.profile.ratings_nm)
         fx, fy, fz, mx, my, mz = (unit / rating for unit, rating in zip(units, ratings, strict=True))
         return max(math.hypot(fx, fy) + mz, fz + math.hypot(mx, my)) > _LOAD_MAX
 
     def _sample(self, stream: _Stream, now: float) -> None:
-        """Take the next sample that is told, and tell it."""
+        """Measure the next sample and report it."""
         number, state, step = stream.next, self.filter.output, self.step
         ft = (number - self._first) // self._every % WRAP
-        if not self._faults.any:  # as in nearly every record
+        if not self._faults.any:  # the usual case
             state = self.filter.read(number, step)
         else:
             if state is None or self._faults.under_way("unplugged", now) is None:
@@ -290,7 +296,7 @@ class NetBox:
             self._stop(now)
 
     def _counts_of(self, state: Sequence[float]) -> list[int]:
-        """Return an output of the filter as the counts of a record: less the bias, within the range of a word."""
+        """Return the counts of a record: an output of the filter minus the bias, limited to the range of a word."""
         counts = [*map(round, map(sub, state, self.bias.tolist()))]
         if max(counts) > _COUNT_END or min(counts) < -_COUNT_END:
             counts = [max(-_COUNT_END, min(_COUNT_END, count)) for count in counts]
@@ -299,6 +305,6 @@ class NetBox:
     # --- faults
 
     def reported_scale(self, kind: str, now: float) -> float:
-        """Factor by which its page tells the counts for a unit of the forces or the moments wrongly."""
+        """Return the factor by which the page falsifies the counts per unit of the forces or the moments."""
         wrong = self._faults.under_way("wrong-scales", now)
         return 1.0 if wrong is None or wrong.values["of"] not in ("all", kind) else wrong.number("factor")

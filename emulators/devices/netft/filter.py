@@ -1,4 +1,4 @@
-"""The filter of an emulated Net F/T, over the samples of its sensor."""
+"""Filter of an emulated Net F/T, applied to the samples of its sensor."""
 
 import math
 from collections import deque
@@ -14,32 +14,35 @@ from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 
 @lru_cache(maxsize=64)
 def _powers(share: float, count: int) -> Floats:
-    """Weight of each of so many samples in a filter's output, oldest first; `share` is left from one to the next."""
+    """Return the weights of the last `count` samples in a filter's output, oldest first.
+
+    `share` is the ratio of a sample's weight to that of the next sample.
+    """
     return np.asarray(share ** np.arange(count - 1, -1, -1), np.float64)
 
 
 @lru_cache(maxsize=len(FILTERS_HZ))
 def _weight(number: int) -> float:
-    """Weight of a new sample in the filter of this number."""
+    """Return the weight of a new sample in the filter with this number."""
     return filter_weight(FILTERS_HZ[number])
 
 
 class SampleFilter:
-    """A low pass. Outputs are counts without the bias."""
+    """Low-pass filter. Its outputs are counts from which no bias is subtracted."""
 
     def __init__(self, measured: MeasuredWrench, profile: NetFtProfile) -> None:
         self._measured, self._hold = measured, profile.saturation_hold_samples
         measured.on_invalidate.append(self._forget)
         self.number = profile.filter
-        """Number of the filter, as its page has it."""
+        """Number of the filter, as on the page of the box."""
         self._ahead: deque[tuple[int, list[float]]] = deque()
-        """Unfiltered outputs for the records that come next, by the numbers of their samples."""
+        """Unfiltered outputs for the next records, each with its sample number."""
         self.restart(0)
 
     def restart(self, first: int) -> None:
-        """Restart at power-up: the sample `first` is the next one. Sample 0 is the first after it."""
+        """Restart at power-up. `first` is the number of the next sample."""
         self.newest = first - 1
-        """Number of the newest sample that was read."""
+        """Number of the newest sample read."""
         self.output: list[float] | None = None
         self.saturated_until = -1
         """Number of the last sample that is reported as saturated."""
@@ -47,12 +50,12 @@ class SampleFilter:
     def read(self, number: int, step: int) -> list[float]:
         """Read every sample up to this number and return the output. Records are `step` samples apart."""
         weight = _weight(self.number)
-        # After a pause the filter has long forgotten: it begins where it would have come to.
+        # After a long pause, older samples have no weight, so the filter reads only the newest ones.
         most = step if weight == 1.0 else math.ceil(20.0 / weight)
         first = max(self.newest + 1, number - most + 1)
         state: list[float]
         if weight == 1.0:
-            state = self._unfiltered(first, number, step)
+            state = self._read_unfiltered(first, number, step)
         else:
             outputs = self._measured.outputs(first, number)
             state = outputs[-1].tolist()
@@ -65,8 +68,10 @@ class SampleFilter:
         self.newest, self.output = number, state
         return state
 
-    def _unfiltered(self, first: int, number: int, step: int) -> list[float]:
-        """Return the output of a sample; those from `first` on are read. Outputs of the next records are kept."""
+    def _read_unfiltered(self, first: int, number: int, step: int) -> list[float]:
+        """Return the output of a sample, and read the samples from `first` on. Outputs for the next records are
+        stored.
+        """
         ahead = self._ahead
         if not (ahead and ahead[0][0] == number):
             rows = self._measured.outputs_ahead(first, number)[number - first :: step].tolist()
@@ -75,6 +80,6 @@ class SampleFilter:
         return ahead.popleft()[1]
 
     def _forget(self, number: int) -> None:
-        """Drop the outputs from this number on: they differ from those read."""
+        """Drop the outputs from this number on, because the samples will differ from those that were read."""
         while self._ahead and self._ahead[-1][0] >= number:
             self._ahead.pop()

@@ -1,4 +1,4 @@
-"""The pages of an emulated Net F/T: its configuration as XML, and the forms that change it."""
+"""Pages of an emulated Net F/T: its configuration as XML, and the forms that change it."""
 
 import math
 from urllib.parse import parse_qsl, urlsplit
@@ -12,15 +12,18 @@ from protocol.devices.netft.records import AXIA_RATES_HZ, BUFFER_LIMIT, FAMILIES
 from protocol.endpoint import RemoteProtocolError
 
 CALIBRATION_PAGE = "/netftcalapi.xml"
-"""Source: manual."""
+"""Path of the calibration page. Source: manual."""
 _FORMS = ("/setting.cgi", "/comm.cgi", "/config.cgi", "/moncon.cgi")
 _VARIABLES = ("setuserfilter", "setbias", "comrdte", "comrdtrate", "comrdtbsiz", "setadcrate")
-"""Variables that are heeded, without the number of a gage."""
+"""Names of the variables that have an effect, without the number of a gage."""
 _GAGE_END = 2.0**31 - 1.0
 
 
 def answer(request: bytes, box: NetBox, now: float) -> bytes | None:
-    """Answer to what a browser has sent so far; None while it has not sent all, and from a box that boots."""
+    """Return the answer to the bytes that a browser has sent so far.
+
+    None if the request is incomplete, and while the box boots.
+    """
     try:
         target = read_get(request)
     except RemoteProtocolError:
@@ -95,11 +98,12 @@ def _row(values: object) -> str:
     return ";".join(str(value) for value in values)  # type: ignore[attr-defined]
 
 
-def _set(box: NetBox, asked: tuple[str, str, str], now: float) -> None:
-    """Change a variable: form, name and text. One of another form, an unknown one, and a value that cannot be are
-    ignored. Mark: assumed.
+def _set(box: NetBox, change: tuple[str, str, str], now: float) -> None:
+    """Set a variable, given by form, name and text.
+
+    An unknown variable, a variable of another form and an impossible value are ignored. Mark: assumed.
     """
-    form, name, text = asked
+    form, name, text = change
     if name.rstrip("0123456789") not in _VARIABLES:
         box.unmodelled.touch(f"variable {name} of {form}", "answered as done, without effect")
     value = _number(text)
@@ -134,7 +138,7 @@ def _number(text: str) -> float | None:
 
 
 class PageEndpoint:
-    """The pages on a byte wire in memory: an `Endpoint` that answers one GET after the other."""
+    """Pages on a byte wire in memory: an `Endpoint` that answers successive GET requests."""
 
     def __init__(self, box: NetBox) -> None:
         self._box = box
@@ -142,7 +146,7 @@ class PageEndpoint:
         self._out = b""
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes of a request."""
+        """Receive bytes of a request."""
         self._received += data
         self._answer(now)
 
@@ -159,10 +163,10 @@ class PageEndpoint:
         return None
 
     def handle_deadline(self, now: float) -> None:
-        """Nothing is due."""
+        """Do nothing: there is no deadline."""
 
     def _answer(self, now: float) -> None:
-        if (found := answer(self._received, self._box, now)) is not None:
-            self._out, self._received = found, b""
+        if (page := answer(self._received, self._box, now)) is not None:
+            self._out, self._received = page, b""
         elif now < self._box.ready_at:
-            self._received = b""  # a box that boots hears nothing
+            self._received = b""  # a box receives nothing while it boots

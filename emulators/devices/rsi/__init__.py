@@ -1,4 +1,4 @@
-"""An emulated KUKA controller with the Robot Sensor Interface."""
+"""Emulated KUKA controller with the Robot Sensor Interface."""
 
 from emulators.devices.rsi.controller import RsiController
 from emulators.devices.rsi.faults import RSI_FAULTS

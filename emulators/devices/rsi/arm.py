@@ -1,4 +1,4 @@
-"""The arm of an emulated KUKA controller: its set point as corrections move it, the axes that hold it, its torques."""
+"""Arm of an emulated KUKA controller: its set point with corrections, its axes and its torques."""
 
 import math
 
@@ -10,18 +10,18 @@ from protocol.devices.rsi.arm import KukaArm
 from protocol.geometry import Pose
 from protocol.kinematics import Joints as Axes
 
-OUT_OF_REACH = "the correction leads out of the reach of the arm's axes"
-"""Chosen: words of its own, for those of the controller are not known."""
+OUT_OF_REACH = "the correction leads out of the arm's reach"
+"""Error text. Chosen: the text of the real controller is unknown."""
 _PASSED_S = 1e-6
-"""Chosen: how long ago the moment of a look at the contact is, so that the path up to it is settled."""
+"""Age at which the contact force is read, s. Chosen: the path up to that time is committed."""
 _ROUNDING_M = 1e-9
 
 
 class CorrectedArm:
-    """An arm that goes where its corrections lead. Axes are in degrees."""
+    """Arm that follows its corrections. Axes are in degrees."""
 
     def __init__(self, profile: RsiProfile, start: StartPose, now: float) -> None:
-        """Raise ValueError for a start that the axes cannot hold."""
+        """Create the arm. Raises ValueError for a start that the axes cannot hold."""
         self._arm = FollowedArm(profile.arm, Pose(start.position, start.quaternion), now)
         self.path, self.pose, self.hold = self._arm.path, self._arm.pose, self._arm.hold
         self.set_point = self._arm.set_point
@@ -34,23 +34,25 @@ class CorrectedArm:
                 f"(tool at {', '.join(f'{p * 1e3:g}' for p in start.position)} mm)"
             )
         self._ordered: tuple[Pose, Axes] = pose, axes
-        """Pose that was ordered last, and its axes."""
+        """Last commanded pose and its axes."""
         self._reported: tuple[Pose, Axes] = self._ordered
-        """Pose that was reported last, and its axes."""
+        """Last reported pose and its axes."""
         self._contact: ContactSource | None = None
 
     @property
     def ordered_pose(self) -> Pose:
-        """The pose that the corrections make, before any lag of the arm."""
+        """Corrected pose, before any lag of the arm."""
         return self._ordered[0]
 
     def joints_holding(self, pose: Pose) -> Joints | None:
-        """Return the axes of a pose, rad; None if none hold it."""
+        """Return the axes of a pose, rad; None if there is no solution."""
         axes = self.kinematics.holding(pose, self._reported[1])
         return None if axes is None else tuple(map(math.radians, axes))
 
     def axes_of(self, pose: Pose) -> Axes:
-        """Return the axes of a pose, next to those reported last; those themselves if no axes hold it."""
+        """Return the axes of a pose, the solution nearest to the axes reported last. Without a solution, return
+        those axes.
+        """
         if pose != self._reported[0]:
             axes = self.kinematics.holding(pose, self._reported[1])
             self._reported = pose, axes or self._reported[1]
@@ -61,13 +63,16 @@ class CorrectedArm:
         self._contact = contact
 
     def torques(self, now: float) -> Joints | None:
-        """Torques of the contact about the axes; None without a source of its force."""
+        """Return the torques that the contact exerts about the axes; None if no source of the contact force is set."""
         if self._contact is None:
             return None
         return self.kinematics.torques(self._ordered[1], self._contact(now - _PASSED_S))
 
     def correct(self, tool: Correction, axes: AxisCorrection, limit: float, now: float) -> str:
-        """Move by these corrections, the tool by at most `limit`, m. The error that ends RSI, or an empty string."""
+        """Apply these corrections. They may move the tool by at most `limit`, m.
+
+        Return the error that ends RSI, or an empty string.
+        """
         before = self._ordered
         if not self._order(tool, axes):
             return OUT_OF_REACH
@@ -78,7 +83,7 @@ class CorrectedArm:
         return ""
 
     def _order(self, tool: Correction, by_axes: AxisCorrection) -> bool:
-        """Work out pose and axes of the corrections; False where the axes cannot hold them."""
+        """Compute pose and axes after the corrections. Return False if there is no solution."""
         pose = tool.pose
         if by_axes.total != NOTHING:
             joints = by_axes.joints

@@ -1,9 +1,9 @@
-"""A KUKA controller whose program corrects its path by a sensor: RSI_CREATE, RSI_ON, RSI_MOVECORR.
+"""KUKA controller whose program corrects its path by a sensor: RSI_CREATE, RSI_ON, RSI_MOVECORR.
 
-It sends a telegram each cycle by its own clock and takes the answers. RSI_MOVECORR keeps a standing motion active, so
-that the programmed pose stays where the program was begun. Without an answer the cycle counts as late; at the time-out
-the robot stops and RSI ends. The stop tag ends RSI_MOVECORR, and RSI_OFF comes next, as in all public programs. Then a
-person starts the program again, see `RsiProfile.restart_s`.
+It sends a telegram in each cycle on its own clock and accepts the answers. RSI_MOVECORR keeps a stationary motion
+active, so the programmed pose stays the pose at the start of the program. A cycle without an answer counts as late.
+At the timeout the robot stops and RSI ends. The stop tag ends RSI_MOVECORR, and RSI_OFF follows, as in all public
+programs. An operator then restarts the program; see `RsiProfile.restart_s`.
 
 Source: project specification of RSI, sections 4 to 6.
 """
@@ -30,7 +30,7 @@ from emulators.unmodelled import Unmodelled
 from protocol.geometry import Pose
 
 _ANSWERS_A_CYCLE = 64
-"""Chosen: answers of a cycle that are looked at. A peer that floods the port is not served."""
+"""Maximum number of answers read per cycle. Chosen, so that a peer cannot flood the port."""
 
 _ROUNDING_S = 1e-9
 _EMERGENCY_STOP = "emergency-stop"
@@ -39,27 +39,27 @@ _BY_ORDER = TOO_FAR, AXES_TOO_FAR, TOO_FAST, OUT_OF_REACH
 
 
 class RsiController:
-    """Endpoint of the controller, and the robot: an `EmulatedRobot`."""
+    """Controller and robot: the controller's end of the wire, and an `EmulatedRobot`."""
 
     def __init__(self, profile: RsiProfile, start: StartPose, now: float, seed: int = 0) -> None:
-        """Powered up, with the program begun. Raises ValueError for a start that its axes cannot hold."""
+        """Power up with the program running. Raises ValueError for a start that the axes cannot hold."""
         self.profile = profile
         self._arm = CorrectedArm(profile, start, now)
         self.path: ArmPath = self._arm.path
         self.pose, self.feel = self._arm.pose, self._arm.feel
         self.desk = Desk()
-        """What an operator has done at the panel."""
+        """Actions of the operator at the panel."""
         self._clock = Clock(profile, now)
         self._reporter = Reporter(profile, self._arm, self.desk)
         self._reader = OrderReader(profile, self._arm, self.desk)
         self._faults = OwnFaults()
         self._out: list[bytes] = []
         self.error = ""
-        """The error that has ended RSI; empty without."""
+        """Error that ended RSI; empty if there is none."""
         self.discarded: Counter[str] = Counter()
-        """Answers that were not taken, by reason."""
+        """Number of discarded answers by reason."""
         self._answers = 0
-        """Answers that were looked at in this cycle."""
+        """Number of answers read in this cycle."""
         self.endpoint: Packets[Sequence[bytes]] = Packets(self, DATAGRAMS, f"{seed} rsi")
         self.orders, self.unmodelled = Orders(), Unmodelled("rsi")
         self.state = State.ON
@@ -73,7 +73,7 @@ class RsiController:
         return self._arm.path.begun_at(target)
 
     joint_stiffness: Joints = (2.0e5, 2.0e5, 1.5e5, 2.5e4, 2.5e4, 1.5e4)
-    """Assumed, N·m/rad: of an arm for 16 kg with cycloidal gears; its encoders are on the motors."""
+    """Joint stiffness, N·m/rad. Assumed: as for an arm for 16 kg with cycloidal gears and encoders on the motors."""
 
     def tool_pose_at(self, joints: Joints) -> Pose:
         a, b, c, d, e, f = map(math.degrees, joints)
@@ -88,22 +88,22 @@ class RsiController:
         if not self._sending:
             return Hindrance("RSI is off", False)
         struck = self._faults.holds(_EMERGENCY_STOP, now) or self._faults.holds("stands", now)
-        words = "the motion is stopped" if struck else self.desk.hindrance or self._session.waits
-        return Hindrance(f"{words}, telegrams continue", False) if words else None
+        text = "the motion is stopped" if struck else self.desk.hindrance or self._session.waits
+        return Hindrance(f"{text}, telegrams continue", False) if text else None
 
     @property
     def correction(self) -> tuple[float, ...]:
-        """The total correction: X Y Z in mm, A B C in degrees; then that of the axes, degrees."""
+        """Total correction: X Y Z in mm, A B C in degrees; then the correction of the axes in degrees."""
         return self._session.correction.total + self._session.axes.total
 
     @property
     def ordered_pose(self) -> Pose:
-        """The pose that the corrections make, before any lag of the arm."""
+        """Corrected pose, before any lag of the arm."""
         return self._arm.ordered_pose
 
     @property
     def late(self) -> int:
-        """Late cycles since RSI_ON."""
+        """Number of late cycles since RSI_ON."""
         return self._session.ethernet.late
 
     # --- as an endpoint
@@ -131,14 +131,15 @@ class RsiController:
         return out
 
     def next_deadline(self) -> float | None:
-        return self._clock.next_beat
+        return self._clock.next_cycle_time
 
     def handle_deadline(self, now: float) -> None:
-        """Cycles that a stalled process has missed are skipped: a real controller would not have missed them. The
-        newest that is due is told as of its own time.
+        """Run the newest cycle that is due, at its own time.
+
+        Cycles that a stalled process has missed are skipped, because a real controller would not have missed them.
         """
-        if now >= self._clock.next_beat:
-            self._cycle(self._clock.take_beat(now))
+        if now >= self._clock.next_cycle_time:
+            self._cycle(self._clock.take_due_cycle(now))
 
     # --- cycles
 
@@ -181,7 +182,7 @@ class RsiController:
             self._correct(inputs, now)
 
     def _begin_moving(self) -> None:
-        """RSI_MOVECORR begins, in T1 and T2 once an operator has confirmed its message."""
+        """Start RSI_MOVECORR. In T1 and T2, an operator must confirm its message first."""
         session, desk = self._session, self.desk
         if self.state is State.ON and desk.is_test and not session.waits:
             session.waits, desk.to_confirm = TO_CONFIRM, True
@@ -189,7 +190,7 @@ class RsiController:
             session.waits, self.state = "", State.MOVECORR
 
     def _correct(self, inputs: Inputs, now: float) -> None:
-        """Move by the values of a cycle, unless they are refused."""
+        """Apply the corrections of a cycle, unless they are refused."""
         session = self._session
         limit = self._faults.under_way("limit", now)
         margin_mm = None if limit is None else limit.number("mm")
@@ -203,20 +204,20 @@ class RsiController:
         if error:
             self._fail(error, now)
         else:
-            session.standing = False
+            session.is_stopped = False
 
     def _stopped(self, now: float) -> bool:
-        """Whether the motion is stopped while telegrams continue."""
+        """Return whether the motion is stopped although telegrams continue."""
         struck = self._faults.under_way(_EMERGENCY_STOP, now) or self._faults.under_way("stands", now)
         if struck or self.desk.hindrance:
-            if not self._session.standing:
+            if not self._session.is_stopped:
                 self._arm.hold(now)
-            self._session.standing = True
+            self._session.is_stopped = True
             return True
         return False
 
     def _runs(self, now: float) -> bool:
-        """Whether the program runs, as its status tells it."""
+        """Return whether the telegrams report the program as running."""
         return not (self.desk.hindrance or self._faults.holds(_EMERGENCY_STOP, now))
 
     def _begin(self, now: float) -> None:
@@ -228,7 +229,7 @@ class RsiController:
             self._clock.restart()
 
     def _make_session(self, now: float) -> Session:
-        """Return a session that corrects from the robot's present pose."""
+        """Return a session that corrects from the robot's current pose."""
         programmed = self._arm.set_point(now)
         axes = self._arm.axes_of(programmed)
         self._reader.begin_session()
@@ -271,12 +272,12 @@ class RsiController:
         }
 
     def end_program(self, now: float) -> None:
-        """RSI_OFF: nothing is sent any more, and the arm stands."""
+        """Execute RSI_OFF: the controller sends nothing more, and the arm stops."""
         self.state, self._session.restart_at = State.CREATED, math.inf
         self._arm.hold(now)
 
     def reset_program(self, now: float) -> None:
-        """Reset the program and begin it again where the robot stands, up to RSI_ON."""
+        """Reset the program and restart it at the robot's current pose, up to RSI_ON."""
         self._arm.hold(now)
         self._begin(now)
 

@@ -12,36 +12,36 @@ from protocol.kinematics import Joints
 
 TOO_FAR = "KSS29000: POSCORR: permissible overall correction exceeded: RSI is stopped"
 AXES_TOO_FAR = "KSS29000: AXISCORR: permissible overall correction exceeded: RSI is stopped"
-"""Derived of POSCORR's."""
+"""Error text. Derived from the text of POSCORR."""
 TOO_FAST = "Stop by $CORRECTION function"
 _REFERENCE_MS = 4.0
-"""The cycle for which the largest step is told."""
+"""Cycle time to which the maximum step refers, ms."""
 _ROUNDING = 1e-9
 
 Total = tuple[float, ...]
-"""X Y Z in mm, A B C in degrees."""
+"""Total correction: X Y Z in mm, A B C in degrees."""
 NOTHING: Total = (0.0,) * 6
 
 
 class Correction:
-    """The correction of one session."""
+    """Correction of the tool's pose in one session."""
 
     def __init__(self, profile: RsiProfile, programmed: Pose) -> None:
-        """`programmed` is the pose without any correction; its quaternion has unit length."""
+        """Start without a correction. `programmed` is the uncorrected pose, with a unit quaternion."""
         self._profile = profile
         self.programmed = programmed
         self.total = NOTHING
         self._margin_mm, self._margin_at = math.inf, NOTHING
         steps = profile.cycle_ms / _REFERENCE_MS
         self.step_mm, self._step_deg = profile.max_step_mm * steps, profile.max_step_deg * steps
-        """Largest change of the correction in a cycle, mm; the same of its turn, degrees."""
+        """Maximum change of the correction per cycle: position, mm, and rotation, degrees."""
         self.step_rad = math.radians(self._step_deg)
 
     def take(self, value: tuple[float, ...]) -> str:
-        """Take the value of a cycle; the error that it makes, empty without. With one, the total stays as it was."""
+        """Apply the correction of a cycle. Return an error, which leaves the total unchanged, or an empty string."""
         before = self.total
-        after = self._clamped(self._summed(value) if self._profile.mode == "relative" else value)
-        error = self._monitored(after)
+        after = self._clamp(self._add_up(value) if self._profile.mode == "relative" else value)
+        error = self._check_monitor(after)
         x, y, z, *turn = [there - here for there, here in zip(after, before, strict=True)]
         if not error and (
             math.hypot(x, y, z) > self.step_mm + _ROUNDING or _angle(turn) > self._step_deg + _ROUNDING
@@ -52,7 +52,7 @@ class Correction:
         return error
 
     def narrow(self, margin_mm: float | None) -> None:
-        """Limit, as a fault, how far the correction may grow beyond its present value; None removes the limit."""
+        """Limit how far the correction may grow beyond its current value, as a fault does. None removes the limit."""
         if margin_mm is None:
             self._margin_mm = math.inf
         elif self._margin_mm == math.inf:
@@ -60,54 +60,54 @@ class Correction:
 
     @property
     def pose(self) -> Pose:
-        """The corrected pose."""
+        """Corrected pose."""
         return self.applied_to(self.programmed)
 
     def applied_to(self, pose: Pose) -> Pose:
-        """Return this pose, corrected."""
+        """Return the given pose after the correction."""
         return self.corrected(pose, self.total)
 
     def corrected(self, pose: Pose, total: Total) -> Pose:
-        """Return a pose with this total correction."""
+        """Return a pose after this total correction."""
         (x, y, z), start = pose
         dx, dy, dz, *angles = total
         a, b, c = angles
         turn = from_angles(a, b, c)
-        way = dx / 1e3, dy / 1e3, dz / 1e3
+        offset = dx / 1e3, dy / 1e3, dz / 1e3
         if self._profile.ref == "base":
-            return Pose((x + way[0], y + way[1], z + way[2]), product(turn, start))
+            return Pose((x + offset[0], y + offset[1], z + offset[2]), product(turn, start))
         now = product(start, turn)
-        wx, wy, wz = rotate(start if self._profile.tool_frame == "start" else now, way)
+        wx, wy, wz = rotate(start if self._profile.tool_frame == "start" else now, offset)
         return Pose((x + wx, y + wy, z + wz), now)
 
-    def _summed(self, value: tuple[float, ...]) -> Total:
+    def _add_up(self, value: tuple[float, ...]) -> Total:
         total = [here + more for here, more in zip(self.total, value, strict=True)]
         if self._profile.rel_rot == "compose":
             (a, b, c), (da, db, dc) = self.total[3:], value[3:]
             total[3:] = angles_of(product(from_angles(da, db, dc), from_angles(a, b, c)))
         return tuple(total)
 
-    def _clamped(self, wanted: Total) -> Total:
+    def _clamp(self, requested: Total) -> Total:
         most = self._profile.lim_mm
         kept = []
-        for value, at in zip(wanted[:3], self._margin_at[:3], strict=True):
+        for value, at in zip(requested[:3], self._margin_at[:3], strict=True):
             low, high = max(-most, at - self._margin_mm), min(most, at + self._margin_mm)
             kept.append(max(low, min(high, value)))
-        angle = _angle(wanted[3:])
+        angle = _angle(requested[3:])
         share = min(1.0, self._profile.lim_deg / angle) if angle else 1.0
-        return (*kept, *[share * part for part in wanted[3:]])
+        return (*kept, *[share * part for part in requested[3:]])
 
-    def _monitored(self, total: Total) -> str:
-        way = total[:3]
-        far = math.hypot(*way) if self._profile.mon_norm == "euclid" else max(map(abs, way))
+    def _check_monitor(self, total: Total) -> str:
+        offset = total[:3]
+        far = math.hypot(*offset) if self._profile.mon_norm == "euclid" else max(map(abs, offset))
         return TOO_FAR if far > self._profile.mon_mm or _angle(total[3:]) > self._profile.mon_deg else ""
 
 
 class AxisCorrection:
-    """The correction of the axes of one session, degrees."""
+    """Correction of the axes in one session, degrees."""
 
     def __init__(self, profile: RsiProfile, programmed: Joints, model: Model) -> None:
-        """`programmed` are the axes without any correction."""
+        """Start without a correction. `programmed` are the uncorrected axes."""
         self._profile, self.programmed = profile, programmed
         self._lowest: Total = tuple([-limit for limit in profile.lim_axis_deg])
         self._highest: Total = profile.lim_axis_deg
@@ -120,18 +120,18 @@ class AxisCorrection:
             self._highest = tuple(map(min, self._highest, highest))
         self.total = NOTHING
         self.steps = tuple(speed * profile.period for speed in model.axis_speeds_deg_s)
-        """Largest change of each axis in a cycle."""
+        """Maximum change of each axis per cycle, degrees."""
         self._margin_deg, self._margin_at = math.inf, NOTHING
 
     def narrow(self, margin_deg: float | None) -> None:
-        """Limit, as a fault, how far an axis may turn beyond its present value; None removes the limit."""
+        """Limit how far an axis may turn beyond its current value, as a fault does. None removes the limit."""
         if margin_deg is None:
             self._margin_deg = math.inf
         elif self._margin_deg == math.inf:
             self._margin_deg, self._margin_at = margin_deg, self.total
 
     def take(self, value: tuple[float, ...]) -> str:
-        """Take the value of a cycle; the error that it makes, empty without. With one, the total stays as it was."""
+        """Apply the correction of a cycle. Return an error, which leaves the total unchanged, or an empty string."""
         profile, before = self._profile, self.total
         if profile.mode == "relative":
             value = tuple([here + more for here, more in zip(before, value, strict=True)])
@@ -151,15 +151,15 @@ class AxisCorrection:
 
     @property
     def joints(self) -> Joints:
-        """The corrected axes, degrees."""
+        """Corrected axes, degrees."""
         a, b, c, d, e, f = (start + by for start, by in zip(self.programmed, self.total, strict=True))
         return a, b, c, d, e, f
 
 
 def _angle(angles: tuple[float, ...] | list[float]) -> float:
-    """Angle of the turn by A, B, C, degrees."""
+    """Return the angle of the rotation by A, B, C, degrees."""
     a, b, c = angles
-    if a == b == c == 0.0:  # as while the tool keeps its orientation
+    if a == b == c == 0.0:  # the case if the tool keeps its orientation
         return 0.0
     w, x, y, z = from_angles(a, b, c)
     return math.degrees(2.0 * math.atan2(math.hypot(x, y, z), abs(w)))

@@ -1,4 +1,4 @@
-"""Answers of a client as orders, for its judge, whatever the controller makes of them."""
+"""Reader of a client's answers as orders for a judge, whether or not the controller accepts them."""
 
 import math
 
@@ -14,7 +14,7 @@ from protocol.endpoint import RemoteProtocolError
 
 
 class OrderReader:
-    """Reads the corrections that a client orders, accepted or not."""
+    """Reads the corrections that a client commands, accepted or not."""
 
     def __init__(self, profile: RsiProfile, arm: CorrectedArm, desk: Desk) -> None:
         self._profile, self._kinematics, self._desk = profile, arm.kinematics, desk
@@ -22,13 +22,13 @@ class OrderReader:
         self.begin_session()
 
     def begin_session(self) -> None:
-        """Relative corrections add up from here on."""
+        """Restart the sum of relative corrections."""
         self._sum = NOTHING * 2
 
     def read(self, raw: bytes, now: float, session: Session, ipoc: int, acts: bool) -> ReceivedOrder:
-        """Read an answer as an order.
+        """Return an answer as an order.
 
-        `ipoc` is the clock of the newest telegram, `acts` whether the robot moves by it.
+        `ipoc` is the clock of the newest telegram. `acts` states whether the robot executes the order.
         """
         try:
             telegram = session.ethernet.read(raw)
@@ -36,8 +36,8 @@ class OrderReader:
         except RemoteProtocolError as error:
             return ReceivedOrder(now, Act.UNREADABLE, str(error), False)
         if telegram.values and self._channels.keys().isdisjoint(telegram.values):
-            words = f"tag {next(iter(telegram.values))}, see cell.rsi.correction_tag and axis_tags"
-            return ReceivedOrder(now, Act.REFUSED, words, False)
+            text = f"tag {next(iter(telegram.values))}, see cell.rsi.correction_tag and axis_tags"
+            return ReceivedOrder(now, Act.REFUSED, text, False)
         if self._profile.mode == "relative":
             values = [before + more for before, more in zip(self._sum, values, strict=True)]
             self._sum = tuple(values)
@@ -50,12 +50,12 @@ class OrderReader:
             speed, turn = speed + self._kinematics.reach * by_axes, turn + by_axes
         pose = correction.corrected(base, tuple(values[:6]))
         reach = Reach(period, min(speed, self._desk.tool_step_m(period)) / period, turn / period)
-        breach = "" if telegram.ipoc == ipoc else "the IPOC of another telegram than the newest"
-        words = f"{self._profile.mode} correction"
-        return ReceivedOrder(now, Act.MOTION, words, acts, pose, reach=reach, breach=breach)
+        breach = "" if telegram.ipoc == ipoc else "the IPOC is not that of the newest telegram"
+        text = f"{self._profile.mode} correction"
+        return ReceivedOrder(now, Act.MOTION, text, acts, pose, reach=reach, breach=breach)
 
     def _values_of(self, telegram: Telegram) -> list[float]:
-        """Values of the channels in an answer: pose, axes, stop; 0 for one that is missing."""
+        """Return the values of the channels in an answer: pose, axes, stop. A missing value is 0."""
         values = dict.fromkeys(self._channels.values(), 0.0)
         for tag in reversed(self._channels):
             if tag in telegram.values:

@@ -1,4 +1,4 @@
-"""The panel of an emulated controller with RSI: its buttons, its key, and the state that its pendant shows."""
+"""Panel of an emulated controller with RSI: its buttons, its key, and the state displayed on its pendant."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -34,7 +34,7 @@ def _start(robot: RsiController, now: float) -> None:
 
 
 def _reset(robot: RsiController, now: float) -> None:
-    """Reset the program and start it from its begin."""
+    """Reset the program and start it from its beginning."""
     robot.desk.start()
     robot.reset_program(now)
 
@@ -61,17 +61,17 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
         at=lambda state: str(state["drives"]),
     ),
     "program": Switch(
-        "Start the program where it was stopped, stop it, reset it and begin it again, or end it by RSI_OFF.",
+        "Start the program where it was stopped, stop it, reset and restart it, or end it by RSI_OFF.",
         {"start": _start, "stop": _act(_stop), "reset": _reset, "end": RsiController.end_program},
         at=lambda state: "start" if state["started"] else "stop",
     ),
     "message": Switch(
-        "Confirm that a sensor correction goes active; T1 and T2 ask for it at each begin.",
+        "Confirm that a sensor correction becomes active; T1 and T2 require it at each start.",
         {"confirm": _act(Desk.confirm)},
         "confirm",
     ),
     "override": Dial(
-        "Set the override; telegrams with OvPro.R tell it. Corrections continue as they are.",
+        "Set the override; telegrams with OvPro.R report it. Corrections are not affected.",
         _override,
         0.0,
         100.0,
@@ -102,7 +102,7 @@ def _state(robot: RsiController, now: float) -> dict[str, Any]:
     }
 
 
-_PROGRAM_WORDS = {
+_PROGRAM_TEXTS = {
     State.CREATED: "RSI is off",
     State.ON: "RSI is on, no correction acts yet",
     State.MOVECORR: "RSI_MOVECORR",
@@ -116,9 +116,9 @@ def _rows(state: Mapping[str, Any]) -> dict[str, str]:
     return {
         "key": f"{state['key'].upper()}{emergency}",
         "drives": state["drives"],
-        "program": f"{started}, {_PROGRAM_WORDS[State[state['program']]]}",
+        "program": f"{started}, {_PROGRAM_TEXTS[State[state['program']]]}",
         "error": state["error"] or "none",
-        "message": "confirm: a sensor correction goes active" if state["to_confirm"] else "none",
+        "message": "confirm: a sensor correction becomes active" if state["to_confirm"] else "none",
         "motion": motion_text(state["hindrance"]),
         "override": f"{state['override_percent']} %",
         "position": f"{numbers_text(state['position_mm'])} mm",

@@ -1,4 +1,4 @@
-"""Telegrams of an emulated KUKA controller: the tags that its configuration sends, and their values."""
+"""Telegrams of an emulated KUKA controller, with the tags that its configuration sends."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from protocol.kinematics import Joints as Axes
 
 MAKER = "KUKA"
 RUNS, STOPPED = "3", "4"
-"""Observed (FZI's configuration): states of the program."""
+"""Values that report the state of the program. Observed (FZI's configuration)."""
 NO_AXES: Axes = (math.nan,) * 6
 _EXTERNAL = range(1, 7)
 _ACTUAL, _LATE, _STATUS, _OVERRIDE = pose_tags("RIst"), "Delay.D", "ProgStatus.R", "OvPro.R"
@@ -24,15 +24,15 @@ _NO_NUMBER = "NaN"
 
 
 class Reporter:
-    """Makes the telegrams of one controller."""
+    """Creates the telegrams of one controller."""
 
     def __init__(self, profile: RsiProfile, arm: CorrectedArm, desk: Desk) -> None:
         self._profile, self._arm, self._desk = profile, arm, desk
         self.pose = ReportedPose(arm.pose)
-        """The measured pose, altered by faults."""
+        """Measured pose, as altered by faults."""
 
     def make_telegram(self, session: Session, ipoc: int, runs: bool, now: float) -> bytes:
-        """Return the next telegram of a session; `runs` says whether the program does."""
+        """Return the next telegram of a session; `runs` states whether the program is running."""
         empty = self._profile.empty_first and not session.sent
         session.sent += 1
         values = {} if empty else self._values(session, runs, now)
@@ -62,7 +62,7 @@ class Reporter:
         return values
 
     def constant_values(self, programmed: Pose, axes: Axes) -> dict[str, str]:
-        """Return the values of the tags, in their order, that stay the same in a session."""
+        """Return the values of the tags that are constant in a session, in order."""
         values: dict[str, str] = {}
         for tag in self._profile.send:
             name = tag.removeprefix("DEF_")

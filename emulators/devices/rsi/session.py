@@ -1,4 +1,4 @@
-"""RSI from one RSI_ON to its end, and the states of its program."""
+"""RSI session, from one RSI_ON to its end, and the states of its program."""
 
 import math
 from dataclasses import dataclass
@@ -9,39 +9,39 @@ from emulators.devices.rsi.ethernet import Ethernet
 
 
 class State(Enum):
-    """States of the program, as far as its telegrams show them."""
+    """States of the program that its telegrams show."""
 
     CREATED = auto()
     """RSI is off: nothing is sent."""
     ON = auto()
-    """Telegrams go out and answers are counted; nothing moves."""
+    """Telegrams are sent and answers are counted, but nothing moves."""
     MOVECORR = auto()
     """Corrections are applied."""
     ERROR = auto()
-    """An error has ended RSI; the robot stands where it stopped."""
+    """An error has ended RSI; the robot remains where it stopped."""
 
 
 @dataclass(slots=True)
 class Session:
-    """RSI from one RSI_ON to its end."""
+    """RSI session, from one RSI_ON to its end."""
 
     begun_at: float
     ethernet: Ethernet
     correction: Correction
     axes: AxisCorrection
     values: dict[str, str]
-    """Values of its telegrams, those that change included."""
+    """Values of the session's telegrams, including variable ones."""
     sent: int = 0
-    """Telegrams that were sent."""
+    """Number of telegrams sent."""
     left_at: float = math.inf
-    """When RSI_MOVECORR has ended."""
+    """Time at which RSI_MOVECORR ended, s."""
     stop_before: bool = False
-    """Stop channel of the cycle before."""
-    standing: bool = False
-    """The motion is stopped while telegrams continue."""
+    """Value of the stop channel in the previous cycle."""
+    is_stopped: bool = False
+    """Whether the motion is stopped although telegrams continue."""
     restart_at: float = math.inf
-    """When an operator begins the program again."""
+    """Time at which an operator restarts the program, s."""
     ended_by_fault: bool = False
-    """The error that has ended it came by no order of a client."""
+    """Whether a fault caused the error that ended the session, and not a client's order."""
     waits: str = ""
-    """Why RSI_MOVECORR has not begun although it is due, in words."""
+    """Reason why RSI_MOVECORR has not begun although it is due."""

@@ -1,8 +1,9 @@
-"""Targets of the emulated robot's joints: servoj's filter, even speeds, prescribed places, and braking.
+"""Joint targets of the emulated robot: servoj's filter, constant speeds, planned positions, and braking.
 
-Model of servoj, of each joint in each cycle dt, from the words of Universal Robots' script manual:
-v += dt·κ·gain·(target - x - lookahead·v), x += dt·v. A slow motion then lags by the lookahead, whatever the gain.
-Assumed: its form and the scale κ. Measurements of Universal Robots' users fit it: 34 ms with lookahead 30 ms.
+Model of servoj, for each joint in each cycle dt, after the description in Universal Robots' script manual: v +=
+dt·κ·gain·(target - x - lookahead·v), x += dt·v. A slow motion then lags by the lookahead, regardless of the gain.
+Assumed: this form and the scale κ. Measurements by users of Universal Robots fit it: a lag of 34 ms with a
+lookahead of 30 ms.
 """
 
 from collections.abc import Sequence
@@ -11,46 +12,46 @@ from typing import NamedTuple, TypeAlias
 from emulators.devices.rtde.kinematics import Joints
 
 STILL = 1e-4
-"""Chosen: a joint slower than this, rad/s, stands still."""
+"""Speed below which a joint is stationary, rad/s. Chosen."""
 ZERO: Joints = (0.0,) * 6
 
 
 class Servo(NamedTuple):
-    """servoj: towards joints."""
+    """servoj command."""
 
     target: Joints
     lookahead: float
-    """s"""
+    """Look-ahead time, s."""
     gain: float
     cycles: int
-    """It holds for so many cycles."""
+    """Number of cycles for which the command applies."""
 
 
 class Speed(NamedTuple):
-    """Joint speeds, reached with an acceleration, rad/s and rad/s²."""
+    """Joint speeds, rad/s, to reach with an acceleration, rad/s²."""
 
     speeds: Joints
     acceleration: float
 
 
 class Place(NamedTuple):
-    """A place for the end of this cycle, of a motion that was planned."""
+    """Joint positions at the end of this cycle, given by a planned motion."""
 
     target: Joints
 
 
 class Brake(NamedTuple):
-    """To a standstill, rad/s²."""
+    """Deceleration to standstill, rad/s²."""
 
     deceleration: float
 
 
 class Hold(NamedTuple):
-    """Standstill at once, as with brakes."""
+    """Immediate standstill, as with brakes."""
 
 
 class Paces(NamedTuple):
-    """Share of their speed, 0 … 1, that orders have by the speed slider."""
+    """Speed scaling of commands by the speed slider, 0 … 1."""
 
     servo: float = 1.0
     speed: float = 1.0
@@ -60,21 +61,23 @@ Order: TypeAlias = Servo | Speed | Place | Brake | Hold
 
 
 class JointArm:
-    """Joints and their velocities that the controller wants of its drives, cycle by cycle; see `drives`."""
+    """Target joint angles and speeds that the controller sends to its drives in each cycle; see `drives`."""
 
     def __init__(self, joints: Joints, period: float, gain_scale: float, stop_deceleration: float) -> None:
-        """At rest. `period` is the cycle, s; `stop_deceleration`, rad/s², holds where nothing is ordered."""
+        """Start stationary. `period` is the cycle time, s. `stop_deceleration`, rad/s², applies if there is no
+        order.
+        """
         self.joints, self.speeds = joints, ZERO
-        """Joints, and the speeds that the program gives them, rad/s."""
+        """Target joint angles, rad, and the speeds that the program commands, rad/s."""
         self.yielding = ZERO
-        """Speeds that a force gives them beside, rad/s."""
+        """Additional speeds caused by a force, rad/s."""
         self.target = joints
-        """Joints to which the program sends it: the argument of servoj."""
+        """Joint angles that the program commands as the target: the argument of servoj."""
         self._period, self._scale = period, gain_scale
         self._stop = Brake(stop_deceleration)
         self.order: Order = self._stop
-        self._left = 0
-        """Cycles for which the order still holds."""
+        self._cycles_left = 0
+        """Number of cycles for which the order still applies."""
 
     @property
     def still(self) -> bool:
@@ -83,19 +86,19 @@ class JointArm:
 
     @property
     def motion(self) -> Joints:
-        """Speeds of the joints, rad/s."""
+        """Total joint speeds, rad/s."""
         if self.yielding is ZERO:
             return self.speeds
         return _six([a + b for a, b in zip(self.speeds, self.yielding, strict=True)])
 
-    def settle(self) -> None:
-        """No force moves it any more: it continues with the speed that it has, and brakes as its order says."""
+    def end_compliance(self) -> None:
+        """End the motion by a force. The arm keeps its current speed, and brakes as its order requires."""
         self.speeds, self.yielding = self.motion, ZERO
 
     def yield_to(self, before: Joints, path: Joints, joints: Joints) -> None:
-        """Note that a force moved the arm to other joints in the last cycle.
+        """Record that a force moved the arm to other joint angles in the last cycle.
 
-        `path` is where the program alone would have led from `before`.
+        `path` are the joint angles that the program's motion alone would have reached from `before`.
         """
         dt = self._period
         self.speeds = _six([(b - a) / dt for a, b in zip(before, path, strict=True)])
@@ -104,20 +107,22 @@ class JointArm:
         if not isinstance(self.order, Servo):
             self.target = joints
 
-    def stay(self, joints: Joints) -> None:
-        """Note that the arm has not moved in the last cycle."""
+    def note_standstill(self, joints: Joints) -> None:
+        """Record that the arm did not move in the last cycle."""
         self.joints = self.target = joints
         self.speeds = self.yielding = ZERO
 
     def take(self, order: Order) -> None:
-        """Do this in the next cycle; servoj for as long as it says."""
+        """Accept an order for the next cycle. A servoj order applies for its own number of cycles."""
         self.order = order
-        self._left = order.cycles if isinstance(order, Servo) else 1
+        self._cycles_left = order.cycles if isinstance(order, Servo) else 1
 
     def step(self, paces: Paces) -> None:
-        """One cycle. A braking arm is not slowed down (assumed); a place has been slowed down by its move."""
-        if self._left:
-            self._left -= 1
+        """Advance by one cycle. Braking is not scaled by the speed slider (assumed). A move scales its planned
+        positions itself.
+        """
+        if self._cycles_left:
+            self._cycles_left -= 1
         else:
             self.order = self._stop
         dt, order = self._period, self.order
@@ -132,9 +137,9 @@ class JointArm:
             self.speeds = ZERO
             self.target = self.joints
             return
-        wanted = _scaled(order.speeds, paces.speed) if isinstance(order, Speed) else ZERO
+        desired = _scaled(order.speeds, paces.speed) if isinstance(order, Speed) else ZERO
         limit = (order.acceleration if isinstance(order, Speed) else order.deceleration) * dt
-        self.speeds = _towards(self.speeds, wanted, limit)
+        self.speeds = _towards(self.speeds, desired, limit)
         a, b, c, d, e, f = (old + dt * speed for old, speed in zip(self.joints, self.speeds, strict=True))
         self.joints = self.target = a, b, c, d, e, f
 
@@ -146,8 +151,8 @@ class JointArm:
             return
         pull = dt * stiffness
         u, v, w, p, q, r = [
-            v + pull * (wanted - x - lookahead * v)
-            for x, v, wanted in zip(self.joints, self.speeds, order.target, strict=True)
+            v + pull * (desired - x - lookahead * v)
+            for x, v, desired in zip(self.joints, self.speeds, order.target, strict=True)
         ]
         a, b, c, d, e, f = self.joints
         self.joints = a + dt * u, b + dt * v, c + dt * w, d + dt * p, e + dt * q, f + dt * r
@@ -158,12 +163,12 @@ def _scaled(speeds: Joints, share: float) -> Joints:
     return speeds if share == 1.0 else _six([share * speed for speed in speeds])
 
 
-def _towards(speeds: Joints, wanted: Joints, limit: float) -> Joints:
-    """All speeds changed in one proportion, so that the arm keeps its direction; by no more than the limit."""
-    changes = [to - now for now, to in zip(speeds, wanted, strict=True)]
+def _towards(speeds: Joints, desired: Joints, limit: float) -> Joints:
+    """Change all speeds in proportion, which keeps the direction of the arm, by no more than the limit."""
+    changes = [to - now for now, to in zip(speeds, desired, strict=True)]
     largest = max(map(abs, changes))
     if largest <= limit:
-        return wanted
+        return desired
     return _six([now + change * limit / largest for now, change in zip(speeds, changes, strict=True)])
 
 

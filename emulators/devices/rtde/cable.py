@@ -1,4 +1,4 @@
-"""The one cable of a controller, which carries all connections to it, as faults let it."""
+"""Cable of a controller, which carries all its connections and their faults."""
 
 from collections.abc import Callable, Mapping
 from typing import TypeAlias
@@ -15,11 +15,11 @@ from emulators.faults.ledger import Handler, Injection
 from emulators.faults.packets import Packets, Pieces
 
 Inner: TypeAlias = Connection | Dashboard | ScriptPort | PrimaryPort | RealtimePort | ProgramSocket
-"""The controller's end of a connection without its wire."""
+"""Controller's end of a connection, without its wire."""
 
 
 class Server:
-    """The controller's end of one connection: an endpoint of bytes that tells no events, behind its wire."""
+    """Controller's end of one connection behind its wire: an endpoint of bytes without events."""
 
     def __init__(self, inner: Inner, wire: Packets[bytes], cable: "Cable") -> None:
         self._inner, self._wire, self._cable = inner, wire, cable
@@ -32,7 +32,7 @@ class Server:
         return self._inner.closing
 
     def spare(self, is_full: Callable[[], bool]) -> None:
-        """Leave a client out of a stream while its wire is full."""
+        """Pause a client's stream if its wire is full."""
         if isinstance(self._inner, RealtimePort | Connection):
             self._inner.is_full = is_full
 
@@ -43,25 +43,25 @@ class Server:
 
 
 class Cable:
-    """The faults of the cable, for the connections that are open and for those to come."""
+    """Faults of the cable, for current and future connections."""
 
     def __init__(self, seed: int) -> None:
         self._seed = seed
         self._injections: list[tuple[Injection, bool]] = []
-        """Faults, and whether each strikes the connections of programs alone."""
+        """Active faults, each with a flag: whether it affects only the connections of programs."""
         self._wires: dict[Packets[bytes], ProgramSocket | None] = {}
-        """Open ones, each with the program's end where a program has opened it."""
+        """Open wires, each with the program's end of it, or None if a client opened it."""
         self._opened = 0
         self.handlers: Mapping[str, Handler] = dict.fromkeys(PACKAGES.faults, Handler(self._begin))
-        """Handlers for a ledger, of faults of all connections."""
+        """Fault handlers for a ledger, for all connections."""
         self.program_handlers: Mapping[str, Handler] = {
             **dict.fromkeys(MESSAGES.faults, Handler(self._begin_of_programs)),
             DROPPED: Handler(self._hang_up),
         }
-        """The same of faults of those that programs have opened."""
+        """Fault handlers for a ledger, for the connections opened by programs."""
 
     def open(self, inner: Inner, now: float) -> Server:
-        """Return the controller's end of another connection, with the faults that are active now."""
+        """Return the controller's end of a new connection, subject to the active faults."""
         self._opened += 1
         pieces: Pieces[bytes] = PACKAGES if isinstance(inner, Connection) else MESSAGES
         wire = Packets(inner, pieces, f"{self._seed} link {self._opened}")

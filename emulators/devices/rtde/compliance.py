@@ -1,4 +1,6 @@
-"""Force mode, freedrive and contact of one controller: what its programs set, and the arm's cycle with it."""
+"""Force mode, freedrive and contact of one controller: the settings made by programs, and the arm's motion with
+them.
+"""
 
 import math
 from typing import NamedTuple
@@ -17,38 +19,38 @@ from emulators.devices.rtde.profile import RtdeProfile
 from protocol.geometry import Pose, Wrench
 
 TOO_FAST = "a joint is too fast"
-"""Reason of a protective stop."""
+"""Reason of a protective stop: the motion is too fast."""
 
 
 class ToolState(NamedTuple):
-    """The tool in a cycle, as force mode knows it."""
+    """State of the tool in one cycle, as force mode receives it."""
 
     tcp: Pose
-    """Tool in the flange, as the controller takes it to be."""
+    """Tool centre point in the flange frame, as set in the controller."""
     force: Wrench
-    """actual_TCP_force with its moments about the tool. The arm's own tells none of a contact."""
+    """actual_TCP_force with moments about the tool. The arm's own sensor reports no moments of a contact."""
 
 
 class Compliance:
-    """Settings of force mode that programs make, and the cycle of an arm with it."""
+    """Settings of force mode made by programs, and the arm's motion with them."""
 
     def __init__(self, profile: RtdeProfile, period: float, lengths: Arm) -> None:
         self._profile, self._period, self._lengths = profile, period, lengths
         self._fastest = profile.max_joint_speed_rad_s
-        """Of a joint, rad/s."""
+        """Largest joint speed, rad/s."""
         self.history = History()
         self._mode: ForceMode | None = None
         self._free = False
-        """The mode is freedrive."""
+        """Whether the mode is freedrive."""
         self.reset()
 
     def reset(self) -> None:
         """Reset force mode and its settings at the end of a program."""
         self._mode = None
         self.damping = self._profile.force_mode_damping
-        """0 … 1, of force_mode_set_damping()."""
+        """Damping set by force_mode_set_damping(), 0 … 1."""
         self.gain_scaling = self._profile.force_mode_gain_scaling
-        """0 … 2, of force_mode_set_gain_scaling()."""
+        """Gain scaling set by force_mode_set_gain_scaling(), 0 … 2."""
 
     @property
     def on(self) -> bool:
@@ -56,7 +58,7 @@ class Compliance:
         return self._mode is not None
 
     def begin(self, task: ForceTask) -> None:
-        """force_mode(): from the next cycle on. Another call changes what is on."""
+        """Start force mode in the next cycle, as force_mode() does, or change an active force mode."""
         if self._mode is not None and not self._free:
             self._mode.change(task)
         else:
@@ -64,14 +66,14 @@ class Compliance:
         self._free = False
 
     def free(self, frame: Pose, axes: tuple[bool, ...]) -> None:
-        """freedrive_mode(): the axes of the frame yield to a force."""
+        """Start freedrive: the axes of the frame yield to a force."""
         profile = self._profile
         speed, turn = profile.freedrive_speed_mm_s * 1e-3, profile.freedrive_turn_rad_s
         limits = (speed, speed, speed, turn, turn, turn)
         self._mode, self._free = ForceMode(ForceTask(frame, axes, (0.0,) * 6, 2, limits), self._period), True
 
     def end(self, freedrive: bool) -> None:
-        """end_force_mode(), or end_freedrive_mode(): nothing happens where that one is not on."""
+        """End force mode or freedrive. No effect if the mode is not on."""
         if self._free == freedrive:
             self._mode = None
 
@@ -84,24 +86,25 @@ class Compliance:
         return Admittance(gain * scale, turn_gain * scale, self.damping, profile.force_mode_least_n)
 
     def step(self, arm: JointArm, paces: Paces, plays: bool, tool: ToolState) -> str:
-        """One cycle of the arm; `paces` as for `JointArm.step`. Why it must stop before that cycle, or empty.
+        """Advance the arm by one cycle. `paces` is the same as for `JointArm.step`.
 
-        While no program plays, or the arm is held, nothing yields: it stands, or brakes from the speed that it has.
+        Return the reason of a protective stop that prevents the cycle, or an empty string. While no program runs,
+        or the arm is held, no axis is compliant: the arm is stationary, or brakes from its current speed.
         """
         mode = self._mode
         if mode is None or not plays or isinstance(arm.order, Hold):
-            arm.settle()
+            arm.end_compliance()
             before = arm.joints
             arm.step(paces)
             if all(-self._fastest <= speed <= self._fastest for speed in arm.speeds):
                 return ""
-            arm.stay(before)  # also from a speed that is not a number
+            arm.note_standstill(before)  # also if a speed is NaN
             return TOO_FAST
         before = arm.joints
         old = compose(flange(self._lengths, before), tool.tcp)
         arm.step(paces)
         if not all(map(math.isfinite, arm.joints)):
-            arm.stay(before)
+            arm.note_standstill(before)
             return TOO_FAST
         planned = compose(flange(self._lengths, arm.joints), tool.tcp)
         steered = Steered(old, planned, isinstance(arm.order, Place))
@@ -109,7 +112,7 @@ class Compliance:
         motion = solve_motion(self._lengths, tool.tcp, poses, arm.joints)
         fastest = self._fastest * self._period
         if motion is None or max(abs(b - a) for a, b in zip(before, motion.joints, strict=True)) > fastest:
-            arm.stay(before)
+            arm.note_standstill(before)
             return (
                 "force mode leaves the workspace" if motion is None else "force mode makes a joint too fast"
             )

@@ -1,4 +1,4 @@
-"""One connection to the RTDE port of the emulated controller: an endpoint of bytes."""
+"""Connection to the RTDE port of the emulated controller, as an endpoint of bytes."""
 
 import math
 from collections.abc import Callable
@@ -15,16 +15,16 @@ from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 _RECIPES_MAX = 255
 _SOURCE = "RTDE"
 UNREAD_S = 10.0
-"""A client that has not read for so long is dropped. Source: RTDE_Python_Client_Library, issue 6."""
+"""Time after which a client that does not read is dropped, s. Source: RTDE_Python_Client_Library, issue 6."""
 
 
 def has_room() -> bool:
-    """Return True: a wire that accepts everything is never full."""
+    """Return True: a wire that accepts all data is never full."""
     return False
 
 
 class Connection:
-    """A client's connection. `closing` tells that it is to be closed."""
+    """Connection of a client. `closing` states whether it is about to be closed."""
 
     def __init__(self, controller: Controller, disturbance: Disturbance, now: float) -> None:
         self._controller, self._disturbance = controller, disturbance
@@ -33,19 +33,19 @@ class Connection:
         self._outputs: Recipe | None = None
         self._getters: list[Callable[[Snapshot], tuple[float, ...]]] = []
         self._every = 1
-        """Data is sent in each so-manieth cycle."""
+        """Number of cycles between two data packages."""
         self._started = False
         self._due = 0
-        """Number of the cycle in which data is sent next."""
+        """Number of the next cycle in which data is sent."""
         self._version = packets.FIRST_VERSION
-        """Version that is spoken, until another is asked for."""
+        """Protocol version in use. The client may request another."""
         self._inputs: dict[int, Recipe] = {}
         self._claimed: set[str] = set()
         self.closing = False
         self.is_full: Callable[[], bool] = has_room
         """Whether the wire still holds data that the client has not read."""
         self._unread_since: float | None = None
-        """From when on the wire was full in each cycle of the stream, s."""
+        """Time from which the wire has been full in every cycle of the stream, s."""
         disturbance.connections.append(self)
 
     # --- as an endpoint
@@ -74,7 +74,9 @@ class Connection:
         return self._controller.path.cycle_at(self._due) if self._sends else None
 
     def handle_deadline(self, now: float) -> None:
-        """Send the data of the newest cycle that is due, as of that cycle: this process may be late."""
+        """Send the data of the newest cycle that is due, with the state in that cycle. Earlier cycles are skipped
+        if this process is late.
+        """
         path = self._controller.path
         newest = path.newest_by(now)
         cycle = newest - newest % self._every
@@ -86,7 +88,7 @@ class Connection:
         self._controller.advance(now)
 
     def close(self, now: float) -> None:
-        """End the connection: its inputs become free, at once or after a while."""
+        """End the connection. Its inputs are released at once or after a delay."""
         self._started = False
         self._disturbance.connections.remove(self)
         controller, names = self._controller, self._claimed
@@ -110,7 +112,9 @@ class Connection:
         return self._started and not self.closing
 
     def _is_read(self, now: float) -> bool:
-        """Whether the client takes what it is sent. One that does not is left out, and dropped after a while."""
+        """Return whether the client reads its stream. A client that does not read receives no data, and is later
+        dropped.
+        """
         if not self.is_full():
             self._unread_since = None
             return True
@@ -122,12 +126,12 @@ class Connection:
         return False
 
     def _next(self, cycle: int) -> int:
-        """Return the next cycle in which data is sent."""
+        """Return the number of the next cycle in which data is sent."""
         return cycle - cycle % self._every + self._every
 
     def _data(self) -> bytes:
         assert self._outputs is not None, "it has started"
-        snapshot = self._disturbance.shown(self._controller.snapshots[0])
+        snapshot = self._disturbance.reported(self._controller.snapshots[0])
         values: list[float] = []
         for read in self._getters:
             values += read(snapshot)
@@ -164,12 +168,14 @@ class Connection:
             case _:
                 self._complain(f"unknown type of packet {packet.kind}", Level.ERROR)
 
-    def _complain(self, words: str, level: Level) -> None:
-        """Say it to a client that takes data. One that waits for an answer would take this for it."""
+    def _complain(self, text: str, level: Level) -> None:
+        """Send an error message to a client that receives data. A client that waits for an answer would mistake the
+        message for the answer.
+        """
         self._controller.counts["bad packets"] += 1
-        self._controller.report_order(Act.UNREADABLE, words, False)
+        self._controller.report_order(Act.UNREADABLE, text, False)
         if self._started:
-            self._out.append(packets.text(Text(words, _SOURCE, level), self._version))
+            self._out.append(packets.text(Text(text, _SOURCE, level), self._version))
 
     def _start(self) -> None:
         if self._outputs is not None and not self._started:
@@ -184,18 +190,18 @@ class Connection:
         if not names or len(payload) - 8 > packets.NAMES_MAX:
             types = (NOT_FOUND,)
         self._report_missing(names, types)
-        found = NOT_FOUND not in types
-        if found:
+        complete = NOT_FOUND not in types
+        if complete:
             recipe = Recipe(1, names, types)
             if recipe.size + packets.HEADER.size > 0xFFFF:
-                found, types = False, (NOT_FOUND,)
+                complete, types = False, (NOT_FOUND,)
             else:
                 self._outputs, self._getters = recipe, [getter(name) for name in names]
                 self._tag(names)
                 rate = 1.0 / controller.period
-                wanted = frequency if math.isfinite(frequency) else rate
-                self._every = max(1, math.floor(rate / min(max(wanted, 1.0), rate) + 1e-6))
-        self._out.append(packets.types_answer(Kind.OUTPUTS, Types(int(found), types), self._version))
+                requested = frequency if math.isfinite(frequency) else rate
+                self._every = max(1, math.floor(rate / min(max(requested, 1.0), rate) + 1e-6))
+        self._out.append(packets.types_answer(Kind.OUTPUTS, Types(int(complete), types), self._version))
 
     def _take_inputs(self, payload: bytes) -> None:
         names, controller = packets.split_names(payload), self._controller
@@ -213,28 +219,28 @@ class Connection:
         self._out.append(packets.types_answer(Kind.INPUTS, Types(number, types)))
 
     def _report_missing(self, names: tuple[str, ...], types: tuple[str, ...]) -> None:
-        """Tell a judge the variables that this controller does not have."""
+        """Report the variables that this controller does not have."""
         if missing := [name for name, kind in zip(names, types, strict=False) if kind == NOT_FOUND]:
             self._controller.report_order(Act.REFUSED, f"variable {missing[0]}", False)
 
     def _tag(self, names: tuple[str, ...]) -> None:
-        """Tell the variables of a recipe that have no meaning here."""
+        """Report the variables of a recipe that the emulator does not model."""
         for name in names:
             if detail := not_modelled(name):
                 self._controller.unmodelled.touch(f"variable {name}", detail)
 
     def _input_type(self, name: str) -> str:
-        found = type_of(INPUTS, name, self._controller.version)
+        kind = type_of(INPUTS, name, self._controller.version)
         holder = self._controller.io.claims.get(name, self)
-        if found == NOT_FOUND:
-            return found
-        return found if holder is self and not self._disturbance.in_use(name) else IN_USE
+        if kind == NOT_FOUND:
+            return kind
+        return kind if holder is self and not self._disturbance.in_use(name) else IN_USE
 
     def _take_data(self, payload: bytes) -> None:
         recipe = self._inputs.get(payload[0]) if payload else None
         if recipe is None or len(payload) != recipe.size:
             self._controller.counts["bad inputs"] += 1
-            self._controller.report_order(Act.UNREADABLE, "an input package that fits no recipe", False)
+            self._controller.report_order(Act.UNREADABLE, "an input package that matches no recipe", False)
             self.closing = self._controller.profile.bad_input == "close"
             return
         try:

@@ -1,7 +1,7 @@
-"""The newest cycles of the arm, and the contact that they show: tool_contact() of URScript.
+"""Recent cycles of the arm, and detection of a contact in them: tool_contact() of URScript.
 
-The controller's own detector is not published. Assumed: a contact is a change of actual_TCP_force that is larger than
-a threshold, against the force of the oldest cycles that are kept.
+The controller's own detector is not published. Assumed: a contact is a change of actual_TCP_force by more than a
+threshold from the oldest stored cycles.
 """
 
 import math
@@ -10,38 +10,39 @@ from collections import deque
 from emulators.devices.rtde.kinematics import Joints
 from protocol.geometry import Vector, Wrench
 
-KEPT = 250
-"""Chosen: cycles that are kept; half a second of an e-Series."""
+HISTORY_CYCLES = 250
+"""Number of stored cycles. Chosen: half a second of an e-Series."""
 _BASE = 50
-"""Chosen: the oldest cycles, whose mean is the force before a contact."""
+"""Number of the oldest cycles whose mean is the force before a contact. Chosen."""
 BEGIN_SHARE = 0.2
-"""Chosen: a contact begins where the change passes this share of the threshold."""
+"""Share of the threshold that the change of force must exceed at the beginning of a contact. Chosen."""
 
 
 class History:
-    """Joints and force of the newest cycles."""
+    """Joint angles and forces of recent cycles."""
 
     def __init__(self) -> None:
-        self._cycles: deque[tuple[Joints, Wrench]] = deque(maxlen=KEPT)
+        self._cycles: deque[tuple[Joints, Wrench]] = deque(maxlen=HISTORY_CYCLES)
 
     def note(self, joints: Joints, force: Wrench) -> None:
-        """One cycle: joints, and actual_TCP_force in base axes."""
+        """Store the joint angles of a cycle, and its actual_TCP_force in base axes."""
         self._cycles.append((joints, force))
 
     def forget(self) -> None:
-        """Forget older cycles: the force has another zero, or another program begins."""
+        """Discard all cycles, because the force sensor has a new zero or another program begins."""
         self._cycles.clear()
 
     def joints_before(self, steps: int) -> Joints | None:
-        """Joints of so many cycles ago, the oldest where fewer are kept; None where none is."""
+        """Return the joint angles this many cycles ago, or the oldest stored ones. None if no cycle is stored."""
         if not self._cycles:
             return None
         return self._cycles[-1 - min(max(steps, 0), len(self._cycles) - 1)][0]
 
     def steps_since_contact(self, direction: Vector, threshold_n: float) -> int:
-        """Cycles back to just before a contact began; 0 if there is none.
+        """Return the number of cycles back to just before a contact began; 0 if there is no contact.
 
-        `direction`, base axes, is that of the motion into the contact; of no length: any. `threshold_n` is in N.
+        `direction`, in base axes, is the direction of the motion into the contact. A zero vector permits any
+        direction. `threshold_n` is in N.
         """
         cycles = list(self._cycles)
         base = cycles[:_BASE]

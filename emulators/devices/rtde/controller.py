@@ -1,8 +1,8 @@
-"""The emulated controller: its cycle, and what one of its parts means to another. An `EmulatedRobot`.
+"""Emulated controller: its cycle, and the interaction of its parts. An `EmulatedRobot`.
 
-Its parts: power and safety (`safety`), the program (`player`), registers (`io`), the arm (`manipulator`) and its force
-(`force_reading`). Its three servers, RTDE, dashboard and script port, each look at it and act on it; see `connection`,
-`dashboard` and `script`. Marks of what is assumed stand in `profile`.
+Its parts are power and safety (`safety`), the program (`player`), registers (`io`), the arm (`manipulator`) and the
+force of the arm (`force_reading`). Three servers, RTDE, dashboard and script port, read and change its state; see
+`connection`, `dashboard` and `script`. `profile` marks what is assumed.
 """
 
 import math
@@ -34,10 +34,10 @@ _NO_FORCE: Wrench = (0.0,) * 6
 
 
 class Controller:
-    """A controller with its arm, powered up and ready."""
+    """Controller with its arm, powered up and ready to move."""
 
     def __init__(self, profile: RtdeProfile, start: StartPose, now: float, seed: int) -> None:
-        """Raise ValueError for a start that its arm cannot hold."""
+        """Power up. Raises ValueError for a start that the arm cannot hold."""
         self.profile = profile
         a, b, c, d = map(int, profile.version.split("."))
         self.version = Version(a, b, c, d)
@@ -49,21 +49,21 @@ class Controller:
         self.io, self.timers, self.console = RegisterBank(), Timers(), Console()
         self.state = RobotState(profile, self.timers)
         self.counts: Counter[str] = Counter()
-        """Refusals and stops, by name, for tests and people."""
+        """Numbers of refusals and stops by name, for tests and operators."""
         start_delay = profile.start_delay_ms / 1000.0
         self.player = Player(start_delay, self.console, self.compliance, self.counts)
         self.orders, self.unmodelled = Orders(), Unmodelled("rtde")
-        """Orders of its clients, for a judge of them."""
+        """Orders of clients, for a judge, and uses of parts that are not modelled."""
         self.motions = Motions(self)
         self.now = now
         first = self._snapshot(now)
         self.snapshots: deque[Snapshot] = deque([first], profile.output_delay_cycles + 1)
-        """The oldest is what the outputs tell."""
+        """Recent states; the outputs report the oldest one."""
 
     # --- time
 
     def advance(self, now: float) -> None:
-        """Let all cycles up to `now` happen. A process that was late has not heard its clients meanwhile."""
+        """Run all cycles up to `now`. A process that is late has not read its clients in the missed cycles."""
         if (late := now - self.now - self.period) > ROUNDING_S:
             self.force.watchdog.last += late
             self.player.delay_watchdogs(late)
@@ -83,7 +83,7 @@ class Controller:
         self._guard()
         self.console.report_safety(self.state.safety)
         paces = Paces(io.slider if self.profile.slider_slows_servo else 1.0, io.slider)
-        tool = ToolState(manipulator.tcp, self.force.felt)
+        tool = ToolState(manipulator.tcp, self.force.tool_force)
         if problem := self.compliance.step(self.arm, paces, self.plays, tool):
             self.protective_stop(problem)
         self.snapshots.append(self._snapshot(now))
@@ -100,7 +100,7 @@ class Controller:
             self.player.check_watchdogs(now)
 
     def _guard(self) -> None:
-        """Stop for what no arm may do, and hold it where it may not move."""
+        """Trigger a stop for motion beyond the limits. Hold the arm while it is not allowed to move."""
         manipulator = self.manipulator
         if self.state.may_move and (
             problem := manipulator.problem_of_speed()
@@ -145,19 +145,19 @@ class Controller:
         )
 
     def zero_force(self) -> None:
-        """Take the force that the arm feels now for zero."""
+        """Zero the arm's force sensor at the current force."""
         self.force.zero()
         self.compliance.history.forget()
 
     def write_inputs(self, names: tuple[str, ...], values: Mapping[str, Value]) -> None:
-        """Write a package of inputs; they reset the watchdogs of their names."""
+        """Write a package of inputs. This feeds the watchdogs of these inputs."""
         force = values.get(EXTERNAL_FORCE, _NO_FORCE)
         if isinstance(force, tuple) and not all(map(math.isfinite, force)):
             self.protective_stop("an external force that is not a number")
             return
         self.io.write_inputs(values)
         self.motions.news += 1
-        self.motions.hear_package(names)
+        self.motions.accept_package(names)
         self.player.feed_watchdogs(names, self.now)
         if EXTERNAL_FORCE in names:
             self.force.watchdog.last = self.now
@@ -166,24 +166,24 @@ class Controller:
 
     @property
     def plays(self) -> bool:
-        """Whether a program plays on an arm that may move."""
+        """Whether a program is running and the arm may move."""
         return self.player.runtime == Runtime.PLAYING and self.state.may_move
 
     @property
     def reported_pose_now(self) -> Pose:
-        """Pose of the controller's tool, without noise."""
+        """Return the reported pose of the controller's tool, without noise."""
         return self.snapshots[-1].now
 
-    def report_order(self, act: Act, words: str, accepted: bool, moves: bool = True) -> None:
+    def report_order(self, act: Act, text: str, accepted: bool, moves: bool = True) -> None:
         """Report an order without a position."""
-        self.orders.tell(ReceivedOrder(self.now, act, words, accepted, moves=moves))
+        self.orders.tell(ReceivedOrder(self.now, act, text, accepted, moves=moves))
 
     # --- orders to programs and to the arm
 
     def start_program(self, make: Callable[[], Program], in_time: bool = True) -> bool:
-        """Start a complete program; a running one is stopped first.
+        """Start a complete program. A running program is stopped first.
 
-        Return False, without effect, if none is accepted.
+        Return False, without effect, if the controller accepts no programs.
         """
         if not (in_time and self.state.takes_programs):
             self.counts["programs refused"] += 1
@@ -192,23 +192,23 @@ class Controller:
         return True
 
     def play(self) -> bool:
-        """Resume what is paused. False where nothing is, or the robot may not move."""
+        """Resume a paused program. Return False if no program is paused, or if the robot may not move."""
         return self.state.may_move and self.player.resume(self.now)
 
     def order(self, order: Order) -> None:
-        """Order the arm for this cycle, by a program."""
+        """Pass a program's order for this cycle to the arm."""
         if problem := self.manipulator.take(order):
             self.protective_stop(problem)
 
     def target_changed(self) -> None:
-        """Note that a program has a new target from this cycle on."""
+        """Record that a program has a new target from this cycle on."""
         self.path.taken()
         self.path.begins(self.now)
 
     # --- stops
 
     def protective_stop(self, why: str) -> None:
-        """Stop the arm at once; pause or stop the program. No effect in a graver stop."""
+        """Stop the arm at once, and pause or stop the program. No effect during a more severe stop."""
         if not self.state.begin_protective_stop(why, self.now):
             return
         self.counts[f"protective stop: {why}"] += 1
@@ -217,18 +217,20 @@ class Controller:
         self.arm.take(Hold())
 
     def emergency_stop(self, mode: SafetyMode = SafetyMode.ROBOT_EMERGENCY_STOP, by: str = "a fault") -> None:
-        """Remove power and stop the program. The stop holds until everyone who pressed it has released it."""
+        """Remove power and stop the program. The stop lasts until everyone who pressed the emergency stop has
+        released it.
+        """
         self.counts["emergency stop"] += 1
         self.state.press_emergency_stop(mode, by)
         self.power_off()
 
     def open_safeguard(self) -> None:
-        """Open a safeguard: the arm stops, and the program is paused. No effect in any other stop."""
+        """Open a safeguard, which stops the arm and pauses the program. No effect during any other stop."""
         if self.state.apply(Stimulus.SAFEGUARD_OPEN):
             self.player.pause()
 
     def power_off(self) -> None:
-        """Power goes at once; brakes hold the arm."""
+        """Switch the power off. The brakes hold the arm."""
         self.player.stop(self.now)
         self.state.power_off()
         self.arm.take(Hold())

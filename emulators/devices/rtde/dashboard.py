@@ -1,4 +1,4 @@
-"""The dashboard server: commands in lines, one line for an answer.
+"""Dashboard server: one line for each command, and one line for each answer.
 
 Source: ur_rtde 1.6.5, Universal Robots' C++ client library, and a user's extract of the maker's dashboard manual.
 """
@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.programs import start_text
-from emulators.devices.rtde.running import Saying
+from emulators.devices.rtde.running import ProgramMessage
 from emulators.devices.rtde.safety import Stimulus
 from emulators.devices.rtde.urscript import Message
 from emulators.orders import Act
@@ -25,7 +25,9 @@ _LOCAL = (
     "Command is not allowed due to safety reasons, "
     "please switch robot to Remote Control mode and reconnect to port 29999"
 )
-"""Observed by users of the ROS driver. A connection that was made in local control is refused later too."""
+"""Refusal in local control. Observed by users of the ROS driver. A connection made in local control is refused even
+after a change to remote control.
+"""
 _ACTS = (
     "play",
     "pause",
@@ -38,9 +40,9 @@ _ACTS = (
     "load",
     "shutdown",
 )
-"""Begins of commands that local control refuses."""
+"""Prefixes of commands that local control refuses."""
 _RELEASES = ("play", "unlock protective stop", "power on", "brake release", "restart safety")
-"""Commands that let a robot move again."""
+"""Commands that allow a robot to move again."""
 _E_SERIES = 5
 """Major version of the first e-Series."""
 _OF_E_SERIES = (
@@ -50,11 +52,11 @@ _OF_E_SERIES = (
     "clear operational mode",
     "version",
 )
-"""Commands that a CB3 does not understand."""
+"""Commands that only an e-Series controller understands."""
 _OF_CB3 = ("setuserrole", "getuserrole")
-"""Commands that an e-Series does not understand."""
+"""Commands that only a CB3 controller understands."""
 _OF_THE_MAKER = ("get variable", "log")
-"""Begins of commands that a real dashboard understands beside those that are answered here."""
+"""Prefixes of further commands that a real dashboard understands."""
 _WITHOUT_EFFECT = (
     "load installation",
     "shutdown",
@@ -64,11 +66,11 @@ _WITHOUT_EFFECT = (
     "generate support file",
     "savelog",
 )
-"""Commands that are answered and change nothing here."""
+"""Commands that are answered without effect."""
 _ROLES = ("programmer", "operator", "none", "locked", "restricted")
 _MODES = ("manual", "automatic")
 ARGUMENT_MAX = 200
-"""Chosen: characters of an argument that are taken."""
+"""Maximum number of characters that are read of an argument. Chosen."""
 _PLAYS = {Runtime.PLAYING: "PLAYING", Runtime.PAUSED: "PAUSED"}
 
 
@@ -83,7 +85,9 @@ def _restart(controller: Controller) -> str:
 
 
 def _stop(controller: Controller) -> str:
-    """Also without a program: ur_rtde ends its own one first, and then expects this answer."""
+    """Stop the program. It also succeeds if none is running: ur_rtde ends its own program first, and then expects
+    this answer.
+    """
     controller.player.stop(controller.now)
     return "Stopped"
 
@@ -109,7 +113,7 @@ def _load(controller: Controller, file: str) -> str:
 
 
 def _power_on(controller: Controller) -> str:
-    """Switch the power on; no failure if it is on already."""
+    """Switch the power on. It also succeeds if the power is already on."""
     state = controller.state
     on = state.power_on(controller.now) or state.mode in (
         RobotMode.POWER_ON,
@@ -120,7 +124,7 @@ def _power_on(controller: Controller) -> str:
 
 
 def _release(controller: Controller) -> str:
-    """From power off too, and harmless where they are released."""
+    """Release the brakes, powering up first. Idempotent."""
     released = controller.state.release_brakes(controller.now) or controller.state.mode == RobotMode.RUNNING
     return _done(released, "brake release", "Brake releasing")
 
@@ -140,12 +144,12 @@ def _polyscope(controller: Controller) -> str:
 
 
 class Settings:
-    """Settings that all connections to the dashboard share."""
+    """Settings that are shared by all connections to the dashboard."""
 
     def __init__(self) -> None:
         self.role, self.operational_mode = "PROGRAMMER", "NONE"
         self.reports = 0
-        """Flight reports so far."""
+        """Number of flight reports."""
 
 
 def _set_role(controller: Controller, settings: Settings, role: str) -> str:
@@ -168,12 +172,12 @@ def _report(controller: Controller, settings: Settings, kind: str) -> str:
 
 
 def _open_popup(controller: Controller, settings: Settings, text: str) -> str:
-    controller.console.tell(Saying(controller.now, Message.POPUP, text))
+    controller.console.tell(ProgramMessage(controller.now, Message.POPUP, text))
     return "showing popup"
 
 
 def _log(controller: Controller, settings: Settings, text: str) -> str:
-    controller.console.tell(Saying(controller.now, Message.TEXT, text))
+    controller.console.tell(ProgramMessage(controller.now, Message.TEXT, text))
     return "Added log message"
 
 
@@ -189,7 +193,7 @@ _WITH_ARGUMENT: Mapping[str, Callable[[Controller, Settings, str], str]] = {
         f"Completed successfully: {place}/support.zip"
     ),
 }
-"""Commands with an argument, by their begins; a longer one before a shorter one that begins it."""
+"""Commands with an argument, by prefix. A longer prefix precedes any shorter prefix that it starts with."""
 _ANSWERS: Mapping[str, Callable[[Controller], str]] = {
     "polyscopeversion": _polyscope,
     "get serial number": lambda controller: controller.profile.serial_number,
@@ -224,18 +228,18 @@ _ANSWERS: Mapping[str, Callable[[Controller], str]] = {
 
 
 class Dashboard:
-    """One connection to the dashboard: an endpoint of bytes. `closing` tells that it is to be closed."""
+    """Connection to the dashboard, as an endpoint of bytes. `closing` states whether it is about to be closed."""
 
     def __init__(self, controller: Controller, settings: Settings) -> None:
         self._controller, self._settings = controller, settings
         self._lines = Lines()
         self._out = [GREETING]
         self._local = not controller.state.remote
-        """The connection was made in local control."""
+        """Whether the connection was made in local control."""
         self._waiting: deque[str] = deque()
-        """Commands without an answer so far."""
+        """Commands that have not been answered yet."""
         self._starts = False
-        """Whether a program is being started, which is answered once it has compiled."""
+        """Whether a program is being started. The answer follows when the program has been compiled."""
         self.closing = False
 
     def receive(self, data: bytes, now: float) -> None:
@@ -250,7 +254,7 @@ class Dashboard:
                 self._out.append(answer)
 
     def _answer(self, line: str) -> str | None:
-        """Return the answer to a command; None if it comes later."""
+        """Return the answer to a command; None if the answer follows later."""
         command = " ".join(line.lower().split())
         if command == "quit":
             self.closing = True
@@ -270,23 +274,23 @@ class Dashboard:
                     self._controller.unmodelled.touch(f"dashboard command {tag}", "answered without effect")
                 return answer
             if real := next(filter(command.startswith, _OF_THE_MAKER), ""):
-                detail = "answered as one that is not understood"
+                detail = "answered as not understood"
                 self._controller.unmodelled.touch(f"dashboard command {real}", detail)
                 self._controller.report_order(Act.REFUSED, f"dashboard command {real}", False)
         return f"could not understand: '{line[:80]}'"
 
     def _play(self) -> None:
-        """Play on what is paused; else start the stored program, which is answered once it has compiled."""
+        """Resume a paused program, or start the stored one. The answer follows when the program has been compiled."""
         controller, name = self._controller, self._controller.player.loaded.removesuffix(".urp")
         self._starts = True
         if controller.play():
-            self._played(True)
+            self._report_play(True)
         elif name and controller.player.runtime == Runtime.STOPPED and controller.state.takes_programs:
-            start_text(controller, name, controller.player.stored[name], self._played)
+            start_text(controller, name, controller.player.stored[name], self._report_play)
         else:
-            self._played(False)
+            self._report_play(False)
 
-    def _played(self, started: bool) -> None:
+    def _report_play(self, started: bool) -> None:
         self._starts = False
         self._out.append(_done(started, "play", "Starting program"))
 
@@ -318,7 +322,7 @@ class Dashboard:
         return "".join(f"{line}\n" for line in out).encode("ascii", "replace")
 
     def next_deadline(self) -> float | None:
-        """Return the next cycle, while an answer is due."""
+        """Return the time of the next cycle while an answer is due, s."""
         path = self._controller.path
         return path.cycle_at(path.cycle + 1) if self._starts else None
 

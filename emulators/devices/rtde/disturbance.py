@@ -1,4 +1,4 @@
-"""Faults of the emulated controller carried out."""
+"""Execution of faults of the emulated controller."""
 
 from collections.abc import Callable, Mapping
 from typing import Protocol
@@ -22,23 +22,23 @@ _IN_USE, _SILENT = "in-use", "primary-silent"
 
 
 class Closable(Protocol):
-    """A connection that can be closed."""
+    """Connection that can be closed."""
 
     closing: bool
 
 
 class Disturbance:
-    """Faults that are under way, or come next. Its `handlers` are those of `faults`."""
+    """Active and pending faults. `handlers` executes the faults listed in `faults`."""
 
     def __init__(
         self, controller: Controller, wire: Mapping[str, Handler], program_wire: Mapping[str, Handler]
     ) -> None:
-        """Handlers of the faults of the cable, and of those of the connections of programs."""
+        """Create the fault handlers, given those for the cable's faults and for the faults of programs' connections."""
         self._controller = controller
         self.connections: list[Closable] = []
         """Connections to the RTDE port."""
         self._own = own = OwnFaults()
-        self._told_pose = ReportedPose(self._measured_at, POSE_FAULTS)
+        self._reported_pose = ReportedPose(self._pose_measured_at, POSE_FAULTS)
         acts = {
             "protective-stop": lambda: controller.protective_stop(BY_FAULT),
             "program-stopped": lambda: controller.player.stop(controller.now),
@@ -58,7 +58,7 @@ class Disturbance:
                 "slider": Handler(self._slide, lambda injection, now: self._slide_to(1.0, now)),
                 **own.held((_IN_USE, _SILENT)),
             },
-            "pose": self._told_pose.handlers,
+            "pose": self._reported_pose.handlers,
             WIRE: {**wire, **own.striking({DROPPED: self._at(self._drop)})},
             PROGRAM_WIRE: program_wire,
             "witness": controller.force.own.handlers,
@@ -67,7 +67,7 @@ class Disturbance:
     # --- begin and end
 
     def _at(self, act: Callable[[], object]) -> Callable[[float], None]:
-        """Return the act, delayed until the controller has reached the time."""
+        """Return the action, delayed until the controller has reached the time."""
 
         def strike(now: float) -> None:
             self._controller.advance(now)
@@ -76,7 +76,7 @@ class Disturbance:
         return strike
 
     def _while(self, act: Callable[[], object], back: Callable[[], object]) -> Handler:
-        """One act at the begin, another at the end."""
+        """Return a handler with one action at the start of a fault and another at its end."""
 
         def begin(injection: Injection) -> None:
             self._at(act)(injection.injected_at)
@@ -101,23 +101,23 @@ class Disturbance:
 
     # --- effects
 
-    def _measured_at(self, time: float) -> Pose:
-        """Return the pose reported for a past time, s, without noise."""
+    def _pose_measured_at(self, time: float) -> Pose:
+        """Return the pose that was reported at a past time, s, without noise."""
         path, manipulator, at = self._controller.path, self._controller.manipulator, np.array([time])
         x, y, z = path.trajectory(at)[0][0].tolist()
         ((_, quaternion),) = path.orientations(at)
         return compose(compose(Pose((x, y, z), quaternion), invert(manipulator.tool)), manipulator.tcp)
 
     def in_use(self, name: str) -> bool:
-        """Whether another client holds this input."""
+        """Return whether a fault lets another client hold an input."""
         return name in INPUT_NAMES and self._own.under_way(_IN_USE, self._controller.now) is not None
 
     def silences(self, now: float) -> bool:
-        """Whether the primary interface says nothing now."""
+        """Return whether a fault silences the primary interface at a time, s."""
         return self._own.under_way(_SILENT, now) is not None
 
-    def shown(self, snapshot: Snapshot) -> Snapshot:
-        """Return the state as reported."""
-        pose = self._told_pose.told(snapshot.pose, self._controller.now)
+    def reported(self, snapshot: Snapshot) -> Snapshot:
+        """Return the state that the controller reports under the active faults."""
+        pose = self._reported_pose.told(snapshot.pose, self._controller.now)
         assert pose is not None, "a recipe has it"
         return snapshot if pose is snapshot.pose else snapshot._replace(pose=pose)

@@ -1,4 +1,4 @@
-"""Faults of the emulated controller, of what it tells, and of its cable: one table a target."""
+"""Faults of the emulated controller, its reports, and its cable: one table for each target."""
 
 from collections.abc import Mapping
 
@@ -9,7 +9,7 @@ from emulators.faults.kinds import FOREVER, Fault, Parameter
 from emulators.faults.packets import WIRE
 
 ROBOT_FAULTS: Mapping[str, Fault] = {
-    "protective-stop": Fault("a protective stop; it is not unlocked by itself"),
+    "protective-stop": Fault("a protective stop, which is not unlocked automatically"),
     "emergency-stop": Fault("the emergency stop is pressed, and released at the end", {}, FOREVER),
     "safeguard-stop": Fault("a safeguard opens, and closes at the end", {}, FOREVER),
     "local-control": Fault("it is switched to local control, and back at the end", {}, FOREVER),
@@ -17,18 +17,18 @@ ROBOT_FAULTS: Mapping[str, Fault] = {
     "program-paused": Fault("the program is paused"),
     "motors-off": Fault("the arm's power is switched off"),
     "slider": Fault(
-        "the speed slider is put down, and back up at the end",
-        {"percent": Parameter(40.0, "where it stands", 0.0, 100.0, "%")},
+        "the speed slider is lowered, and restored at the end",
+        {"percent": Parameter(40.0, "slider position", 0.0, 100.0, "%")},
         FOREVER,
     ),
-    "primary-silent": Fault("the primary and the secondary interface say nothing", {}, FOREVER),
-    "in-use": Fault("another client holds the registers of our program", {}, FOREVER),
+    "primary-silent": Fault("the primary and secondary interfaces are silent", {}, FOREVER),
+    "in-use": Fault("another client holds the registers that our program uses", {}, FOREVER),
 }
 POSE_FAULTS: Mapping[str, Fault] = pose_faults(without=("missing",))
-"""An output package has all fields of its recipe."""
+"""Faults of the reported pose. They cannot remove it, because an output package has all fields of its recipe."""
 DROPPED = "dropped"
 PROGRAM_WIRE = "program-wire"
-"""Target of the faults of the connections that a program opens, as of external control's."""
+"""Fault target for connections that a program opens, such as those of external control."""
 _DROPPED = Fault("all connections to the RTDE port are closed")
 _HUNG_UP = Fault("all connections that a program has opened are closed")
 
@@ -39,4 +39,4 @@ RTDE_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     PROGRAM_WIRE: {**MESSAGES.faults, DROPPED: _HUNG_UP},
     "witness": WITNESS_FAULTS,
 }
-"""Faults by target."""
+"""Faults of the robot, by target."""

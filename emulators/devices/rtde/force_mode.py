@@ -1,8 +1,10 @@
-"""Force mode and freedrive: compliant axes of the tool follow the force on it, all others the program's motion.
+"""Force mode and freedrive: the tool's compliant axes follow the force on it, and the other axes follow the
+program's motion.
 
-Source of all meanings: Universal Robots' script manual, `force_mode` and its settings. The maker publishes no law.
-Assumed: in each cycle a compliant axis moves at gain · (force wanted + force on the tool), bounded by its limit.
-The force wanted is the tool's on its surroundings; the one on the tool is actual_TCP_force, as a program reads it.
+Source of all meanings: Universal Robots' script manual, `force_mode` and its settings. The maker publishes no
+control law. Assumed: in each cycle a compliant axis moves at gain · (desired force + force on the tool), bounded by
+its limit. The desired force acts from the tool on its surroundings; the force on the tool is actual_TCP_force, as a
+program reads it.
 """
 
 import math
@@ -23,81 +25,89 @@ from protocol.geometry import (
 )
 
 _POINT_LEAST = 0.01
-"""Least distance of the tool from the origin of a frame of type 1, m. Source: Universal Robots' user manual."""
+"""Minimum distance of the tool from the origin of a frame of type 1, m. Source: Universal Robots' user manual."""
 _MOTION_LEAST = 1e-3
-"""Assumed: a tool slower than this in the plane, m/s, turns no frame of type 3."""
+"""Tool speed in the plane below which a frame of type 3 does not turn, m/s. Assumed."""
 
 
 class Admittance(NamedTuple):
-    """How compliant axes answer a force."""
+    """Response of compliant axes to a force."""
 
     gain: float
-    """Speed along an axis for each newton, m/s/N."""
+    """Speed along an axis per force, m/s/N."""
     turn_gain: float
-    """Speed about an axis for each newton metre, rad/s/(N·m)."""
+    """Angular speed about an axis per moment, rad/s/(N·m)."""
     damping: float
-    """Share of the speed, 0 … 1, that a cycle without any force takes away."""
+    """Angular speed about an axis per unit of moment, rad/s/(N·m)."""
     least_n: float
-    """A smaller force counts as none where none is wanted, N; a moment likewise, N·m for each 10 N."""
+    """Dead band for axes without a desired force, N. For a moment, the dead band in N·m is a tenth of this value."""
 
 
 class ForceTask(NamedTuple):
-    """One call of force_mode()."""
+    """Arguments of a force_mode() call."""
 
     frame: Pose
-    """In the base frame."""
+    """Task frame in the base frame."""
     compliant: tuple[bool, ...]
-    """Of the axes of the frame: along x, y, z, about x, y, z."""
+    """Whether each axis of the frame is compliant: along x, y, z, about x, y, z."""
     wrench: Wrench
-    """That the tool is to put on its surroundings, N and N·m, axes of the frame."""
+    """Desired wrench of the tool on its surroundings, N and N·m, in axes of the frame."""
     kind: int
-    """1: y points from the tool to the frame's origin; 2: as it is; 3: x is the tool's motion in the x-y plane."""
+    """Type of the frame. 1: y points from the tool to the frame's origin; 2: the frame is used as given; 3: x is
+    the tool's direction of motion in the x-y plane.
+    """
     limits: tuple[float, ...]
-    """Largest speed of compliant axes, m/s and rad/s. The others' largest deviation is never reached: see `step`."""
+    """Maximum speed of each compliant axis, m/s or rad/s. For other axes, the maximum deviation, which is never
+    reached; see `step`.
+    """
 
 
 class Steered(NamedTuple):
-    """The program's motion in one cycle, before a force has changed it."""
+    """Motion that the program commands in one cycle, before a force changes it."""
 
     old: Pose
-    """Of the tool at the begin."""
+    """Pose of the tool at the start of the cycle."""
     planned: Pose
-    """At the end."""
+    """Pose that the program commands for the end of the cycle."""
     placed: bool
-    """The program orders places of a path, whatever the force has done to the arm, and no speeds."""
+    """Whether the program commands positions of a path rather than speeds. The positions do not depend on the
+    force's effect on the arm.
+    """
 
 
 class Motion(NamedTuple):
-    """One cycle of the arm in force mode."""
+    """Motion of the arm in one cycle of force mode."""
 
     path: Joints
-    """Joints where the program's motion along the other axes alone would lead."""
+    """Joint angles that the program's motion along the other axes alone would reach."""
     joints: Joints
 
 
 class ForceMode:
-    """Force mode that is on, cycle by cycle."""
+    """Active force mode, computed in each cycle."""
 
     def __init__(self, task: ForceTask, period: float) -> None:
-        """`period` is the cycle, s."""
+        """Start force mode. `period` is the cycle time, s."""
         self.task = task
         self._period = period
         self._speeds = [0.0] * 6
-        """Of the compliant axes, in the frame."""
+        """Speeds of the compliant axes, in the axes of the task frame."""
         self._motion_turn: Quaternion | None = None
-        """The last frame of type 3 for which the tool moved."""
+        """Last frame of type 3 in which the tool moved."""
         self._placed: Pose | None = None
-        """The end of the last cycle of a path, as the program ordered it."""
+        """Pose that the program commanded for the end of the last cycle of a path."""
 
     def change(self, task: ForceTask) -> None:
-        """Another call while it is on: the speeds continue."""
+        """Change the arguments of an active force mode. The speeds are kept."""
         self.task = task
 
     def step(self, admittance: Admittance, steered: Steered, wrench: Wrench) -> tuple[Pose, Pose]:
-        """Poses of the tool at the end of the cycle: by the program's motion alone, and with the force's.
+        """Return two poses of the tool at the end of the cycle: after the program's motion alone, and after the
+        force's motion as well.
 
-        `wrench` acts on the tool, base axes, moments about the tool. The program's motion along compliant axes has no
-        effect (assumed). This arm does not yield along the others, so that they hold the program's path exactly.
+        `wrench` acts on the tool, in base axes, with moments about the tool. The program's motion along compliant
+        axes has no effect (assumed). This arm does not yield along the other axes, so they follow the program's
+        path exactly.
         """
         task, dt = self.task, self._period
         old, planned, placed = steered
@@ -110,37 +120,38 @@ class ForceMode:
         back = inverse(turn)
         place = rotate(back, [b - a for a, b in zip(old.position, planned.position, strict=True)])
         angles = rotate(back, rotation_vector(product(planned.quaternion, inverse(old.quaternion))))
-        felt = (*rotate(back, wrench[:3]), *rotate(back, wrench[3:]))
-        path, whole = [], []
+        force = (*rotate(back, wrench[:3]), *rotate(back, wrench[3:]))
+        path, total = [], []
         for axis, step in enumerate((*place, *angles)):
             if not task.compliant[axis]:
                 self._speeds[axis] = 0.0
                 path.append(step)
-                whole.append(step)
+                total.append(step)
                 continue
-            self._speeds[axis] = speed = self._speed(admittance, axis, felt[axis])
+            self._speeds[axis] = speed = self._speed(admittance, axis, force[axis])
             path.append(0.0)
-            whole.append(speed * dt)
-        return _moved(old, turn, path), _moved(old, turn, whole)
+            total.append(speed * dt)
+        return _moved(old, turn, path), _moved(old, turn, total)
 
-    def _speed(self, admittance: Admittance, axis: int, felt: float) -> float:
+    def _speed(self, admittance: Admittance, axis: int, force: float) -> float:
         turns = axis >= 3
-        wanted, limit = self.task.wrench[axis], abs(self.task.limits[axis])
+        desired, limit = self.task.wrench[axis], abs(self.task.limits[axis])
         least = admittance.least_n * (0.1 if turns else 1.0)
-        if wanted == 0.0 and abs(felt) < least:
+        if desired == 0.0 and abs(force) < least:
             speed = self._speeds[axis] * (1.0 - admittance.damping)
         else:
-            speed = (admittance.turn_gain if turns else admittance.gain) * (wanted + felt)
+            speed = (admittance.turn_gain if turns else admittance.gain) * (desired + force)
         return min(max(speed, -limit), limit)
 
     def _turn(self, old: Pose, motion: list[float]) -> Quaternion | None:
-        """Return the axes of the frame in the base frame now; None while no axis is compliant.
+        """Return the current axes of the task frame in the base frame; None if no axis is compliant.
 
-        The motion, m/s, is the program's: that of a compliant axis would turn a frame of type 3 (assumed).
+        The motion, m/s, is the program's motion. The motion of a compliant axis would turn a frame of type 3
+        (assumed).
         """
         frame = self.task.frame
         if self.task.kind == 1:
-            return _pointing(frame, old.position)
+            return _point_y_axis(frame, old.position)
         if self.task.kind == 3:
             x, y, _ = rotate(inverse(frame.quaternion), motion)
             if math.hypot(x, y) > _MOTION_LEAST:
@@ -150,8 +161,8 @@ class ForceMode:
         return frame.quaternion
 
 
-def _pointing(frame: Pose, place: Vector) -> Quaternion | None:
-    """Return the frame turned by the least angle that makes its y axis point from a place to its origin."""
+def _point_y_axis(frame: Pose, place: Vector) -> Quaternion | None:
+    """Return the frame after the smallest rotation that points its y axis from a position to its origin."""
     to_origin = [a - b for a, b in zip(frame.position, place, strict=True)]
     length = math.hypot(*to_origin)
     if length < _POINT_LEAST:
@@ -169,16 +180,16 @@ def _pointing(frame: Pose, place: Vector) -> Quaternion | None:
 
 
 def _moved(old: Pose, turn: Quaternion, step: list[float]) -> Pose:
-    """Return a pose after a step along and about the axes of a frame; the turn is about the tool."""
+    """Return a pose after a step along and about the axes of a frame. The rotation is about the tool."""
     x, y, z = (a + b for a, b in zip(old.position, rotate(turn, step[:3]), strict=True))
     return Pose((x, y, z), product(turn_by(rotate(turn, step[3:])), old.quaternion))
 
 
 def external_wrench(given: Value | None, turn: Quaternion, tool: Pose) -> Wrench:
-    """Return a client's forces along the base axes, N and N·m:
+    """Return a client's wrench in base axes, with moments about the tool, N and N·m. It is zero if the client sends
+    none.
 
-    `given` along those of the flange, whose orientation is `turn`, and about it. Those here are about the tool.
-    None given are none.
+    `given` is in axes of the flange, whose orientation is `turn`, with moments about the flange.
     """
     if not isinstance(given, tuple):
         return (0.0,) * 6
@@ -187,13 +198,17 @@ def external_wrench(given: Value | None, turn: Quaternion, tool: Pose) -> Wrench
 
 
 def about_tool(wrench: Wrench, arm: Vector) -> Wrench:
-    """Convert a wrench with moments about the flange to moments about the tool, which is `arm` away, base axes."""
+    """Convert a wrench with moments about the flange to moments about the tool. `arm` is the vector from flange to
+    tool, in base axes.
+    """
     (a, b, c, u, v, w), (x, y, z) = wrench, arm
     return a, b, c, u - (y * c - z * b), v - (z * a - x * c), w - (x * b - y * a)
 
 
 def solve_motion(arm: Arm, tcp: Pose, poses: tuple[Pose, Pose], near: Joints) -> Motion | None:
-    """Return the joints of both poses of a step; None if none hold one of them. `tcp` is the tool in the flange."""
+    """Return the joint angles of both poses of a step; None if either has no solution. `tcp` is the tool in the
+    flange frame.
+    """
     back = invert(tcp)
-    path, whole = (nearest(arm, compose(pose, back), near) for pose in poses)
-    return None if path is None or whole is None else Motion(path, whole)
+    path, total = (nearest(arm, compose(pose, back), near) for pose in poses)
+    return None if path is None or total is None else Motion(path, total)

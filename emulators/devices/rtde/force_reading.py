@@ -1,11 +1,12 @@
-"""actual_TCP_force of the emulated controller: what its sensor measures, less the weight of the payload that is set.
+"""actual_TCP_force of the emulated controller: the reading of its sensor minus the weight of the configured
+payload.
 
-Source of all that is removed and when: the weight of the set payload, also of an external sensor's force, in Universal
-Robots' forum, thread 2053, which has 9.82 N for 1 kg, and 0.982 N·m with its centre 0.1 m away (by the right hand here;
-that thread has the moments with the other sign). An e-Series is zeroed at each start of a program
-(Universal_Robots_ROS_Driver, issues 512 and 643). zero_ftsensor() is of the built-in sensor alone (script manual, and
-forum, thread 25749). An external force is told about the tool (Universal_Robots_ROS2_Driver, issue 1849), that of an
-e-Series's own sensor about the flange (its pull request 1287).
+The sources state what is subtracted, and when. Universal Robots' forum, thread 2053: the weight of the configured
+payload, also from the force of an external sensor. It has 9.82 N for 1 kg, and 0.982 N·m with its centre 0.1 m away
+(right-handed here; that thread has the opposite sign of the moments). Universal_Robots_ROS_Driver, issues 512 and
+643: an e-Series is zeroed at each start of a program. Script manual, and forum, thread 25749: zero_ftsensor()
+applies to the built-in sensor only. Universal_Robots_ROS2_Driver, issue 1849: an external force is reported about
+the tool. The same driver, pull request 1287: the force of an e-Series's own sensor is reported about the flange.
 """
 
 import math
@@ -27,82 +28,86 @@ _BASE: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
 class Load(NamedTuple):
-    """What a flange carries."""
+    """Load on a flange."""
 
     mass: float = 0.0
-    """kg"""
+    """Mass, kg."""
     centre: Vector = (0.0, 0.0, 0.0)
-    """In the flange, m."""
+    """Centre of gravity in the flange frame, m."""
 
     def weight(self, turn: Quaternion) -> Wrench:
-        """On a flange of this orientation: base axes, moments about the flange, N and N·m."""
+        """Return the weight of the load on a flange of this orientation, N and N·m, in base axes and with moments
+        about the flange.
+        """
         x, y, _ = rotate(turn, self.centre)
         force = -GRAVITY * self.mass
         return 0.0, 0.0, force, y * force, -x * force, 0.0
 
 
 class Tool(NamedTuple):
-    """The tool in one cycle, as the controller takes it to be."""
+    """Tool in one cycle, as the controller is configured."""
 
     turn: Quaternion
     """Orientation of the flange."""
     tcp: Pose
-    """In the flange."""
+    """Tool centre point in the flange frame."""
     payload: Load
 
 
 class ForceReading:
-    """The force of one controller, cycle by cycle: base axes, N and N·m."""
+    """Force of one controller, cycle by cycle, in base axes, N and N·m."""
 
     def __init__(self, profile: RtdeProfile, seed: int, now: float) -> None:
         self._max_force_n = profile.max_force_n
         self.external = False
-        """Whether `external_force_torque` is its force sensor."""
+        """Whether `external_force_torque` is the force sensor."""
         rate = profile.force_watchdog_hz
         self.watchdog = Watchdog(EXTERNAL_FORCE, 1.0 / rate if rate else math.inf, "pause", now)
         self.payload: tuple[float, ...] = (0.0,) * 4
-        """Mass, kg, and its centre, m, as the controller takes them to be."""
+        """Configured payload: mass, kg, and centre of gravity, m."""
         self.own = OwnForce(own_errors(profile), seed)
-        """The force that the arm feels by itself, without weights."""
+        """Force measured by the arm itself, without weights."""
         self.load = Load()
-        """What the flange carries indeed."""
+        """Actual load on the flange."""
         self._at_tcp = profile.force_point == "tcp"
         self._turns = profile.force_offset_axes == "flange"
         self.zeros: tuple[Wrench, Wrench] = (NO_WRENCH, NO_WRENCH)
-        """Taken off what the own sensor tells, and what force mode takes of it; axes of the sensor's offset."""
+        """Zeros to subtract: from the reading of the own sensor, and from the force for force mode. They are in the
+        axes of the sensor's offset.
+        """
         self._levels: tuple[Wrench, Wrench] = (NO_WRENCH, NO_WRENCH)
-        """Both without noise and zero, as of the newest cycle, base axes."""
+        """Both readings in the newest cycle, without noise and before zeroing, in base axes."""
         self._turn = _BASE
         """Orientation of the sensor's offset in the newest cycle."""
-        self.felt: Wrench = NO_WRENCH
-        """As told, with moments about the tool."""
+        self.tool_force: Wrench = NO_WRENCH
+        """Reported force, with moments about the tool."""
 
     def carry(self, mass: float, centre: Vector) -> None:
-        """Set the payload at the flange, kg and m, as its operator has set it in the controller."""
+        """Put a load on the flange, kg and m, and configure it as the payload, as an operator does."""
         self.load, self.payload = Load(mass, centre), (mass, *centre)
 
     def enable_external(self, enable: bool, now: float) -> None:
-        """Take `external_force_torque` for the force sensor, or the arm's own."""
+        """Select the force sensor: `external_force_torque` or the arm's own sensor."""
         self.external, self.watchdog.last = enable, now
 
     def is_overdue(self, now: float) -> bool:
-        """Whether an external force has not come for too long."""
+        """Return whether an external force is overdue."""
         return self.external and self.watchdog.is_overdue(now)
 
     def problem(self) -> str:
-        """Reason of a protective stop for an external force, or an empty string."""
-        too_large = self.external and math.hypot(*self.felt[:3]) > self._max_force_n
+        """Return the reason of a protective stop that an external force causes, or an empty string."""
+        too_large = self.external and math.hypot(*self.tool_force[:3]) > self._max_force_n
         return "the force is too large" if too_large else ""
 
     def zero(self) -> None:
-        """Take the present force of the own sensor for zero. A force that is not a number stays."""
+        """Zero the own sensor at the current force. A non-finite force leaves the zero unchanged."""
         turn = inverse(self._turn)
-        told, felt = (_turned(turn, level) for level in self._levels)
-        if all(map(math.isfinite, (*told, *felt))):
-            self.zeros = told, felt
+        reported, sensed = (_turned(turn, level) for level in self._levels)
+        if all(map(math.isfinite, (*reported, *sensed))):
+            self.zeros = reported, sensed
 
     def read(self, now: float, inputs: Registers, manipulator: Manipulator) -> Wrench:
-        """actual_TCP_force: of a client's forces, or of those that the arm feels."""
+        """Return actual_TCP_force, from the force that a client sends or from the arm's own sensor."""
         mass, x, y, z = self.payload
         tool = Tool(manipulator.turn, manipulator.tcp, Load(mass, (x, y, z)))
         if self.external:
@@ -110,24 +115,26 @@ class ForceReading:
         return self._read_own(now, any(manipulator.speeds), tool)
 
     def _read_own(self, now: float, moving: bool, tool: Tool) -> Wrench:
-        """Read the arm's own sensor at the time `now`, s. The arm reports no moments of a contact."""
+        """Read the arm's own sensor at the time `now`, s. The arm reports no moments caused by a contact."""
         own = self.own.at(now, moving, tool.turn)
         arm = rotate(tool.turn, tool.tcp.position)
         left = _minus(self.load.weight(tool.turn), tool.payload.weight(tool.turn))
         at_tool = about_tool(left, arm)
-        shown = at_tool if self._at_tcp else left
+        reported = at_tool if self._at_tcp else left
         self._turn = tool.turn if self._turns else _BASE
-        self._levels = _plus(self.own.level, shown), _plus(self.own.level, at_tool)
+        self._levels = _plus(self.own.level, reported), _plus(self.own.level, at_tool)
         zeros = [_turned(self._turn, zero) for zero in self.zeros]
-        self.felt = _minus(_plus(own, at_tool), zeros[1])
-        return _minus(_plus(own, shown), zeros[0])
+        self.tool_force = _minus(_plus(own, at_tool), zeros[1])
+        return _minus(_plus(own, reported), zeros[0])
 
-    def _read_external(self, given: Value | None, tool: Tool) -> Wrench:
-        """Read a client's `external_force_torque`, along the flange's axes and about the flange."""
+    def _read_external(self, wrench: Value | None, tool: Tool) -> Wrench:
+        """Read a client's `external_force_torque`, given in the axes of the flange and with moments about the
+        flange.
+        """
         arm = rotate(tool.turn, tool.tcp.position)
         weight = about_tool(tool.payload.weight(tool.turn), arm)
-        self.felt = _minus(external_wrench(given, tool.turn, tool.tcp), weight)
-        return self.felt
+        self.tool_force = _minus(external_wrench(wrench, tool.turn, tool.tcp), weight)
+        return self.tool_force
 
 
 def _turned(turn: Quaternion, wrench: Wrench) -> Wrench:

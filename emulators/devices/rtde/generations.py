@@ -1,8 +1,8 @@
-"""What the two generations of Universal Robots' arms differ in, as far as their outputs show it.
+"""Differences between the two generations of Universal Robots' arms that their outputs show.
 
-Observed of an e-Series: recordings of real arms by others. Their repositories are lbusellato/CoLeCT (a UR5e),
+Observed for an e-Series in third-party recordings of real arms. Their repositories are lbusellato/CoLeCT (a UR5e),
 shamilmamedov/dynamic_calibration (a UR10e), charintorn/UR_RTDE_Force_Recorder (forces) and qblc7/bachelorproject
-(joints at rest). Of a CB3: lucasgallegos/bagfiles (forces of a UR3) and mariogtz55/UR_RTDE_Databse (poses).
+(stationary joints). For a CB3: lucasgallegos/bagfiles (forces of a UR3) and mariogtz55/UR_RTDE_Databse (poses).
 """
 
 from collections.abc import Mapping
@@ -31,7 +31,7 @@ _E_SERIES: Mapping[str, Preset] = {
     "zero_at_start": Preset(True, _O),
 }
 _CB3: Mapping[str, Preset] = {
-    "joint_noise_urad": Preset(15.0, Mark.DERIVED),  # a pose that turns by 23 to 30 µrad
+    "joint_noise_urad": Preset(15.0, Mark.DERIVED),  # from a pose whose orientation varies by 23 to 30 µrad
     "joint_bits": Preset(0, _A),
     "joint_speed_noise_mrad_s": Preset(0.9, _A),
     "current_noise_a": Preset(_CURRENTS_A, _A),
@@ -53,4 +53,4 @@ PRESETS: Mapping[str, Mapping[str, Preset]] = {
     "ur5": _CB3,
     "ur10": _CB3,
 }
-"""Defaults of settings by the model of the arm."""
+"""Defaults of settings, by the model of the arm."""

@@ -1,9 +1,10 @@
-"""Joints and poses of Universal Robots' arms: forward kinematics, and every inverse solution.
+"""Kinematics of Universal Robots' arms: forward, and every inverse solution.
 
-Denavit-Hartenberg lengths: Universal Robots' page on them. A real arm adds its own calibration. Lengths in m, angles
-in rad. With all joints at zero the arm lies along base -x, and the tool points along base -y.
+Denavit-Hartenberg lengths: Universal Robots' page on them. A real arm adds its own calibration. Lengths are in m,
+angles in rad. With all joints at zero, the arm lies along base -x and the tool points along base -y.
 
-Joints 2, 3 and 4 have parallel axes, so that they move in one plane. It stands beside the base axis by d4.
+The axes of joints 2, 3 and 4 are parallel, so these joints move in one plane. The plane is at a distance of d4 from
+the base axis.
 """
 
 import math
@@ -15,19 +16,19 @@ from typing import NamedTuple, TypeAlias
 from protocol.geometry import Pose, Quaternion, Vector, inverse, product, rotate
 
 Joints: TypeAlias = tuple[float, float, float, float, float, float]
-"""Base, shoulder, elbow, wrist 1 to 3, rad."""
+"""Angles of base, shoulder, elbow and wrist 1 to 3, rad."""
 
 RANGE = 2.0 * math.pi
-"""Each joint turns so far either way, rad. Source: Universal Robots' user manuals."""
+"""Range of each joint in either direction, rad. Source: Universal Robots' user manuals."""
 _STEP_M, _ROOM_STEPS = 0.05, 3
-"""Chosen: a place that an arm can hold is looked for in such steps, and is so many of them inside its reach."""
+"""Step of the search for a reachable position, m, and margin from the limit of reach, in steps. Chosen."""
 _SINGULAR = 1e-6
-"""A sine below this leaves an angle open, which stays as it was."""
+"""Sine below which an angle is undetermined. The angle is then left unchanged."""
 _HALF = math.sqrt(0.5)
 
 
 class Arm(NamedTuple):
-    """Lengths of an arm, m."""
+    """Link lengths of an arm, m."""
 
     d1: float
     a2: float
@@ -43,18 +44,19 @@ ARMS: Mapping[str, Arm] = {
     "ur5": Arm(0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823),
     "ur10": Arm(0.1273, -0.612, -0.5723, 0.163941, 0.1157, 0.0922),
 }
-"""Arms by name; those with an e are e-Series, the others CB3."""
+"""Arms by name. Names with an e are e-Series arms; the others are CB3 arms."""
 _SMALL, _LARGE = (3.1e4, 3.1e4, 3.1e4, 4.7e3, 4.7e3, 4.7e3), (6.7e4, 6.7e4, 3.1e4, 1.0e4, 1.0e4, 1.0e4)
 JOINT_STIFFNESS: Mapping[str, Joints] = {"ur5e": _SMALL, "ur5": _SMALL, "ur10e": _LARGE, "ur10": _LARGE}
-"""Assumed, N·m/rad: of strain-wave gears of sizes 32 and 25 in the main axes and 17 and 14 in the wrist, at low torque.
-Universal Robots publishes none. An arm has a second encoder behind each gear, but reports the motor's angle.
+"""Joint stiffness, N·m/rad. Assumed: strain-wave gears of sizes 32 and 25 in the main axes and 17 and 14 in the
+wrist, at low torque. Universal Robots publishes none. An arm has a second encoder behind each gear, but reports the
+motor's angle.
 """
 USUAL: Joints = (0.0, -math.pi / 2, -math.pi / 2, -math.pi / 2, math.pi / 2, 0.0)
-"""Chosen: the posture next to which one is looked for at the start, elbow up and the tool down."""
+"""Joint angles nearest to which the start is searched. Chosen: elbow up and tool down."""
 
 
 def compose(first: Pose, second: Pose) -> Pose:
-    """Return the second pose, given in the frame of the first, in the first one's own frame."""
+    """Return the second pose, which is given in the frame of the first, in the reference frame of the first."""
     (x, y, z), quaternion = first
     (a, b, c), turned = second
     u, v, t = rotate(quaternion, (a, b, c))
@@ -62,13 +64,15 @@ def compose(first: Pose, second: Pose) -> Pose:
 
 
 class ToolPoses:
-    """Poses of tools at the flange. The newest are kept, since two further cycles ask for the same ones."""
+    """Poses of tools at the flange. The newest poses are cached, because the next two cycles request them again."""
 
     def __init__(self) -> None:
         self._newest: deque[tuple[Pose, Pose, Pose]] = deque(maxlen=2)
 
     def at(self, flange_pose: Pose, tool: Pose) -> Pose:
-        """Where a tool is, base frame: from the pose of the flange and the tool in its frame."""
+        """Return the pose of a tool in the base frame, given the pose of the flange and the tool in the flange
+        frame.
+        """
         for known, in_it, pose in self._newest:
             if known is flange_pose and in_it is tool:
                 return pose
@@ -78,27 +82,32 @@ class ToolPoses:
 
 
 def invert(pose: Pose) -> Pose:
-    """Return the outer frame in the frame of the pose."""
+    """Return the inverse pose."""
     back = inverse(pose.quaternion)
     x, y, z = rotate(back, pose.position)
     return Pose((-x, -y, -z), back)
 
 
 def _of_wrist_1(base: float, total: float) -> Quaternion:
-    """Multiply turns about z, each followed by a quarter turn about x; angles are halves, rad."""
+    """Multiply two rotations about z, each followed by a quarter turn about x. The arguments are half angles, rad."""
     c, s, u, v = math.cos(base), math.sin(base), math.cos(total), math.sin(total)
     return -s * v, c * u, s * u, c * v
 
 
 def _of_tool(wrist_2: float, wrist_3: float) -> Quaternion:
-    """Multiply turns about z with a quarter turn back about x between them, in the same way."""
+    """Multiply two rotations about z, with a quarter turn back about x between them. The arguments are half angles,
+    rad.
+    """
     both, less = wrist_2 + wrist_3, wrist_3 - wrist_2
     return _HALF * math.cos(both), -_HALF * math.cos(less), _HALF * math.sin(less), _HALF * math.sin(both)
 
 
 @lru_cache(maxsize=32)
 def flange(arm: Arm, joints: Joints) -> Pose:
-    """Pose of the flange in the base frame. The newest are kept: a controller asks for the same ones in a cycle."""
+    """Return the pose of the flange in the base frame.
+
+    The newest results are cached, because a controller requests them repeatedly in a cycle.
+    """
     base, shoulder, elbow, wrist_1, wrist_2, wrist_3 = joints
     c, s = math.cos(base), math.sin(base)
     fore = shoulder + elbow
@@ -113,9 +122,10 @@ def flange(arm: Arm, joints: Joints) -> Pose:
 
 
 def solutions(arm: Arm, pose: Pose, near: Joints) -> Iterator[Joints]:
-    """Every way to hold the flange in a pose, up to eight; those with the signs of `near` come first.
+    """Yield every inverse solution for a flange pose, up to eight. Solutions with the same signs as `near` come
+    first.
 
-    Of angles a whole turn apart it takes the one next to `near`.
+    Each angle is the one nearest to `near` of those that differ by full turns.
     """
     turn = pose.quaternion
     tool = rotate(turn, (0.0, 0.0, 1.0))
@@ -124,8 +134,8 @@ def solutions(arm: Arm, pose: Pose, near: Joints) -> Iterator[Joints]:
     radius = math.hypot(x, y)
     if radius < abs(arm.d4) or radius == 0.0:
         return
-    beside, bearing = math.asin(arm.d4 / radius), math.atan2(y, x)
-    bases = bearing + beside, bearing + math.pi - beside
+    offset, bearing = math.asin(arm.d4 / radius), math.atan2(y, x)
+    bases = bearing + offset, bearing + math.pi - offset
     for base in bases if math.cos(near[0] - bases[0]) >= math.cos(near[0] - bases[1]) else bases[::-1]:
         c, s = math.cos(base), math.sin(base)
         along = rotate(inverse(turn), (s, -c, 0.0))
@@ -151,38 +161,41 @@ def solutions(arm: Arm, pose: Pose, near: Joints) -> Iterator[Joints]:
 
 
 def nearest(arm: Arm, pose: Pose, near: Joints) -> Joints | None:
-    """Return the solution with the least motion from `near`; None if no joints hold the pose."""
+    """Return the solution with the least motion from `near`; None if no joint angles hold the pose."""
     best, least = None, math.inf
     for joints in solutions(arm, pose, near):
         distance = math.dist(joints, near)
         if distance < least:
             best, least = joints, distance
-        if distance < _surely_nearest(arm, joints):
+        if distance < _unambiguous_distance(arm, joints):
             break
     return best
 
 
 def reachable_start(arm: Arm, start: Pose, tool: Pose) -> Vector | None:
-    """Place for the tool, m, that the arm can hold in this orientation: towards the base at the same height, with room
-    for a path around it. None if there is none. `tool` is the tool in the flange.
+    """Return a position for the tool, m, that the arm can hold in this orientation; None if there is none.
+
+    The position is towards the base at the same height, with room for a path around it. `tool` is the tool in the
+    flange frame.
     """
     x, y, z = start.position
     radius = math.hypot(x, y)
-    found: list[Vector] = []
+    reachable: list[Vector] = []
     for step in range(1, int(radius / _STEP_M)):
         share = 1.0 - step * _STEP_M / radius
         pose = Pose((x * share, y * share, z), start.quaternion)
         if nearest(arm, compose(pose, invert(tool)), USUAL) is not None:
-            found.append(pose.position)
-        elif found:
+            reachable.append(pose.position)
+        elif reachable:
             break
-    return found[min(_ROOM_STEPS, len(found) - 1)] if found else None
+    return reachable[min(_ROOM_STEPS, len(reachable) - 1)] if reachable else None
 
 
-def _surely_nearest(arm: Arm, joints: Joints) -> float:
-    """Distance from these joints within which no other solution of the same pose is nearer, rad.
+def _unambiguous_distance(arm: Arm, joints: Joints) -> float:
+    """Return the distance from these joint angles, rad, within which no other solution of the same pose is nearer.
 
-    Derived: half of the least way to another one. That mirrors elbow or wrist 2, or stands on the base's other side.
+    Derived: half of the shortest distance to another solution, which mirrors the elbow or wrist 2, or is on the
+    other side of the base.
     """
     _, shoulder, elbow, wrist_1, wrist_2, _ = joints
     fore = shoulder + elbow
@@ -191,7 +204,7 @@ def _surely_nearest(arm: Arm, joints: Joints) -> float:
 
 
 def _wound(angle: float, near: float) -> float:
-    """Return the angle, up to whole turns, next to `near` and inside the range."""
+    """Return the equivalent angle, modulo full turns, that is nearest to `near` and within the range."""
     angle += 2.0 * math.pi * round((near - angle) / (2.0 * math.pi))
     if angle > RANGE:
         return angle - 2.0 * math.pi

@@ -1,4 +1,4 @@
-"""The arm of an emulated controller with its tool: kinematics, drives and encoders, cycle by cycle."""
+"""Arm of an emulated controller with its tool: kinematics, drives and encoders, simulated in cycles."""
 
 import math
 
@@ -23,16 +23,16 @@ from protocol.geometry import Pose, Quaternion, normalise
 
 
 class Manipulator:
-    """Joints as the controller orders them, as the drives move them, and as the encoders report them."""
+    """Commanded, actual and measured joints of an arm."""
 
     def __init__(self, profile: RtdeProfile, start: StartPose, seed: int) -> None:
-        """Raise ValueError for a start that the arm cannot hold."""
+        """Create the arm. Raises ValueError for a start that the arm cannot hold."""
         self._profile = profile
         self.lengths = ARMS[profile.model]
         self.tool = Pose((0.0, 0.0, start.tool_length), (1.0, 0.0, 0.0, 0.0))
-        """The tool as it is, in the flange."""
+        """Actual tool in the flange frame."""
         self.tcp = self.tool
-        """The tool as the controller takes it to be."""
+        """Tool as configured in the controller, in the flange frame."""
         pose = Pose(start.position, normalise(start.quaternion))
         joints = nearest(self.lengths, compose(pose, invert(self.tool)), USUAL)
         if joints is None:
@@ -41,9 +41,9 @@ class Manipulator:
         self.arm = JointArm(joints, self.period, profile.servo_gain_scale, profile.stop_deceleration_rad_s2)
         self._drives, self.sensors = Drives(profile, joints, seed), ArmSensors(profile, seed)
         self.joints, self.speeds = self.sensors.read(joints, 0), ZERO
-        """As measured at the begin of this cycle, rad and rad/s."""
+        """Measured joint angles and speeds at the start of this cycle, rad and rad/s."""
         self.speeds_before = ZERO
-        """Speeds of the joints that were ordered in the cycle before, rad/s."""
+        """Joint speeds commanded in the previous cycle, rad/s."""
         self._servo_target = joints
         self._flange = self._old_flange = self._next_flange = flange(self.lengths, joints)
         self._at = ToolPoses().at
@@ -58,13 +58,16 @@ class Manipulator:
         self.speeds_before = self.arm.motion
 
     def end_cycle(self) -> Pose:
-        """Let the drives follow the arm's target; the true pose of the tool at the end of the cycle."""
+        """Let the drives follow the arm's target. Return the true pose of the tool at the end of the cycle."""
         joints = self._drives.step(self.arm.joints, isinstance(self.arm.order, Hold))
         self._next_flange = flange(self.lengths, joints)
         return self._at(self._next_flange, self.tool)
 
     def take(self, order: Order) -> str:
-        """Order the arm for this cycle. Reason of the protective stop that comes instead, or an empty string."""
+        """Accept an order for this cycle.
+
+        Return an empty string, or the reason of a protective stop that occurs instead of the order.
+        """
         if isinstance(order, Servo) and order.target != self._servo_target:
             old = self._servo_target if isinstance(self.arm.order, Servo) else self.arm.joints
             if problem := problem_of_target(self._profile, self.lengths, old, order.target):
@@ -76,19 +79,21 @@ class Manipulator:
         return ""
 
     def problem_of_speed(self) -> str:
-        """Reason of a protective stop for the arm's speed, or an empty string."""
-        moved = math.dist(self._flange.position, self._old_flange.position)
+        """Return the reason of a protective stop because of the arm's speed, or an empty string."""
+        distance = math.dist(self._flange.position, self._old_flange.position)
         if max(map(abs, self.arm.motion)) > self._profile.max_joint_speed_rad_s:
             return TOO_FAST
-        return "the tool is too fast" if moved > self._profile.max_tcp_speed_mm_s * 1e-3 * self.period else ""
+        return (
+            "the tool is too fast" if distance > self._profile.max_tcp_speed_mm_s * 1e-3 * self.period else ""
+        )
 
     def problem_of_range(self) -> str:
-        """Reason of a protective stop for the arm's joints, or an empty string."""
+        """Return the reason of a protective stop because of the joint range, or an empty string."""
         return "a joint is at the end of its range" if max(map(abs, self.arm.joints)) > RANGE else ""
 
     @property
     def still(self) -> bool:
-        """Whether the arm stands."""
+        """Whether the arm is stationary."""
         return self.arm.still or self.arm.speeds == ZERO
 
     # --- kinematics
@@ -109,13 +114,13 @@ class Manipulator:
         return self._at(self._flange, self.tcp)
 
     def solve(self, pose: Pose, near: Joints | None = None) -> Joints | None:
-        """Joints that hold the controller's tool in a pose; None if there are none."""
+        """Return joint angles that hold the controller's tool in a pose; None if there is no solution."""
         return nearest(self.lengths, compose(pose, invert(self.tcp)), near or self.arm.target)
 
     def joints_holding(self, pose: Pose) -> Joints | None:
-        """Joints that hold the true tool in a pose; None if there are none."""
+        """Return joint angles that hold the true tool in a pose; None if there is no solution."""
         return nearest(self.lengths, compose(pose, invert(self.tool)), self.arm.joints)
 
     def forward(self, joints: Joints, tcp: Pose | None = None) -> Pose:
-        """Pose of the controller's tool at these joints."""
+        """Return the pose of the controller's tool at these joint angles."""
         return compose(flange(self.lengths, joints), tcp or self.tcp)

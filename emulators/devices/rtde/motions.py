@@ -1,4 +1,4 @@
-"""Motions that programs order, told to a judge of the client behind them."""
+"""Reports of the motions that programs command, to a judge of the client behind them."""
 
 import math
 from typing import Protocol
@@ -15,8 +15,8 @@ _COMMAND = f"input_int_register_{COMMAND}"
 _PLACE = tuple(f"input_double_register_{number}" for number in range(POSE, POSE + 6))
 
 
-class Playing(Protocol):
-    """The controller, as far as it is asked here."""
+class RunningController(Protocol):
+    """Parts of the controller that are used here."""
 
     profile: RtdeProfile
     manipulator: Manipulator
@@ -26,85 +26,89 @@ class Playing(Protocol):
 
     @property
     def plays(self) -> bool:
-        """Whether a program plays on an arm that may move."""
+        """Whether a program is running and the arm may move."""
 
     @property
     def reported_pose_now(self) -> Pose:
-        """Pose of the controller's tool, without noise."""
+        """Return the reported pose of the controller's tool, without noise."""
 
 
 class Motions:
-    """Tells each motion once: a program that repeats it has heard nothing new from its client.
+    """Reports each motion once. A program that repeats a motion has received no new data from its client.
 
-    Without a listener nothing is computed.
+    Nothing is computed if there is no listener.
     """
 
-    def __init__(self, controller: Playing) -> None:
+    def __init__(self, controller: RunningController) -> None:
         self._controller = controller
         self.news = 0
-        """Packages of inputs, and pieces that came over sockets of programs."""
+        """Number of times that a client sent inputs, or data through the socket of a program."""
         self.muted = False
-        """Whether nothing is told: the client has not spoken since the program began."""
+        """Whether motions are not reported, because the client has sent nothing since the program began."""
         self.by_registers = False
-        """Whether the newest program is our streaming program, which refuses a leap: its packages tell the orders."""
-        self._told: tuple[str, object] = ("", None)
-        self._heard = 0
-        """News at the newest motion that was told."""
+        """Whether the newest program is our streaming program, which refuses large steps. Then its input packages
+        are the orders.
+        """
+        self._reported_order: tuple[str, object] = ("", None)
+        self._reported_news = 0
+        """Value of `news` at the newest reported motion."""
 
-    def hear_package(self, names: tuple[str, ...]) -> None:
+    def accept_package(self, names: tuple[str, ...]) -> None:
         """Accept a package of inputs with these names."""
         controller = self._controller
         if not self.by_registers or controller.orders.listener is None:
             return
         if _COMMAND in names and controller.io.number(_COMMAND) == Command.SERVO:
             x, y, z, *turn = map(controller.io.number, _PLACE)
-            self._tell("servo to a pose", Pose((x, y, z), turn_by(turn)), self._reach)
+            self._report("servo to a pose", Pose((x, y, z), turn_by(turn)), self._reach)
 
-    def hear_servo(self, joints: Joints) -> None:
-        """servoj to joints."""
+    def report_servo(self, joints: Joints) -> None:
+        """Report a servoj command."""
         if self._is_new("servoj", joints):
             place = self._controller.manipulator.forward(joints) if all(map(math.isfinite, joints)) else None
-            self._tell("servoj", place, self._reach)
+            self._report("servoj", place, self._reach)
 
-    def hear_speed(self, words: str, speeds: Joints) -> None:
-        """Speeds of the joints, or of the tool."""
-        if self._is_new(words, speeds):
-            by_tool = words == "speedl"
+    def report_speed(self, text: str, speeds: Joints) -> None:
+        """Report commanded speeds of the joints, or of the tool."""
+        if self._is_new(text, speeds):
+            by_tool = text == "speedl"
             speed = (
                 (math.hypot(*speeds[:3]), math.hypot(*speeds[3:]))
                 if by_tool
                 else (0.0, max(map(abs, speeds)))
             )
-            self._tell(words, None, self._reach, speed)
+            self._report(text, None, self._reach, speed)
 
-    def hear_move(self, words: str, goal: Pose) -> None:
-        """Accept a move that is planned before it begins."""
+    def report_move(self, text: str, goal: Pose) -> None:
+        """Report a planned move before it begins."""
         if self._listens:
-            self._told, self._heard = (words, goal), self.news
-            self._tell(words, goal)
+            self._reported_order, self._reported_news = (text, goal), self.news
+            self._report(text, goal)
 
     @property
     def _listens(self) -> bool:
         return self._controller.orders.listener is not None and not (self.muted or self.by_registers)
 
-    def _is_new(self, words: str, values: object) -> bool:
+    def _is_new(self, text: str, values: object) -> bool:
         if not self._listens:
             return False
-        told = (words, values)
-        if told == self._told and self._heard == self.news:
+        order = (text, values)
+        if order == self._reported_order and self._reported_news == self.news:
             return False
-        self._told, self._heard = told, self.news
+        self._reported_order, self._reported_news = order, self.news
         return True
 
     @property
     def _reach(self) -> Reach:
-        """How fast the arm follows a target or a speed: what the controller bears, and a joint's speed of the turn."""
+        """Return the speed at which the arm follows a target or a speed: the controller's limit, and a joint's
+        speed for the rotation.
+        """
         profile = self._controller.profile
         return Reach(
             profile.cycle_ms * 1e-3, profile.max_tcp_speed_mm_s * 1e-3, profile.max_joint_speed_rad_s
         )
 
-    def _tell(
+    def _report(
         self,
         words: str,
         goal: Pose | None,

@@ -1,4 +1,4 @@
-"""Moves that are planned before they begin: along a line, or in joints, with even acceleration at both ends."""
+"""Planned moves: along a line, or linear in joint space, with constant acceleration at both ends."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -10,31 +10,31 @@ from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.kinematics import Joints, flange
 from protocol.geometry import Pose, Vector, angle_between, slerp
 
-Walk: TypeAlias = Iterator[Place]
+JointPath: TypeAlias = Iterator[Place]
 _LEAST = 1e-6
-"""Chosen: slower speeds and smaller accelerations count as this, m or rad, and s."""
+"""Minimum of speeds and accelerations, m or rad, and s. Chosen."""
 _TURN_LENGTH = 1.0
-"""Assumed: a turn of 1 rad counts as so long a way, m."""
+"""Length that corresponds to a rotation of 1 rad, m. Assumed."""
 _LEAST_PACE = 0.01
-"""Assumed: a move is slowed down to this share of its speed, and no further."""
+"""Minimum share of its speed to which a move is slowed down. Assumed."""
 _SLOWER_TRIES = 8
-"""Chosen: how often the next place is drawn nearer."""
+"""Maximum number of attempts to shorten the next step. Chosen."""
 _UNDER = 0.999
-"""Chosen: share of a limit that a slower move takes."""
+"""Share of a limit that a slowed move uses. Chosen."""
 
 
 class Ramp(NamedTuple):
-    """A way with even acceleration at both ends, as parts 0 … 1 of it over the time."""
+    """Velocity profile with constant acceleration at both ends, as the fraction 0 … 1 of the path over time."""
 
     length: float
-    """m or rad; not above 0 for a way that is none."""
+    """Length of the path, m or rad; 0 or less for an empty path."""
     speed: float
     acceleration: float
     total: float
-    """s"""
+    """Duration, s."""
 
     def at(self, t: float) -> float:
-        """Return the part that is done after a time, s."""
+        """Return the fraction of the path that is completed after a time, s."""
         end = self.total - t
         if not (self.length > 0.0 and end > 0.0):
             return 1.0
@@ -48,7 +48,7 @@ class Ramp(NamedTuple):
 
 
 def plan_ramp(length: float, speed: float, acceleration: float) -> Ramp:
-    """Plan a motion no faster than requested that reaches the speed if it is long enough."""
+    """Plan a motion that is no faster than requested. It reaches the requested speed if the path is long enough."""
     if not length > 0.0:
         return Ramp(0.0, 1.0, 1.0, 0.0)
     speed, acceleration = max(speed, _LEAST), max(acceleration, _LEAST)
@@ -57,19 +57,21 @@ def plan_ramp(length: float, speed: float, acceleration: float) -> Ramp:
 
 
 def rates_in_time(length: float, acceleration: float, time: float) -> tuple[float, float]:
-    """Speed and acceleration by which a way takes just a time, s; the acceleration grows where it is too small."""
+    """Return speed and acceleration of a motion with exactly this duration, s. The acceleration is increased if it
+    is too small.
+    """
     least = 4.0 * length / (time * time)
     acceleration = max(acceleration, least, _LEAST)
     root = math.sqrt(max(0.0, (acceleration * time) ** 2 - 4.0 * length * acceleration))
     return (acceleration * time - root) / 2.0, acceleration
 
 
-def line_walk(
+def plan_line(
     controller: Controller, goal: Pose, speed: float, acceleration: float, time: float = 0.0
-) -> Walk | None:
-    """Along a straight line, m/s and m/s², or in a time, s; None where the values are not numbers.
+) -> JointPath | None:
+    """Plan a straight line, by m/s and m/s² or by a duration, s. Return None if a value is not finite.
 
-    The goal may be out of reach: the move ends where the line leaves the workspace. Derived: PolyScope's node
+    The target may be out of reach: the move ends where the line leaves the workspace. Derived: PolyScope's node
     "Direction, until tool contact" exports a line of 1000 m, which a contact ends.
     """
     if not all(map(math.isfinite, (speed, acceleration, *goal.position))):
@@ -87,12 +89,16 @@ def line_walk(
     return _along(controller, at, plan_ramp(length, speed, acceleration))
 
 
-def arc_walk(controller: Controller, via: Pose, goal: Pose, speed: float, acceleration: float) -> Walk | None:
-    """Along the circle through three places, m/s and m/s²; a line where they lie on one. None as of `line_walk`."""
+def plan_arc(
+    controller: Controller, via: Pose, goal: Pose, speed: float, acceleration: float
+) -> JointPath | None:
+    """Plan a circle through three points, by m/s and m/s²; a line if the points are collinear. Return None if a
+    value is not finite.
+    """
     start = controller.manipulator.forward(controller.arm.joints)
     circle = _circle(start.position, via.position, goal.position)
     if circle is None:
-        return line_walk(controller, goal, speed, acceleration)
+        return plan_line(controller, goal, speed, acceleration)
     if not all(map(math.isfinite, (speed, acceleration))) or controller.manipulator.solve(goal) is None:
         return None
     centre, first, second, angle = circle
@@ -107,7 +113,9 @@ def arc_walk(controller: Controller, via: Pose, goal: Pose, speed: float, accele
 
 
 def _circle(start: Vector, via: Vector, goal: Vector) -> tuple[Vector, Vector, Vector, float] | None:
-    """Centre, the radius to the start, the one a quarter turn on, and the angle to the goal by way of `via`."""
+    """Return the centre of a circle, its radius vectors at the start and a quarter turn later, and the angle to the
+    target through `via`.
+    """
     a, b = _minus(via, start), _minus(goal, start)
     normal = _cross(a, b)
     square = _dot(normal, normal)
@@ -141,8 +149,8 @@ def _dot(a: Vector, b: Vector) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _along(controller: Controller, at: Callable[[float], Pose], ramp: Ramp) -> Walk:
-    """Return the joints of a path's poses."""
+def _along(controller: Controller, at: Callable[[float], Pose], ramp: Ramp) -> JointPath:
+    """Yield the joint angles at the poses of a path."""
 
     def joints_at(share: float) -> Joints | None:
         joints = controller.manipulator.solve(at(share), controller.arm.joints)
@@ -150,15 +158,18 @@ def _along(controller: Controller, at: Callable[[float], Pose], ramp: Ramp) -> W
             controller.protective_stop("a line leaves the workspace")
         return joints
 
-    return _paced(controller, joints_at, ramp)
+    return _pace(controller, joints_at, ramp)
 
 
-def _paced(controller: Controller, joints_at: Callable[[float], Joints | None], ramp: Ramp) -> Walk:
-    """Places cycle by cycle, later than planned by the speed slider, and where a joint or the tool would be faster than
-    it may be. With the slider at 0 the arm stands in its path (Universal_Robots_ROS_Driver, pull request 250).
+def _pace(controller: Controller, joints_at: Callable[[float], Joints | None], ramp: Ramp) -> JointPath:
+    """Yield the joint positions of a move, cycle by cycle.
 
-    Derived: tests of Universal Robots' C++ client library order moves in too short a time, and expect their end.
-    Assumed: how far a controller slows down. A move that would still be too fast makes a protective stop.
+    The speed slider delays the move, and it is slower where a joint or the tool would exceed its limit. With the
+    slider at 0, the arm stops on its path (Universal_Robots_ROS_Driver, pull request 250).
+
+    Derived: tests of Universal Robots' C++ client library command moves with too short a duration, and expect them
+    to complete. Assumed: how far a controller slows down. A move that would still be too fast causes a protective
+    stop.
     """
     dt, late_s = controller.period, 0.0
     last = controller.arm.joints
@@ -185,18 +196,19 @@ def _paced(controller: Controller, joints_at: Callable[[float], Joints | None], 
 
 
 def _excess(controller: Controller, here: Joints, joints: Joints) -> float:
-    """How many times the limits of joints and tool are taken by going from joints to others in one cycle."""
+    """Return the ratio by which a change of joint angles in one cycle exceeds the limits of joints and tool."""
     profile, dt, lengths = controller.profile, controller.period, controller.manipulator.lengths
     turn = max(abs(b - a) for a, b in zip(here, joints, strict=True))
-    way = math.dist(flange(lengths, here).position, flange(lengths, joints).position)
-    return max(turn / profile.max_joint_speed_rad_s, way * 1e3 / profile.max_tcp_speed_mm_s) / dt
+    distance = math.dist(flange(lengths, here).position, flange(lengths, joints).position)
+    return max(turn / profile.max_joint_speed_rad_s, distance * 1e3 / profile.max_tcp_speed_mm_s) / dt
 
 
-def joint_walk(
+def plan_joint_move(
     controller: Controller, goal: Joints, speed: float, acceleration: float, time: float = 0.0
-) -> Walk | None:
-    """Straight in joints, rad/s and rad/s² of the one that goes farthest, or in a time, s; None where a value is no
-    number.
+) -> JointPath | None:
+    """Plan a motion linear in joint space. Return None if a value is not finite.
+
+    It is given by rad/s and rad/s² of the joint that moves farthest, or by a duration, s.
     """
     if not all(map(math.isfinite, (*goal, speed, acceleration))):
         return None
@@ -209,4 +221,4 @@ def joint_walk(
         a, b, c, d, e, f = (old + (new - old) * share for old, new in zip(start, goal, strict=True))
         return a, b, c, d, e, f
 
-    return _paced(controller, joints_at, plan_ramp(length, speed, acceleration))
+    return _pace(controller, joints_at, plan_ramp(length, speed, acceleration))

@@ -1,7 +1,7 @@
-"""The pieces on the cable of a controller, as faults see them.
+"""Units on a controller's cable to which faults apply.
 
-A stream over TCP loses and changes no bytes. So faults strike what one side says: a package of RTDE, or a message to
-and from the dashboard and the script port.
+A stream over TCP neither loses nor changes bytes. Faults therefore affect complete messages in one direction: an
+RTDE package, or a message to or from the dashboard or the script port.
 """
 
 from emulators.faults.packets import packages
@@ -9,18 +9,18 @@ from protocol.devices.rtde.packets import HEADER
 
 
 def _packages_of(data: bytes) -> list[bytes]:
-    """Whole packages of RTDE; what is none is one more, for a client may say anything."""
-    found, at = list[bytes](), 0
+    """Split data into complete RTDE packages. Invalid data forms one more unit, since a client may send any data."""
+    packages, at = list[bytes](), 0
     while len(data) - at >= HEADER.size:
         size, _ = HEADER.unpack_from(data, at)
         if size < HEADER.size:
             break
-        found.append(data[at : at + size])
+        packages.append(data[at : at + size])
         at += size
-    return [*found, data[at:]] if at < len(data) else found
+    return [*packages, data[at:]] if at < len(data) else packages
 
 
 PACKAGES = packages("packages", _packages_of)
-"""Of the RTDE port."""
+"""Units of the RTDE port to which faults apply."""
 MESSAGES = packages("messages", lambda data: [data] if data else [])
-"""Of the other ports."""
+"""Units of the other ports to which faults apply."""

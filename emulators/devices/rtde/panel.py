@@ -1,4 +1,4 @@
-"""The panel of an emulated Universal Robot: its buttons, and the state that its pendant shows."""
+"""Panel of an emulated Universal Robot: its buttons, and the state displayed on its pendant."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -11,7 +11,7 @@ from emulators.devices.rtde.safety import Stimulus
 from emulators.panel import Controls, Dial, Move, Switch, millimetres, motion_text, numbers_text
 from protocol.devices.rtde.states import SafetyMode
 
-_PERSON = "an operator"
+_OPERATOR = "an operator"
 _RUNTIME_AT = {
     "playing": "play",
     "resuming": "play",
@@ -19,11 +19,11 @@ _RUNTIME_AT = {
     "paused": "pause",
     "stopped": "stop",
 }
-"""Position of the program's control by the state of the program."""
+"""Position of the program control for each state of the program."""
 
 
 def _act(act: Callable[[Controller], object]) -> Move:
-    """Return the act, delayed until the controller has reached the time."""
+    """Return the action, delayed until the controller has reached the time."""
 
     def move(robot: RtdeRobot, now: float) -> object:
         robot.controller.advance(now)
@@ -45,7 +45,7 @@ def _unlock(controller: Controller) -> None:
     if controller.state.safety != SafetyMode.PROTECTIVE_STOP:
         raise ValueError("there is no protective stop")
     raise ValueError(
-        f"the controller refuses to unlock a protective stop earlier than {controller.profile.unlock_s:g} s behind it"
+        f"the controller refuses to unlock a protective stop earlier than {controller.profile.unlock_s:g} s after it"
     )
 
 
@@ -62,8 +62,8 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
     "emergency-stop": Switch(
         "Press the emergency stop, or release it.",
         {
-            "press": _act(lambda controller: controller.emergency_stop(by=_PERSON)),
-            "release": _act(lambda controller: controller.state.release_emergency_stop(_PERSON)),
+            "press": _act(lambda controller: controller.emergency_stop(by=_OPERATOR)),
+            "release": _act(lambda controller: controller.state.release_emergency_stop(_OPERATOR)),
         },
         "press",
         lambda state: "press" if state["safety"] == "robot emergency stop" else "release",
@@ -96,7 +96,7 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
         "release",
     ),
     "program": Switch(
-        "Let the program continue, pause it, or stop it.",
+        "Resume, pause or stop the program.",
         {
             "play": _act(Controller.play),
             "pause": _act(lambda controller: controller.player.pause()),

@@ -1,7 +1,8 @@
-"""The primary and the secondary interface: a controller's state ten times a second, its messages, and text for it.
+"""Primary and secondary interface: the controller's state ten times a second, its messages, and program text.
 
-The secondary one sends the version first and then states alone, no other messages. Source: Universal Robots' guide to
-its client interfaces. A read-only one takes no text, and neither does a connection that was made in local control.
+The secondary interface sends the version first and then only states, without other messages. Source: Universal
+Robots' guide to its client interfaces. A read-only interface accepts no text. A connection made in local control
+accepts none either.
 """
 
 import math
@@ -9,7 +10,7 @@ import zlib
 from collections.abc import Callable, Mapping, Sequence
 
 from emulators.devices.rtde.controller import Controller
-from emulators.devices.rtde.running import Saying
+from emulators.devices.rtde.running import ProgramMessage
 from emulators.devices.rtde.script import ScriptPort
 from emulators.devices.rtde.state import Snapshot, getter
 from emulators.devices.rtde.targets import SUDDEN_CHANGE
@@ -21,26 +22,34 @@ from protocol.devices.rtde.rotation import six_of
 from protocol.devices.rtde.states import RobotMode, Runtime, SafetyMode
 from protocol.devices.rtde.wires import Port
 
-LOOK_S = 0.02
-"""Chosen: a message is told so late at most."""
+MESSAGE_DELAY_MAX_S = 0.02
+"""Maximum delay of a message, s. Chosen."""
 BUILT = "02-02-2022, 00:00:00"
-"""Chosen: date of the software's making."""
+"""Build date of the software. Chosen."""
 _JOINT_ACCELERATION = 40.0
-"""Observed (URSim 5, frames of the C++ client library's tests): limit of each joint, rad/s²."""
+"""Acceleration limit of each joint, rad/s². Observed (URSim 5, frames of the C++ client library's tests)."""
 _JOINT_RANGE = 6.3355451848
-"""Observed in the same frames: limit of each joint, rad; the arm itself stops at two turns."""
+"""Range limit of each joint, rad; the arm itself stops at two turns. Observed (URSim 5, frames of the C++ client
+library's tests).
+"""
 _DEFAULTS = (math.radians(60.0), math.radians(80.0), 0.25, 1.2, 0.25)
-"""Observed in the same frames: speed and acceleration of joints and of the tool, and the equivalent radius."""
+"""Default speed and acceleration of joints and of the tool, and equivalent radius. Observed (URSim 5, frames of the
+C++ client library's tests).
+"""
 _BOARD = (6, 4)
-"""Observed there: version of the masterboard, type of the control box."""
+"""Version of the masterboard, and type of the control box. Observed (URSim 5, frames of the C++ client library's
+tests).
+"""
 _TYPES = {"ur5e": (1, 3), "ur5": (1, 1), "ur10e": (2, 3), "ur10": (2, 1)}
-"""Type of an arm, from the C++ client library, and its sub-type: observed of a UR5e, assumed of the others."""
+"""Type of an arm, from the C++ client library, and its sub-type. The sub-type is observed for a UR5e and assumed
+for other arms.
+"""
 _HALF_TURN = math.pi / 2
 _CODES = {SUDDEN_CHANGE: primary.SUDDEN_CHANGE, ORDERED: primary.ORDERED}
-"""Codes of protective stops by their reasons."""
+"""Codes of protective stops by reason."""
 _EMERGENCY = (SafetyMode.SYSTEM_EMERGENCY_STOP, SafetyMode.ROBOT_EMERGENCY_STOP)
 _SPEED_LIMIT = 1.0
-"""Observed in the frames of the library's tests."""
+"""Speed limit. Observed (URSim 5, frames of the C++ client library's tests)."""
 _READ_ONLY = (Port.READ_ONLY, Port.SECONDARY_READ_ONLY)
 
 Values = Sequence[float]
@@ -96,7 +105,9 @@ def _tool(controller: Controller, snapshot: Snapshot) -> Values:
 def _masterboard(controller: Controller, snapshot: Snapshot) -> Values:
     analog = [_read(f"standard_analog_output{number}", snapshot)[0] for number in (0, 1)]
     (voltage,), (current,) = _read("actual_robot_voltage", snapshot), _read("actual_robot_current", snapshot)
-    (inputs,), (outputs,) = (_read(f"actual_digital_{way}_bits", snapshot) for way in ("input", "output"))
+    (inputs,), (outputs,) = (
+        _read(f"actual_digital_{direction}_bits", snapshot) for direction in ("input", "output")
+    )
     temperature = _read("joint_temperatures", snapshot)[0]
     types = int(_read("analog_io_types", snapshot)[0])
     domains = (types >> 2 & 1, types >> 3 & 1)
@@ -109,7 +120,7 @@ def _cartesian(controller: Controller, snapshot: Snapshot) -> Values:
 
 
 def _denavit_hartenberg(controller: Controller) -> Mapping[str, Values]:
-    """Return the arm's lengths and angles by name, joint by joint; those of a real one are calibrated."""
+    """Return the arm's lengths and angles by name, joint by joint. A real arm has calibrated values."""
     arm = controller.manipulator.lengths
     return {
         "theta": (0.0,) * 6,
@@ -120,7 +131,7 @@ def _denavit_hartenberg(controller: Controller) -> Mapping[str, Values]:
 
 
 def _kinematics(controller: Controller, snapshot: Snapshot) -> Values:
-    """Chosen: the check sum of a joint is that of its four numbers as text."""
+    """Return the kinematics packet. Chosen: a joint's checksum is the checksum of its four numbers as text."""
     lengths = _denavit_hartenberg(controller)
     rows = zip(*lengths.values(), strict=True)
     return (
@@ -172,14 +183,14 @@ def encode_state(controller: Controller) -> bytes:
 
 
 class PrimaryPort:
-    """One connection: an endpoint of bytes."""
+    """Connection to the primary or secondary port, as an endpoint of bytes."""
 
     closing = False
 
     def __init__(
         self, controller: Controller, silences: Callable[[float], bool], now: float, port: Port = Port.PRIMARY
     ) -> None:
-        """`silences` tells whether a fault lets it say nothing at a time, s."""
+        """Open the connection. `silences` returns whether a fault silences the port at a time, s."""
         controller.advance(now)
         self._silences = silences
         self._controller = controller
@@ -188,31 +199,33 @@ class PrimaryPort:
         self._has_messages = port in (Port.PRIMARY, Port.READ_ONLY)
         self._out: list[bytes] = []
         self._modes: list[tuple[SafetyMode, str]] = []
-        """Safety modes that are not told yet, with the reason of a stop."""
-        self._state_at = self._look_at = now
+        """Safety modes that have not been reported yet, each with the reason of a stop."""
+        self._state_at = self._next_check_at = now
         controller.console.listeners.append(self)
         self._put(MessageKind.VERSION, primary.version_body(controller.version, BUILT))
 
-    def hear(self, saying: Saying) -> None:
+    def hear(self, program_message: ProgramMessage) -> None:
         """Queue a message from a program, or about one."""
-        match saying.message:
+        match program_message.message:
             case Kind.TEXT:
-                self._say(MessageKind.TEXT, saying.text.encode("utf-8", "replace"))
+                self._say(MessageKind.TEXT, program_message.text.encode("utf-8", "replace"))
             case Kind.POPUP:
-                self._say(MessageKind.POPUP, primary.popup_body(saying.title, saying.text))
+                self._say(MessageKind.POPUP, primary.popup_body(program_message.title, program_message.text))
             case Kind.SYNTAX | Kind.RUNTIME:
-                body = primary.runtime_exception_body(saying.line, saying.column, saying.text)
+                body = primary.runtime_exception_body(
+                    program_message.line, program_message.column, program_message.text
+                )
                 self._say(MessageKind.RUNTIME_EXCEPTION, body)
             case Kind.STARTED | Kind.STOPPED:
-                key = f"PROGRAM_XXX_{saying.message.name}"
-                self._say(MessageKind.KEY, primary.key_body(key, saying.text))
+                key = f"PROGRAM_XXX_{program_message.message.name}"
+                self._say(MessageKind.KEY, primary.key_body(key, program_message.text))
 
-    def hear_safety(self, mode: SafetyMode) -> None:
-        """Another safety mode holds."""
+    def receive_safety_mode(self, mode: SafetyMode) -> None:
+        """Queue a change of the safety mode."""
         self._modes.append((mode, self._controller.state.stop_reason))
 
     def _send_modes(self) -> None:
-        """Tell safety modes that have begun, behind a state that has the newest (assumed)."""
+        """Report the safety modes that have begun. A state with the newest mode precedes them (assumed)."""
         self._out.append(encode_state(self._controller))
         for mode, reason in self._modes:
             self._say(MessageKind.SAFETY_MODE, primary.safety_mode_body(mode))
@@ -246,11 +259,11 @@ class PrimaryPort:
         return b"" if out and self._silences(now) else b"".join(out)
 
     def next_deadline(self) -> float | None:
-        return self._look_at
+        return self._next_check_at
 
     def handle_deadline(self, now: float) -> None:
-        """Send the state that is due; a late process skips the states it has missed."""
-        if now < self._look_at:
+        """Send the newest state that is due. A process that is late skips the states that it missed."""
+        if now < self._next_check_at:
             return
         controller = self._controller
         controller.advance(now)
@@ -259,7 +272,7 @@ class PrimaryPort:
         if now >= self._state_at:
             self._out.append(encode_state(controller))
             self._state_at += primary.STATE_PERIOD_S * (1 + (now - self._state_at) // primary.STATE_PERIOD_S)
-        self._look_at = min(now + LOOK_S, self._state_at)
+        self._next_check_at = min(now + MESSAGE_DELAY_MAX_S, self._state_at)
 
     def close(self, now: float) -> None:
         """End the connection."""

@@ -1,6 +1,6 @@
-"""A connection that a program has opened to a server: the program's end of it, as an endpoint of bytes.
+"""Program's end of a connection that it opened to a server, as an endpoint of bytes.
 
-The one that serves the controller brings it together with a wire, and tells when the server has taken it.
+The controller's server connects it to a wire, and reports when the other server has accepted the connection.
 """
 
 from collections.abc import Callable
@@ -8,52 +8,57 @@ from collections.abc import Callable
 from emulators.devices.rtde.controller import Controller
 
 UNREAD_MAX = 1 << 20
-"""Chosen: bytes that have come and that the program has not read; with more of them the connection is closed. Twelve
-thousand points of a trajectory fit in.
+"""Maximum number of received bytes that the program has not read. With more, the connection is closed. Chosen:
+twelve thousand points of a trajectory fit.
 """
 ENOUGH = 1 << 16
-"""Chosen: with so many unread bytes no more are taken from the wire, so that the server's sending waits."""
+"""Number of unread bytes from which no more bytes are read from the wire, so that the server's sending blocks.
+Chosen.
+"""
 
 
 class ProgramSocket:
-    """A `urscript.Socket`, and an endpoint that tells no events."""
+    """Socket of a program: a `urscript.Socket`, and an endpoint without events."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
         self._come, self._to_send = bytearray(), bytearray()
         self.opening = True
         self.closing = False
-        """The program, or the controller, is about to close it."""
+        """Whether the program or the controller is about to close the connection."""
         self._ended = False
         self.wake: Callable[[], object] = _nothing
-        """To be called when there is something to send, or the connection is to be closed."""
-        self.hold: Callable[[bool], object] = _never_held
-        """To be called when the wire is to bring no more for now, or again."""
+        """Function to call when there is data to send, or when the connection ends."""
+        self.hold: Callable[[bool], object] = _ignore_hold
+        """Function to call to pause or resume reading from the wire."""
         self._held = False
 
     # --- for the program
 
     @property
     def open(self) -> bool:
-        """Whether the server is there, and the program has not closed it."""
+        """Whether the server is connected and the program has not closed the connection."""
         return not (self.opening or self.closing or self._ended)
 
     def take(self, count: int) -> bytes | None:
-        """So many bytes that have come; None while there are fewer."""
+        """Return this many received bytes; None if fewer bytes have been received."""
         if len(self._come) < count:
             return None
-        found = bytes(self._come[:count])
+        data = bytes(self._come[:count])
         del self._come[:count]
-        self._hold_back()
-        return found
+        self._limit_unread()
+        return data
 
     def take_until(self, end: bytes) -> bytes | None:
-        """Bytes up to an end, that included; all that is there for an empty end. None while it has not come."""
+        """Return the received bytes up to and including a terminator; None if it has not been received.
+
+        With an empty terminator, return everything received.
+        """
         at = self._come.find(end) + len(end) if end in self._come else 0
         return self.take(at or (0 if end else len(self._come)) or len(self._come) + 1)
 
     def send(self, data: bytes) -> bool:
-        """Send; False where the other end has gone."""
+        """Send bytes. Return False if the other end has closed the connection."""
         if not self.open or len(self._to_send) + len(data) > UNREAD_MAX:
             return False
         self._to_send += data
@@ -61,21 +66,21 @@ class ProgramSocket:
         return True
 
     def hang_up(self) -> None:
-        """Close it; what stands to be sent is sent before."""
+        """Close the connection after all pending data has been sent."""
         if not self.closing:
             self.closing = True
             self._come.clear()
-            self._hold_back()
+            self._limit_unread()
             self.wake()
 
     # --- for the wire
 
     def opened(self) -> None:
-        """Note that the server has accepted the connection."""
+        """Record that the server has accepted the connection."""
         self.opening = False
 
     def close(self, now: float) -> None:
-        """End the connection, or give it up. What has arrived can still be read."""
+        """End the connection, or stop trying to connect. Received data can still be read."""
         self.opening, self._ended = False, True
 
     def receive(self, data: bytes, now: float) -> None:
@@ -87,11 +92,11 @@ class ProgramSocket:
             self.hang_up()
             return
         self._come += data
-        self._hold_back()
+        self._limit_unread()
         self._controller.motions.news += 1
 
-    def _hold_back(self) -> None:
-        """Hold back a server that sends more than is read, as TCP does."""
+    def _limit_unread(self) -> None:
+        """Stop reading from a server that sends more than the program reads, as TCP does."""
         if self._held != (len(self._come) >= ENOUGH):
             self._held = not self._held
             self.hold(self._held)
@@ -105,7 +110,9 @@ class ProgramSocket:
         return data
 
     def next_deadline(self) -> float | None:
-        """Return the next cycle: a program that talks to a server runs also without an RTDE client."""
+        """Return the time of the next cycle, s. A program that communicates with a server runs even without an RTDE
+        client.
+        """
         path = self._controller.path
         return path.cycle_at(path.cycle + 1)
 
@@ -114,8 +121,8 @@ class ProgramSocket:
 
 
 def _nothing() -> None:
-    """Before there is a wire."""
+    """Do nothing: there is no wire."""
 
 
-def _never_held(hold: bool) -> None:
-    """Before there is a wire, or by one that cannot be held."""
+def _ignore_hold(hold: bool) -> None:
+    """Do nothing: there is no wire, or the wire cannot be paused."""

@@ -1,4 +1,4 @@
-"""Programs of the emulated controller: text in URScript, and what it may order."""
+"""Programs of the emulated controller: URScript text, and the commands that it may use."""
 
 from collections.abc import Callable, Generator, Iterator
 
@@ -19,53 +19,54 @@ from emulators.orders import Act, ReceivedOrder
 from protocol.devices.rtde.program import NAME
 
 _MOVES = frozenset({"movej", "movel", "movep", "movec", "servoj", "servoc", "speedj", "speedl"})
-_ASKS = ("read_input_", "socket_read_")
-"""Functions with these names get the orders of a client."""
+_INPUT_FUNCTIONS = ("read_input_", "socket_read_")
+"""Names of the functions that read a client's orders."""
 
 
 def start_text(
     controller: Controller, name: str, text: bytes, answer: Callable[[bool], object] = lambda started: None
 ) -> None:
-    """Start the program of a text, where the controller takes programs; `answer` is told whether it starts.
+    """Start the program in a text if the controller accepts programs. `answer` receives whether it starts.
 
-    A text that does not compile is reported and changes nothing: what runs continues. So a client may send `f()` behind
-    `def f(): ... end`. The definition plays by itself; the call is a text of its own, in which f is not defined.
-    Source: ros-industrial/universal_robot, pull request 165, tried on controllers 1.5, 1.8, 3.0 and 3.1.
+    A text that does not compile is reported and changes nothing: a running program continues. A client may
+    therefore send `f()` after `def f(): ... end`. The definition runs as a program of its own. The call is a
+    separate text, in which f is not defined. Source: ros-industrial/universal_robot, pull request 165, tried on
+    controllers 1.5, 1.8, 3.0 and 3.1.
     """
-    words = f"program {name}" if name else f"script {text[:64].decode('utf-8', 'replace')}"
-    order = ReceivedOrder(controller.now, Act.PROGRAM, words, controller.state.takes_programs)
+    description = f"program {name}" if name else f"script {text[:64].decode('utf-8', 'replace')}"
+    order = ReceivedOrder(controller.now, Act.PROGRAM, description, controller.state.takes_programs)
     stops = controller.player.uploads.stops
 
     def work() -> Iterator[None]:
-        compiled = yield from _compiled_or_reported(controller, text)
+        compiled = yield from _compile_or_report(controller, text)
         if compiled is None:
             answer(False)
             return
         controller.orders.tell(order._replace(moves=_moves_by_itself(compiled)))
-        ours = controller.motions.by_registers = compiled.name == NAME
+        is_streaming_program = controller.motions.by_registers = compiled.name == NAME
         uploads = controller.player.uploads
-        asks = _asks(compiled) and not ours
-        uploads.rehearse = Rehearsal(controller, compiled).cycle if asks else nothing
+        is_rehearsed = _depends_on_client(compiled) and not is_streaming_program
+        uploads.rehearse = Rehearsal(controller, compiled).cycle if is_rehearsed else nothing
         in_time = order.taken and uploads.stops == stops
         answer(controller.start_program(lambda: Script(controller, compiled), in_time))
 
     controller.player.uploads.add(work())
 
 
-def _asks(compiled: CompiledProgram) -> bool:
-    """Whether a program goes by what a client sends it."""
-    return any(name.startswith(_ASKS) for name in compiled.calls)
+def _depends_on_client(compiled: CompiledProgram) -> bool:
+    """Return whether a program depends on its client's data."""
+    return any(name.startswith(_INPUT_FUNCTIONS) for name in compiled.calls)
 
 
 def _moves_by_itself(compiled: CompiledProgram) -> bool:
-    """Whether its start is an order of motion. One that goes by what a client sends waits for that first."""
-    return not _MOVES.isdisjoint(compiled.calls) and not _asks(compiled)
+    """Return whether the start of a program is an order of motion. A program that depends on its client's data
+    waits for the data first.
+    """
+    return not _MOVES.isdisjoint(compiled.calls) and not _depends_on_client(compiled)
 
 
-def _compiled_or_reported(
-    controller: Controller, text: bytes
-) -> Generator[None, None, CompiledProgram | None]:
-    """Compile a text in steps; None for one that does not compile, which is reported."""
+def _compile_or_report(controller: Controller, text: bytes) -> Generator[None, None, CompiledProgram | None]:
+    """Compile a text in steps; report it and return None if it does not compile."""
     functions, uploads = functions_of(controller.version), controller.player.uploads
     try:
         compiled = yield from compile_in_steps(text.decode("utf-8", "replace"), functions)
@@ -75,8 +76,8 @@ def _compiled_or_reported(
         failure = error.failure
         ControllerHost(controller).report_failure(failure)
         if failure.function and text.strip() == f"{uploads.defined}()".encode():
-            words = f"a call of {failure.function}() behind its definition, which plays by itself"
-            controller.report_order(Act.CONTACT, words, False)
+            description = f"a call of {failure.function}() after its definition, which runs by itself"
+            controller.report_order(Act.CONTACT, description, False)
         elif failure.function in FUNCTIONS:
             version = ".".join(map(str, controller.version[:3]))
             controller.report_order(
@@ -92,7 +93,7 @@ def _compiled_or_reported(
 
 
 class Script:
-    """A program in URScript that plays."""
+    """Running URScript program."""
 
     def __init__(self, controller: Controller, compiled: CompiledProgram) -> None:
         self._machine = Machine(compiled, ControllerHost(controller), controller.profile.script_steps)
@@ -101,11 +102,11 @@ class Script:
 
 
 def run_secondary(controller: Controller, text: bytes) -> None:
-    """Run a program beside another one, within one cycle; it cannot move the arm."""
+    """Run a secondary program alongside the running one, within one cycle. It cannot move the arm."""
     controller.counts["secondary programs"] += 1
 
     def work() -> Iterator[None]:
-        compiled = yield from _compiled_or_reported(controller, text)
+        compiled = yield from _compile_or_report(controller, text)
         if compiled is None:
             return
         if compiled.main.waits:

@@ -1,4 +1,6 @@
-"""The real-time interface: a controller's state in each of its cycles, and text for it unless it is read-only."""
+"""Real-time interface: it sends the controller's state in each cycle, and accepts program text unless it is
+read-only.
+"""
 
 from collections.abc import Callable
 
@@ -11,10 +13,10 @@ from protocol.devices.rtde.realtime import layout_of
 
 
 class RealtimePort:
-    """One connection: an endpoint of bytes.
+    """Connection to the real-time port, as an endpoint of bytes.
 
-    A client that does not read is left out until it does. Derived: ur_rtde sends its program here and never reads, and
-    its connection stays.
+    A client that does not read receives nothing until it reads again. Derived: ur_rtde sends its program here and
+    never reads, and its connection persists.
     """
 
     closing = False
@@ -47,7 +49,7 @@ class RealtimePort:
         return self._controller.path.cycle_at(self._due)
 
     def handle_deadline(self, now: float) -> None:
-        """Send the state that is due; a late process skips the states it has missed."""
+        """Send the newest state that is due. A process that is late skips the states that it missed."""
         self._controller.advance(now)
         cycle = self._controller.path.cycle
         if self._due > cycle:
@@ -56,7 +58,7 @@ class RealtimePort:
         if self.is_full():
             self._controller.counts["real-time states left out"] += 1
             return
-        snapshot = self._disturbance.shown(self._controller.snapshots[0])
+        snapshot = self._disturbance.reported(self._controller.snapshots[0])
         self._out.append(self._layout.encode([value for read in self._getters for value in read(snapshot)]))
 
     def close(self, now: float) -> None:

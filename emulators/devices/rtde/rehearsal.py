@@ -1,6 +1,7 @@
-"""A program that plays on without an arm while the real one does not: so its client's orders are heard behind a stop.
+"""Execution of a program without an arm while the real one is stopped, so that the client's orders after a stop can
+be observed.
 
-Registers keep what was written last. A program that is played on after a stop goes by what they hold then.
+Registers keep their last values. A program that is executed after a stop uses these values.
 """
 
 from collections.abc import Iterator
@@ -14,33 +15,33 @@ from protocol.geometry import Pose
 
 
 class DryHost(ControllerHost):
-    """The robot as it is, on which nothing that the program does has an effect. Motions are told."""
+    """Robot in its actual state. The program has no effect on it, but its motions are reported."""
 
     # --- messages and outputs
 
     def tell(self, message: Message, text: str, title: str = "") -> None:
-        """Not said."""
+        """Ignore the message."""
 
     def report_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
-        """Not told."""
+        """Ignore the failure."""
 
     def report_tagged(self, function: str, detail: str) -> None:
-        """Not told."""
+        """Ignore the call."""
 
     def write_register(self, kind: str, number: int, value: float) -> None:
-        """Not written."""
+        """Leave the register unchanged."""
 
     def watch_input(self, name: str, frequency_hz: float, action: str) -> None:
-        """Not watched."""
+        """Start no watchdog."""
 
     def write_digital(self, number: int, on: bool) -> None:
-        """Not written."""
+        """Leave the output unchanged."""
 
     def write_analog(self, number: int, share: float) -> None:
-        """Not written."""
+        """Leave the output unchanged."""
 
     def set_flag(self, number: int, on: bool) -> None:
-        """Not set."""
+        """Leave the flag unchanged."""
 
     def open_socket(self, address: str, port: int) -> Socket | None:
         return None
@@ -48,85 +49,85 @@ class DryHost(ControllerHost):
     # --- the arm
 
     def servo(self, joints: Joints, time: float, lookahead: float, gain: float) -> int:
-        self._motions.hear_servo(joints)
+        self._motions.report_servo(joints)
         return 1
 
     def speed(self, speeds: Joints, acceleration: float) -> None:
-        self._motions.hear_speed("speedj", speeds)
+        self._motions.report_speed("speedj", speeds)
 
     def speed_line(self, velocity: Joints, acceleration: float) -> bool:
-        self._motions.hear_speed("speedl", velocity)
+        self._motions.report_speed("speedl", velocity)
         return True
 
     def brake(self, deceleration: float) -> None:
-        """There is no arm to slow down."""
+        """Do nothing: there is no arm to decelerate."""
 
     def brake_line(self, deceleration: float) -> None:
-        """There is no arm to slow down."""
+        """Do nothing: there is no arm to decelerate."""
 
     @property
     def still(self) -> bool:
         return True
 
     def line(self, goal: Pose, profile: Profile) -> Iterator[object] | None:
-        self._motions.hear_move("move along a line", goal)
+        self._motions.report_move("move along a line", goal)
         return iter((None,))
 
     def swing(self, goal: Joints, profile: Profile) -> Iterator[object] | None:
-        self._motions.hear_move("move in joints", self.forward(goal))
+        self._motions.report_move("move in joints", self.forward(goal))
         return iter((None,))
 
     def arc(self, via: Pose, goal: Pose, profile: Profile) -> Iterator[object] | None:
-        self._motions.hear_move("move along an arc", goal)
+        self._motions.report_move("move along an arc", goal)
         return iter((None,))
 
     def set_tcp(self, tcp: Pose) -> None:
-        """Keep the tool."""
+        """Leave the tool unchanged."""
 
     def set_payload(self, mass: float, centre: tuple[float, ...]) -> None:
-        """Keep the payload."""
+        """Leave the payload unchanged."""
 
     def zero_force(self) -> None:
-        """Keep the zero."""
+        """Leave the zero unchanged."""
 
     def force_mode(
         self, frame: Pose, compliant: tuple[bool, ...], wrench: Joints, kind: int, limits: Joints
     ) -> None:
-        """Not begun."""
+        """Start no force mode."""
 
     def freedrive(self, frame: Pose, free: tuple[bool, ...]) -> None:
-        """Not begun."""
+        """Start no freedrive."""
 
     def end_force_mode(self, freedrive: bool) -> None:
-        """Not ended."""
+        """Do nothing: no force mode is active."""
 
     def set_damping(self, damping: float) -> None:
-        """Keep the damping."""
+        """Leave the damping unchanged."""
 
     def set_gain_scaling(self, scaling: float) -> None:
-        """Keep the gain."""
+        """Leave the gain scaling unchanged."""
 
     def enable_external_force(self, enable: bool) -> None:
-        """Keep the sensor."""
+        """Leave the force sensor unchanged."""
 
     def protective_stop(self, why: str) -> None:
-        """There is no arm to stop."""
+        """Do nothing: there is no arm to stop."""
 
     def power_off(self) -> None:
-        """There is no arm."""
+        """Do nothing: there is no arm."""
 
 
 class Rehearsal:
-    """A program that goes by its inputs, in the cycles in which it does not play."""
+    """Rehearsal of a program that depends on its inputs, in the cycles in which the program does not run."""
 
     def __init__(self, controller: Controller, compiled: CompiledProgram) -> None:
         self._controller, self._compiled = controller, compiled
         self._machine: Machine | None = None
         self._since = 0
-        """News when it began."""
+        """Value of `Motions.news` at the start of the rehearsal."""
 
     def cycle(self) -> None:
-        """Run a cycle. The rehearsal restarts after each stop, with the inputs of that time."""
+        """Run one cycle. The rehearsal restarts after each stop, with the inputs at that time."""
         motions = self._controller.motions
         if self._controller.plays:
             self._machine = None

@@ -1,4 +1,4 @@
-"""The emulated robot as a cell and a room know it: the controller with its faults, and its servers."""
+"""Emulated robot that a cell or a room uses: the controller with its faults, and its servers."""
 
 from collections.abc import Mapping
 
@@ -19,14 +19,14 @@ from protocol.devices.rtde.wires import Port
 from protocol.geometry import Pose
 
 CLIENTS_MAX = 16
-"""Chosen: connections to one port at a time; the real limit is not published."""
+"""Maximum number of simultaneous connections to one port. Chosen: the limit of a real controller is not published."""
 
 
 class RtdeRobot:
-    """An `EmulatedRobot` whose wires are connections, as many as clients come."""
+    """Robot with any number of client connections. An `EmulatedRobot`."""
 
     def __init__(self, profile: RtdeProfile, start: StartPose, now: float, seed: int) -> None:
-        """Raise ValueError for a start that its arm cannot hold."""
+        """Create the robot. Raises ValueError for a start that its arm cannot hold."""
         self.controller = controller = Controller(profile, start, now, seed)
         self._cable = Cable(seed)
         self._disturbance = Disturbance(controller, self._cable.handlers, self._cable.program_handlers)
@@ -41,8 +41,8 @@ class RtdeRobot:
 
     @property
     def endpoint(self) -> Server:
-        """Another connection to the RTDE port."""
-        return self._served(Port.RTDE, self.controller.now)
+        """Open another connection to the RTDE port."""
+        return self._serve(Port.RTDE, self.controller.now)
 
     @property
     def accepted(self) -> int:
@@ -60,17 +60,17 @@ class RtdeRobot:
         return self.controller.manipulator.joints_holding(pose)
 
     def connect(self, port: Port, now: float) -> Server | None:
-        """Return a client comes to a port; None where it has too many."""
+        """Open a client's connection to a port. Return None if the port has too many connections."""
         limit = self.controller.profile.max_clients if port is Port.RTDE else 0
         if self._open[port] >= (limit or CLIENTS_MAX):
             self.controller.counts["clients refused"] += 1
             return None
         self._open[port] += 1
         self.orders.tell(ReceivedOrder(now, Act.CONTACT, f"connection to {port}", True))
-        return self._served(port, now)
+        return self._serve(port, now)
 
     def connect_program(self, now: float) -> tuple[Server, ProgramSocket]:
-        """Return a program opens a connection: its end behind the cable, and the same as the program knows it."""
+        """Open a connection of a program. Return its end behind the cable, and the socket that the program uses."""
         inner = ProgramSocket(self.controller)
         return self._cable.open(inner, now), inner
 
@@ -79,7 +79,7 @@ class RtdeRobot:
         self._open[port] -= 1
         server.close(now)
 
-    def _served(self, port: Port, now: float) -> Server:
+    def _serve(self, port: Port, now: float) -> Server:
         inner: Inner
         match port:
             case Port.RTDE:

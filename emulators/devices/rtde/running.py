@@ -1,4 +1,4 @@
-"""Programs that run in the controller, their watchdogs, and their messages."""
+"""Running programs, their watchdogs, and their messages."""
 
 from collections import deque
 from collections.abc import Callable
@@ -10,43 +10,45 @@ from protocol.devices.rtde.states import SafetyMode
 
 
 class Program(Protocol):
-    """A program that plays."""
+    """Program that can be executed."""
 
     name: str
 
     def cycle(self) -> bool:
-        """Act for one cycle; False once it has ended."""
+        """Execute one cycle. Return False once the program has ended."""
 
     def close(self) -> None:
         """Stop the program."""
 
 
 class Watchdog:
-    """A program's demand that an input comes often enough."""
+    """Requirement of a program that an input must be updated in time."""
 
     def __init__(self, name: str, period: float, action: str, now: float) -> None:
-        """`period` is the longest time between two packages with the input, s; `action` is pause or stop."""
+        """Start the watchdog. `period` is the longest allowed time between two packages with the input, s; `action`
+        is pause or stop.
+        """
         self.name, self.period, self.action = name, period, action
         self.last = now
-        """Time of the newest package, s."""
+        """Time of the newest package with the input, s."""
 
     def is_overdue(self, now: float) -> bool:
-        """Whether the input has not come for too long."""
+        """Return whether the input is overdue."""
         return now - self.last > self.period + 1e-9
 
 
-class Saying(NamedTuple):
-    """A message of a program, or about it."""
+class ProgramMessage(NamedTuple):
+    """Message from a program, or about one."""
 
     at: float
-    """s"""
+    """Time of the message, s."""
     message: Message
     text: str
-    """Of a program that starts or stops, its name."""
+    """Text of the message; for a program that starts or stops, its name."""
     title: str = ""
-    """Of a pop-up."""
+    """Title, if the message is a pop-up."""
     line: int = 0
-    """Of an error, 1 and more."""
+    """Line number of an error, starting at 1."""
     column: int = 0
 
     def __str__(self) -> str:
@@ -55,39 +57,39 @@ class Saying(NamedTuple):
 
 
 class Listener(Protocol):
-    """Hears each message at once."""
+    """Receiver of messages as they occur."""
 
-    def hear(self, saying: Saying) -> None:
-        """Report a message of a program, or about one."""
+    def hear(self, program_message: ProgramMessage) -> None:
+        """Receive a message from a program, or about one."""
 
-    def hear_safety(self, mode: SafetyMode) -> None:
-        """Another safety mode holds."""
+    def receive_safety_mode(self, mode: SafetyMode) -> None:
+        """Receive a change of the safety mode."""
 
 
 def _no_server(address: str, port: int) -> Socket | None:
-    """No network is emulated."""
+    """Open no connection: there is no emulated network."""
     return None
 
 
 class Console:
-    """Messages of programs, the newest, and the network that they see."""
+    """Recent messages of programs, and the network available to them."""
 
     def __init__(self) -> None:
-        self.sayings: deque[Saying] = deque(maxlen=MESSAGES_MAX)
+        self.program_messages: deque[ProgramMessage] = deque(maxlen=MESSAGES_MAX)
         self.listeners: list[Listener] = []
         self.popup_open = False
-        """A pop-up stands on the pendant."""
+        """Whether the pendant shows a pop-up."""
         self.open_socket: Callable[[str, int], Socket | None] = _no_server
-        """Opens a connection to an address and a port. Set by the one that serves the controller."""
+        """Opens a connection to an address and a port. The controller's server sets it."""
         self._safety = SafetyMode.NORMAL
 
-    def tell(self, saying: Saying) -> None:
-        """Report a message of a program, or about one."""
-        self.sayings.append(saying)
-        if saying.message in (Message.POPUP, Message.STOPPED):
-            self.popup_open = saying.message is Message.POPUP
+    def tell(self, program_message: ProgramMessage) -> None:
+        """Report a message from a program, or about one."""
+        self.program_messages.append(program_message)
+        if program_message.message in (Message.POPUP, Message.STOPPED):
+            self.popup_open = program_message.message is Message.POPUP
         for listener in self.listeners:
-            listener.hear(saying)
+            listener.hear(program_message)
 
     def report_safety(self, mode: SafetyMode) -> None:
         """Report the safety mode of this cycle to listeners, if it has changed."""
@@ -95,4 +97,4 @@ class Console:
             return
         self._safety = mode
         for listener in self.listeners:
-            listener.hear_safety(mode)
+            listener.receive_safety_mode(mode)

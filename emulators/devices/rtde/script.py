@@ -1,8 +1,9 @@
-"""The script port: text that holds programs, in any pieces.
+"""Script port: program text, received in pieces of any size.
 
-A program begins at a line `def name(` or `sec name(`. Where all lines behind are indented, as the script manual
-asks, it ends at the first `end` in column 1. A text that begins other lines there ends where its blocks are closed.
-Any other line is a program of one statement. Comments, and numbers, may begin in column 1: ur_rtde's text does so.
+A program begins at a line `def name(` or `sec name(`. If all further lines are indented, as the script manual
+requires, it ends at the first `end` in column 1. A text with other lines in column 1 ends where its blocks are
+closed. Any other line is a program of one statement. Comments and numbers may begin in column 1, as in the text of
+ur_rtde.
 """
 
 import re
@@ -16,21 +17,21 @@ from emulators.orders import Act
 
 _BEGIN = re.compile(rb"^(def|sec)\s+(\w{1,64})\s*\(")
 _NESTS = re.compile(rb"^\s*(?:(end)|def|sec|thread|if|while)\b")
-"""A line that ends a block, or begins one."""
+"""Lines that begin or end a block."""
 _FREE = re.compile(rb"^[A-Za-z_]")
 
 
 def _unlock(controller: Controller) -> None:
-    """Unlock a protective stop; one that comes too early has no effect.
+    """Unlock a protective stop. No effect if it is too early.
 
-    Derived: the C++ client library's examples order it again 5 s after an order without effect.
+    Derived: if the order has no effect, the C++ client library's examples send it again after 5 s.
     """
     if not controller.state.unlock(controller.now):
         controller.counts["unlock refused"] += 1
 
 
 def _simulate(controller: Controller) -> None:
-    controller.unmodelled.touch("line set sim", "accepted without effect: the arm moves on")
+    controller.unmodelled.touch("line set sim", "accepted without effect: the arm keeps moving")
 
 
 _ORDERS: Mapping[bytes, tuple[Act, Callable[[Controller], object]]] = {
@@ -42,19 +43,23 @@ _ORDERS: Mapping[bytes, tuple[Act, Callable[[Controller], object]]] = {
     b"set robotmode run": (Act.RELEASE, lambda controller: controller.state.release_brakes(controller.now)),
     b"set unlock protective stop": (Act.RELEASE, _unlock),
 }
-"""Lines that are no script, which clients send on the same ports."""
+"""Lines that clients send to the script ports although they are not script."""
 _ORDERS_OF_CB3: Mapping[bytes, tuple[Act, Callable[[Controller], object]]] = {
     **_ORDERS,
     b"set sim": (Act.CONTACT, _simulate),
     b"set real": (Act.CONTACT, lambda controller: None),
 }
-"""Source: python-urx 0.11.0, `set_simulation`. Assumed: an e-Series does not know them."""
+"""Lines of this kind that only a CB3 accepts. Source: python-urx 0.11.0, `set_simulation`. Assumed: an e-Series
+rejects them.
+"""
 _PROGRAMS_MAX = 16
-"""Chosen: programs that one connection brings at one time; more are dropped, for each takes time to read."""
+"""Maximum number of programs that a connection delivers at one time. Further programs are dropped, because each
+takes time to compile. Chosen.
+"""
 
 
 class ScriptPort:
-    """One connection to the script port: an endpoint of bytes that says nothing."""
+    """Connection to the script port, as an endpoint of bytes that sends nothing."""
 
     closing = False
 
@@ -62,11 +67,11 @@ class ScriptPort:
         self._controller = controller
         self._rest = b""
         self._at, self._count, self._text = -1.0, 0, 0
-        """When the newest program came, how many at that time, and their characters."""
+        """Time of the newest program, number of programs at that time, and number of their characters."""
         self._forget()
 
     def _forget(self) -> None:
-        """Before a program."""
+        """Discard the lines that precede a program."""
         self._lines: list[bytes] = []
         self._size = self._depth = 0
         self._name = ""
@@ -103,7 +108,7 @@ class ScriptPort:
             self._start(name, text, secondary)
 
     def _take_statement(self, line: bytes) -> None:
-        """Accept a program of one statement; refuse an invalid one."""
+        """Accept a program of one statement. Refuse it if it is invalid."""
         if not line or line.startswith(b"#"):
             return
         controller = self._controller
@@ -140,7 +145,7 @@ class ScriptPort:
         return None
 
     def handle_deadline(self, now: float) -> None:
-        """There is none."""
+        """Do nothing: there is no deadline."""
 
     def close(self, now: float) -> None:
         """End the connection."""

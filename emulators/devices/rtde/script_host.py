@@ -1,4 +1,4 @@
-"""The controller as a program in URScript knows it: `urscript.Host`."""
+"""Controller as the host of a URScript program: `urscript.Host`."""
 
 import math
 import random
@@ -10,8 +10,8 @@ from emulators.devices.rtde.compliance import Compliance
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.force_mode import ForceTask
 from emulators.devices.rtde.kinematics import Joints, compose, invert, nearest
-from emulators.devices.rtde.moves import Walk, arc_walk, joint_walk, line_walk
-from emulators.devices.rtde.running import Saying
+from emulators.devices.rtde.moves import JointPath, plan_arc, plan_joint_move, plan_line
+from emulators.devices.rtde.running import ProgramMessage
 from emulators.devices.rtde.state import getter, number_in
 from emulators.devices.rtde.urscript import Message, Profile, RuntimeFailure, Socket, SyntaxFailure
 from emulators.devices.rtde.urscript.failures import ScriptError
@@ -21,29 +21,31 @@ from protocol.devices.rtde.rotation import pose_of
 from protocol.geometry import Pose, Vector
 
 _JOINT_PER_METRE = 2.0
-"""Assumed: joint acceleration of a speed along a line, rad/s² for each m/s²; that of an arm of half a metre."""
+"""Joint acceleration per linear acceleration of the tool, rad/s² for each m/s². Assumed: an arm with a length of
+half a metre.
+"""
 _WORDS = {"int": "int_register_", "double": "double_register_"}
 
 
 class ControllerHost:
-    """The robot of one program."""
+    """Robot on which one program runs."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
         self._motions = controller.motions
         self._random = random.Random(controller.now)
         self._servoing: Servo | None = None
-        """The newest servoj, while no other motion has come since."""
+        """Newest servoj command; None after any other motion."""
         self._inputs = controller.io.inputs
-        """Inputs at the newest servoj: a target that came again is another one."""
+        """Inputs at the newest servoj command. If they differ, a repeated target counts as another one."""
         self._solved: tuple[object, Joints | None] = (None, None)
-        """The newest question of inverse kinematics, and its answer."""
+        """Newest inverse kinematics query and its result."""
         self.period = controller.period
 
     # --- messages
 
     def tell(self, message: Message, text: str, title: str = "") -> None:
-        self._controller.console.tell(Saying(self._controller.now, message, text, title))
+        self._controller.console.tell(ProgramMessage(self._controller.now, message, text, title))
 
     @property
     def popup_open(self) -> bool:
@@ -53,7 +55,7 @@ class ControllerHost:
         kind = Message.SYNTAX if isinstance(failure, SyntaxFailure) else Message.RUNTIME
         self._controller.counts[str(kind)] += 1
         place = failure.line, failure.column
-        self._controller.console.tell(Saying(self._controller.now, kind, failure.text, "", *place))
+        self._controller.console.tell(ProgramMessage(self._controller.now, kind, failure.text, "", *place))
 
     def report_tagged(self, function: str, detail: str) -> None:
         self._controller.unmodelled.touch(f"URScript {function}()", detail)
@@ -77,31 +79,31 @@ class ControllerHost:
     def write_register(self, kind: str, number: int, value: float) -> None:
         name, shift = _register("output", kind, number)
         if shift is not None:
-            bits = int(self.read_whole(name))
+            bits = int(self.read_integer(name))
             value = bits | 1 << shift if value else bits & ~(1 << shift)
         elif kind == "int" and not -(2**31) <= value < 2**31:
             raise ScriptError("an integer register has 32 bits")
         self._controller.io.write_output(name, value)
 
-    def read_whole(self, name: str) -> float:
-        """Return an output that is a number, 0 where nothing was written."""
+    def read_integer(self, name: str) -> float:
+        """Return a numeric output; 0 if it was never written."""
         return number_in(self._controller.io.outputs, name)
 
     def watch_input(self, name: str, frequency_hz: float, action: str) -> None:
         self._controller.player.watch_input(name, frequency_hz, action, self._controller.now)
 
     def read_digital(self, direction: str, number: int) -> bool:
-        """No input is wired (assumed)."""
+        """Return False: no input is wired (assumed)."""
         name = "actual_digital_output_bits"
-        return direction == "output" and bool(int(self.read_whole(name)) >> number & 1)
+        return direction == "output" and bool(int(self.read_integer(name)) >> number & 1)
 
     def write_digital(self, number: int, on: bool) -> None:
-        bits = int(self.read_whole("actual_digital_output_bits"))
+        bits = int(self.read_integer("actual_digital_output_bits"))
         bits = bits | 1 << number if on else bits & ~(1 << number)
         self._controller.io.write_output("actual_digital_output_bits", bits)
 
     def read_analog(self, direction: str, number: int) -> float:
-        return self.read_whole(f"standard_analog_output{number}") if direction == "output" else 0.0
+        return self.read_integer(f"standard_analog_output{number}") if direction == "output" else 0.0
 
     def write_analog(self, number: int, share: float) -> None:
         self._controller.io.write_output(f"standard_analog_output{number}", share)
@@ -159,7 +161,10 @@ class ControllerHost:
         return self._controller.manipulator.forward(joints, tcp)
 
     def solve(self, pose: Pose, near: Joints | None = None, tcp: Pose | None = None) -> Joints | None:
-        """Return the newest answer is kept: a program asks whether there are joints, and then which."""
+        """Return joint angles for a pose.
+
+        The newest result is cached: a program first checks whether a solution exists, and then requests it.
+        """
         controller = self._controller
         question = pose, near or controller.arm.target, tcp or controller.manipulator.tcp
         if question != self._solved[0]:
@@ -168,9 +173,9 @@ class ControllerHost:
         return self._solved[1]
 
     def servo(self, joints: Joints, time: float, lookahead: float, gain: float) -> int:
-        """Values outside the ranges of the manual are taken as the nearest end (assumed)."""
+        """Command servoj. Values outside the manual's ranges are clamped (assumed)."""
         controller = self._controller
-        self._motions.hear_servo(joints)
+        self._motions.report_servo(joints)
         if not all(map(math.isfinite, (*joints, time, lookahead, gain))):
             controller.protective_stop("a servo's setting that is not a number")
             return 1
@@ -185,7 +190,7 @@ class ControllerHost:
         return cycles
 
     def speed(self, speeds: Joints, acceleration: float) -> None:
-        self._motions.hear_speed("speedj", speeds)
+        self._motions.report_speed("speedj", speeds)
         self._turn(speeds, acceleration)
 
     def _turn(self, speeds: Joints, acceleration: float) -> None:
@@ -194,16 +199,16 @@ class ControllerHost:
 
     def speed_line(self, velocity: Joints, acceleration: float) -> bool:
         controller = self._controller
-        self._motions.hear_speed("speedl", velocity)
+        self._motions.report_speed("speedl", velocity)
         dt, joints = controller.period, controller.arm.joints
         here = controller.manipulator.forward(joints)
         turn = pose_of((0.0, 0.0, 0.0, *(part * dt for part in velocity[3:])))
         x, y, z = (p + v * dt for p, v in zip(here.position, velocity[:3], strict=True))
         there = Pose((x, y, z), compose(turn, Pose((0.0, 0.0, 0.0), here.quaternion)).quaternion)
-        found = controller.manipulator.solve(there, joints)
-        if found is None:
+        solution = controller.manipulator.solve(there, joints)
+        if solution is None:
             return False
-        a, b, c, d, e, f = ((new - old) / dt for old, new in zip(joints, found, strict=True))
+        a, b, c, d, e, f = ((new - old) / dt for old, new in zip(joints, solution, strict=True))
         self._turn((a, b, c, d, e, f), acceleration * _JOINT_PER_METRE)
         return True
 
@@ -215,21 +220,21 @@ class ControllerHost:
         self.brake(deceleration * _JOINT_PER_METRE)
 
     def line(self, goal: Pose, profile: Profile) -> Iterator[object] | None:
-        self._motions.hear_move("move along a line", goal)
-        walk = line_walk(self._controller, goal, *profile)
+        self._motions.report_move("move along a line", goal)
+        walk = plan_line(self._controller, goal, *profile)
         return None if walk is None else self._walk(walk)
 
     def swing(self, goal: Joints, profile: Profile) -> Iterator[object] | None:
-        self._motions.hear_move("move in joints", self.forward(goal))
-        walk = joint_walk(self._controller, goal, *profile)
+        self._motions.report_move("move in joints", self.forward(goal))
+        walk = plan_joint_move(self._controller, goal, *profile)
         return None if walk is None else self._walk(walk)
 
     def arc(self, via: Pose, goal: Pose, profile: Profile) -> Iterator[object] | None:
-        self._motions.hear_move("move along an arc", goal)
-        walk = arc_walk(self._controller, via, goal, profile.speed, profile.acceleration)
+        self._motions.report_move("move along an arc", goal)
+        walk = plan_arc(self._controller, via, goal, profile.speed, profile.acceleration)
         return None if walk is None else self._walk(walk)
 
-    def _walk(self, walk: Walk) -> Iterator[None]:
+    def _walk(self, walk: JointPath) -> Iterator[None]:
         self._servoing = None
         for place in walk:
             self._controller.order(place)
@@ -294,7 +299,9 @@ class ControllerHost:
 
 @lru_cache(maxsize=1024)
 def _register(direction: str, kind: str, number: int) -> tuple[str, int | None]:
-    """Return the name of a register among the fields of RTDE, and the bit in it; None for a whole one."""
+    """Return the RTDE field of a register, and the bit of the register in that field; None instead of the bit if it
+    is a complete field.
+    """
     if kind == "bit":
         if not 0 <= number < 128:
             raise ScriptError(f"there is no boolean register {number}")

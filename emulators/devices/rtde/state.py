@@ -1,4 +1,4 @@
-"""The state of an emulated controller as its outputs tell it, cycle by cycle."""
+"""State of an emulated controller as its outputs report it in each cycle."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -12,44 +12,44 @@ from protocol.devices.rtde.states import BITS, RobotMode, Runtime, SafetyMode, S
 from protocol.geometry import Pose, Wrench, inverse, product, rotation_vector
 
 Registers = Mapping[str, Value]
-"""Values by name; one that is missing is 0. Never changed, but replaced."""
+"""Values by name; a missing value is 0. Immutable: a change creates another mapping."""
 
 
 class Snapshot(NamedTuple):
     """State at the end of one cycle."""
 
     number: int
-    """Of the cycle."""
+    """Number of the cycle."""
     time: float
-    """By the controller's clock, s."""
+    """Controller time, s."""
     period: float
     lengths: Arm
     sensors: ArmSensors
     joints: Joints
-    """At the begin of the cycle, as measured, rad."""
+    """Measured joint angles at the start of the cycle, rad."""
     speeds: Joints
-    """As measured, rad/s."""
+    """Measured joint speeds, rad/s."""
     target: Joints
-    """That the controller gives to its drives in this cycle, rad; its filter makes it of the argument of servoj."""
+    """Target joint angles given to the drives in this cycle, rad: the filtered argument of servoj."""
     target_speeds: Joints
     target_speeds_before: Joints
-    """One cycle earlier, rad/s."""
+    """Target joint speeds one cycle earlier, rad/s."""
     pose: Pose
-    """Of the tool at the measured joints, or as faults let it be told."""
+    """Pose of the tool at the measured joint angles, as altered by faults."""
     now: Pose
-    """Of the tool as it is."""
+    """True pose of the tool."""
     tcp: Pose
-    """Tool in the flange."""
+    """Tool centre point in the flange frame."""
     force: Wrench
-    """actual_TCP_force: along the base axes, N and N·m."""
+    """actual_TCP_force along the base axes, N and N·m."""
     raw_force: Wrench
-    """Along the flange's axes."""
+    """actual_TCP_force along the flange axes, N and N·m."""
     mode: RobotMode
     safety: SafetyMode
     runtime: Runtime
     scaling: float
     payload: tuple[float, ...]
-    """Mass, kg, and its centre, m."""
+    """Payload: mass, kg, and centre of gravity, m."""
     inputs: Registers
     outputs: Registers
 
@@ -59,7 +59,9 @@ _POWERED, _PLAYING = int(StatusBits.POWER_ON), int(StatusBits.PROGRAM_RUNNING)
 
 
 def _speed(state: Snapshot, joints: Joints, speeds: Joints) -> Value:
-    """Velocity of the tool whose joints move at these speeds: the way of one cycle over its time."""
+    """Return the velocity of the tool at these joint speeds: the displacement in one cycle divided by the cycle
+    time.
+    """
     if not any(speeds):
         return _NONE
     time = state.period
@@ -94,26 +96,26 @@ def _safety(state: Snapshot) -> float:
 
 
 TOOL_RUNS, TOOL_OFF = 253, 255
-"""Modes of the tool's board. Observed: the first."""
+"""Modes of the tool's board: running and off. The first is observed."""
 ANALOG_TYPES = "analog_io_types"
 _FIRST_OUTPUT_TYPE = 2
-"""Bit of `analog_io_types` of the first output."""
+"""Bit of `analog_io_types` that holds the type of the first output."""
 
 
 def number_in(registers: Registers, name: str) -> float:
-    """Return a register that is a number, 0 where nothing was written."""
+    """Return the value of a numeric register; 0 if it was never written."""
     value = registers.get(name, 0)
     assert not isinstance(value, tuple), "a number"
     return value
 
 
 def _bits(state: Snapshot, first: int, count: int) -> int:
-    """Return some of the digital outputs."""
+    """Return a range of the digital outputs."""
     return int(number_in(state.outputs, "actual_digital_output_bits")) >> first & (1 << count) - 1
 
 
 def _analog(state: Snapshot, number: int) -> float:
-    """Return an analogue output: 0 to 10 V, or 4 to 20 mA. Source: Universal Robots' user manuals."""
+    """Return an analogue output in its unit: 0 to 10 V, or 4 to 20 mA. Source: Universal Robots' user manuals."""
     share = number_in(state.outputs, f"standard_analog_output{number}")
     voltage = int(number_in(state.outputs, ANALOG_TYPES)) >> (_FIRST_OUTPUT_TYPE + number) & 1
     return 10.0 * share if voltage else 0.004 + 0.016 * share
@@ -162,7 +164,7 @@ FIELDS: Mapping[str, Callable[[Snapshot], Value]] = {
     "standard_analog_output1": lambda state: _analog(state, 1),
     "wrench_calc_from_currents": lambda state: state.force,
 }
-"""Outputs that are more than 0; temperatures, voltages and the like are plausible constants."""
+"""Outputs that are not always 0. Temperatures, voltages and similar values are plausible constants."""
 
 
 _NOISE_ALONE = "actual_current", "actual_tool_accelerometer"
@@ -179,16 +181,16 @@ _CONSTANT = (
 
 
 def not_modelled(name: str) -> str:
-    """Return the treatment of a variable that has no meaning here; empty for one that has."""
+    """Return how the emulator treats a variable that it does not model; empty if it models the variable."""
     if name in _CONSTANT:
-        return "always the same"
+        return "constant"
     if name in _NOISE_ALONE:
-        return "noise alone"
+        return "noise only"
     return "" if "_register" in name or name in FIELDS or name in INPUTS else "always 0"
 
 
 def getter(name: str) -> Callable[[Snapshot], tuple[float, ...]]:
-    """Return a function for the laid-out numbers of an output."""
+    """Return a function that reads the encoded numbers of an output."""
     kind = OUTPUTS[name].type
     nothing: Value = _NONE if kind.startswith("VECTOR6") else (0.0,) * 3 if kind == "VECTOR3D" else 0
     if name in FIELDS:
@@ -198,19 +200,19 @@ def getter(name: str) -> Callable[[Snapshot], tuple[float, ...]]:
     else:
         read = lambda state: state.outputs.get(name, nothing)  # noqa: E731
     if kind.startswith("VECTOR"):
-        whole = "INT" in kind
+        is_integer = "INT" in kind
 
         def vector(state: Snapshot) -> tuple[float, ...]:
-            found = read(state)
-            assert isinstance(found, tuple), "a vector"
-            return tuple(map(int, found)) if whole else found
+            value = read(state)
+            assert isinstance(value, tuple), "a vector"
+            return tuple(map(int, value)) if is_integer else value
 
         return vector
     convert = float if kind == "DOUBLE" else bool if kind == "BOOL" else int
 
     def scalar(state: Snapshot) -> tuple[float, ...]:
-        found = read(state)
-        assert not isinstance(found, tuple), "a scalar"
-        return (convert(found),)
+        value = read(state)
+        assert not isinstance(value, tuple), "a scalar"
+        return (convert(value),)
 
     return scalar

@@ -1,4 +1,4 @@
-"""Which targets of servoj the emulated controller refuses."""
+"""Check of servoj targets by the emulated controller."""
 
 import math
 
@@ -7,11 +7,11 @@ from emulators.devices.rtde.profile import RtdeProfile
 from protocol.geometry import Pose, angle_between
 
 SUDDEN_CHANGE = "a sudden change of the target"
-"""Reason of a protective stop for a leap between two targets."""
+"""Reason of a protective stop for a jump between two targets."""
 
 
 def problem_of_start(model: str, start: Pose, tool: Pose) -> str:
-    """Why an arm cannot begin there with this tool, and where it can."""
+    """Describe why an arm cannot start at a pose with this tool, and where it can start."""
     place = reachable_start(ARMS[model], start, tool)
     x, y, z = (part * 1e3 for part in start.position)
     problem = f"a {model} cannot hold its tool at the start, {x:g}, {y:g}, {z:g} mm"
@@ -22,12 +22,15 @@ def problem_of_start(model: str, start: Pose, tool: Pose) -> str:
 
 
 def _reach(arm: Arm) -> float:
-    """Return a bound of how far the flange is from any axis, m."""
+    """Return an upper limit of the flange's distance from any joint axis, m."""
     return arm.d1 - arm.a2 - arm.a3 + arm.d4 + arm.d5 + arm.d6
 
 
 def problem_of_target(profile: RtdeProfile, arm: Arm, old: Joints, joints: Joints) -> str:
-    """Why the next servo target makes a protective stop after the last one, or the arm's joints; empty for none."""
+    """Return the reason why a servo target causes a protective stop, or an empty string.
+
+    `old` is the previous target, or the arm's joint angles.
+    """
     if not all(map(math.isfinite, joints)):
         return "a target that is not a number"
     if max(map(abs, joints)) > RANGE:
@@ -35,7 +38,7 @@ def problem_of_target(profile: RtdeProfile, arm: Arm, old: Joints, joints: Joint
     leaps = [abs(new - before) for new, before in zip(joints, old, strict=True)]
     turns, most_m = sum(leaps), profile.max_target_step_mm * 1e-3
     if turns <= profile.max_target_turn_rad and turns * _reach(arm) <= most_m:
-        return ""  # as nearly always: not even with all turns in one direction
+        return ""  # the usual case: within the limit even if all joints turn in the same direction
     before, after = flange(arm, old), flange(arm, joints)
     leap = max(leaps)
     step = math.dist(before.position, after.position)

@@ -1,39 +1,41 @@
-"""Texts that have come to a controller: compiled one after the other, in the order in which they came."""
+"""Program texts that a controller receives, compiled one after the other in the order of arrival."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
 
 WAITING_MAX = 16
-"""Chosen: texts that wait to be compiled; ports drop more of them."""
+"""Maximum number of texts that wait to be compiled; ports drop further texts. Chosen."""
 
 
 def nothing() -> None:
-    """Without a program, and with one that goes by no inputs, no order is heard behind a stop."""
+    """Do nothing: no program that depends on inputs can be rehearsed after a stop."""
 
 
 class Uploads:
-    """The work on texts, and what is known of the newest one."""
+    """Queue of texts to compile, and facts about the newest program."""
 
     def __init__(self) -> None:
         self.defined = ""
         """Name of the newest program."""
         self.rehearse: Callable[[], object] = nothing
-        """Let the newest program show what its client orders, in a cycle in which it does not play."""
+        """Rehearses the newest program for one cycle in which it does not run, to observe its client's orders."""
         self.stops = 0
-        """How often programs were stopped. A program does not start when its text came before a stop."""
+        """Number of times that programs were stopped. A program whose text was received before a stop does not
+        start.
+        """
         self.spread: Callable[[], object] | None = None
-        """Have `step` called until nothing is left to do, between cycles. Set by the one that serves the controller in
-        real time; without it a text is compiled when it comes.
+        """Schedules calls of `step` between cycles until no work is left. The controller's server sets it in real
+        time. If it is not set, a text is compiled on arrival.
         """
         self._works: deque[Iterator[None]] = deque()
 
     @property
     def full(self) -> bool:
-        """Whether no more texts are taken."""
+        """Whether no further texts are accepted."""
         return len(self._works) >= WAITING_MAX
 
     def add(self, work: Iterator[None]) -> None:
-        """Compile a text, and act on it, behind all texts before."""
+        """Queue a text for compilation and execution after all earlier ones."""
         self._works.append(work)
         if self.spread is None:
             while self.step():
@@ -42,7 +44,7 @@ class Uploads:
             self.spread()
 
     def step(self) -> bool:
-        """Do one step of the work; whether any is left."""
+        """Do one step of the work. Return whether any work is left."""
         if self._works and next(self._works[0], self) is self:
             self._works.popleft()
         return bool(self._works)

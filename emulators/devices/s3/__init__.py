@@ -1,4 +1,4 @@
-"""The emulated robot: an IRB 2000 moved by its S3 controller."""
+"""Emulated robot: an IRB 2000 moved by its S3 controller."""
 
 from emulators.devices.s3.controller import S3Controller
 from emulators.devices.s3.faults import S3_FAULTS

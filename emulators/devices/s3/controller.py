@@ -1,4 +1,4 @@
-"""The S3 controller as its surroundings know it: a computer link, a panel, and the faults of both.
+"""S3 controller as an external system sees it: a computer link, a panel, and the faults of both.
 
 Source: project specification of the computer link, sections 3 and 5.
 """
@@ -41,29 +41,29 @@ from protocol.geometry import Pose, normalise
 from protocol.kinematics import Joints
 
 _OFFSET_LIMIT = 0.1
-"""Chosen: encoders are off by this at most, m, so that a measured position always fits the status."""
+"""Maximum offset of the encoders, m. Chosen: a measured position always fits the status."""
 _JOINT_STIFFNESS: Joints = (1.0e5, 1.0e5, 8.0e4, 1.5e4, 1.5e4, 1.0e4)
-"""Assumed, N·m/rad: of an arm for 10 kg with cycloidal gears; no measurement of an IRB 2000 is public. Its encoders
-are on the motors, so that it does not report the deflection.
+"""Joint stiffness, N·m/rad. Assumed: as for an arm for 10 kg with cycloidal gears; no measurement of an IRB 2000 is
+public. Its encoders are on the motors, so it does not report the deflection.
 """
 
 
 @dataclass(slots=True)
 class Tally:
-    """Counts of the orders so far."""
+    """Numbers of orders so far."""
 
     answered: int = 0
     refused: int = 0
     lost: int = 0
-    """Came while too many were waiting."""
+    """Number of orders received while too many orders were waiting."""
     last_refusal: str = ""
     """Order, code and reason of the newest refusal."""
 
 
 class S3Controller:
-    """The controller behind its line, which `endpoint` is; takes and gives bytes, tells no events.
+    """Controller behind its line, which is `endpoint`. It receives and sends bytes and has no events.
 
-    Raises ValueError for a start outside the work area, or for a program that has a wrong line.
+    Raises ValueError for a start outside the work area, or for a program with an invalid line.
     """
 
     def __init__(
@@ -79,26 +79,26 @@ class S3Controller:
         self._executive = Executive(profiles, start, powered_at, site)
         self.unmodelled = self._executive.unmodelled
         self.motion = self._executive.motion
-        """True and reported place of the tool centre point."""
+        """True and reported position of the tool centre point."""
         self.orders = Orders()
-        """Orders of motion as they are answered, for a judge of the client."""
+        """Orders of motion, reported when they are answered, for a judge of the client."""
         self.tally = Tally()
-        """Counts of the orders so far."""
+        """Numbers of orders so far."""
         self._max_telegram = profiles.link.max_telegram
         self._line = FaultyLine(profiles.link, profile.spontaneous_eot, seed, self._restart)
         self._random = random.Random(seed)
         self._orders: deque[Order] = deque()
         self._ready_at: float | None = None
-        """When a controller that is starting will be ready, s."""
+        """Time at which a starting controller becomes ready, s."""
         self.endpoint: Packets[bytes] = Packets(self, BYTES, f"{seed} link")
-        """Its end of the computer link, behind the faults of the line."""
+        """Controller's end of the computer link. It applies the faults of the line."""
         self._late: Injection | None = None
-        """The next order is answered late."""
+        """Fault that delays the next answer."""
         self._refuse: Injection | None = None
-        """The next orders are refused."""
+        """Fault that refuses the next orders."""
         self._frozen: list[Injection] = []
         self._restarts: Injection | None = None
-        """The power is to fail in mid-message."""
+        """Fault that interrupts the power within a message."""
         self.handlers: Mapping[str, Mapping[str, Handler]] = {
             "robot": {**self._robot_handlers(), **self._executive.reporting.mode_handlers},
             "pose": {
@@ -107,25 +107,25 @@ class S3Controller:
             },
             WIRE: {**self.endpoint.handlers, **self._line_handlers()},
         }
-        """Faults of the controller, by target, for a ledger."""
+        """Fault handlers of the controller, by target, for a ledger."""
         self.faults = Ledger(S3_FAULTS)
-        """Faults of a controller without a cell."""
+        """Ledger of faults, for a controller that is used without a cell."""
         for target, handlers in self.handlers.items():
             self.faults.attach(target, handlers)
 
     @property
     def state(self) -> State:
-        """Everything that decides which orders are taken."""
+        """State that decides which orders are accepted."""
         return self._executive.state
 
     @property
     def program(self) -> ProgramRun | None:
-        """The program that was started last."""
+        """Program that was started last."""
         return self._executive.run
 
     @property
     def armed(self) -> Mapping[str, int]:
-        """Faults that wait for their moment, by name, and how often they will strike."""
+        """Armed faults by name, each with the remaining number of times that it will occur."""
         waiting = {**self._line.armed}
         if self._late is not None:
             waiting["late-answer"] = 1
@@ -134,8 +134,9 @@ class S3Controller:
         return waiting
 
     def joints(self, now: float) -> Joints:
-        """Axes 1 to 6 of the true tool pose at `now`, rad. Where the servo swings beyond the end of a range, they are
-        those of the set point.
+        """Return axes 1 to 6 of the true tool pose at `now`, rad.
+
+        Where the servo overshoots the end of a range, return the axes of the set point.
         """
         return self._executive.joints(now)
 
@@ -143,46 +144,51 @@ class S3Controller:
 
     @property
     def path(self) -> ArmPath:
-        """The path of the arm."""
+        """Path of the arm."""
         return self.motion.path
 
     @property
     def accepted(self) -> int:
-        """Points taken so far."""
+        """Number of points accepted so far."""
         return self.motion.path.accepted
 
     def begun_at(self, target: int) -> float | None:
-        """When the motion to the point of this number began, s; None before that is known, NaN if it was given up."""
+        """Return the time at which the motion to the point with this number began, s.
+
+        None while it is not known; NaN for a cancelled point.
+        """
         return self.motion.path.begun_at(target)
 
     def joints_holding(self, pose: Pose, at: float) -> Joints:
-        """Axes 1 to 6 for a true tool pose of the time `at`, s, that is known already, rad."""
+        """Return axes 1 to 6 for a true tool pose at the time `at`, s, rad. The motion must be known up to that
+        time.
+        """
         return self._executive.joints_holding(pose, at)
 
     def tool_pose_at(self, joints: Joints) -> Pose:
-        """As `emulators.seams.ArticulatedRobot`."""
+        """Return the pose of the tool, as `emulators.seams.ArticulatedRobot` specifies."""
         return self._executive.tool_pose_at(joints)
 
     joint_stiffness = _JOINT_STIFFNESS
-    """As `emulators.seams.ArticulatedRobot`."""
+    """Joint stiffness, as `emulators.seams.ArticulatedRobot` specifies."""
 
     def hindrance(self, now: float) -> Hindrance | None:
-        """Why it takes no points now."""
+        """Return the reason why the controller accepts no points now."""
         state = self.state
-        held = {
+        reasons = {
             "the emergency stop is pressed": state.emergency_stop,
             "the work stop is on": state.work_stop,
             "the key is at MANUAL": not state.key_auto,
             "the link has no control": not state.link_control,
             "it is in standby": not state.operation,
         }
-        words = next((text for text, holds in held.items() if holds), "")
-        return Hindrance(words, False) if words else None
+        reason = next((text for text, holds in reasons.items() if holds), "")
+        return Hindrance(reason, False) if reason else None
 
     # --- endpoint
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes off the line."""
+        """Receive bytes from the line."""
         self._line.receive(data, now)
         self._take_messages(now)
 
@@ -190,11 +196,11 @@ class S3Controller:
         """Return None: a controller has no events."""
 
     def data_to_send(self, now: float) -> bytes:
-        """Bytes for the line."""
+        """Return bytes for the line."""
         return self._line.data_to_send(now)
 
     def next_deadline(self) -> float | None:
-        """Return the next time-out of the link, the oldest order, the program or the start-up."""
+        """Return the time of the next link timeout, order, program step or end of the start-up, s."""
         due = self._line.next_deadline()
         order = self._orders[0].due if self._orders else None
         for at in (order, self._executive.next_deadline(), self._ready_at):
@@ -203,10 +209,10 @@ class S3Controller:
         return due
 
     def handle_deadline(self, now: float) -> None:
-        """Act on the link's time-outs, carry the program on and answer the orders that are due."""
+        """Process the link's timeouts, continue the program and answer all orders that are due."""
         if self._ready_at is not None and self._ready_at <= now:
             self._ready_at = None
-            self._executive.happen(Stimulus.READY, now)
+            self._executive.apply_event(Stimulus.READY, now)
         self._line.handle_deadline(now)
         self._take_messages(now)
         if (error := self._executive.handle_deadline(now)) is not None:
@@ -223,45 +229,45 @@ class S3Controller:
     # --- acts of people at the robot
 
     def press_emergency_stop(self, now: float) -> None:
-        """Stop moving and running, fall into standby, tell the PC."""
+        """Stop motion and program, enter standby, and report to the PC."""
         if self.state.emergency_stop:
             return
-        self._executive.happen(Stimulus.EMERGENCY_STOP, now)
+        self._executive.apply_event(Stimulus.EMERGENCY_STOP, now)
         error = Spontaneous(SpontaneousKind.OPERATIONAL_ERROR, *self.profile.emergency_stop_error)
         self._say(error.to_telegram())
 
     def release_emergency_stop(self, now: float) -> None:
-        """Allow operation again; it has to be ordered again."""
-        self._executive.happen(Stimulus.EMERGENCY_RELEASE, now)
+        """Permit operation mode again. An order must then select it."""
+        self._executive.apply_event(Stimulus.EMERGENCY_RELEASE, now)
 
     def set_work_stop(self, active: bool, now: float) -> None:
-        """Stop moving and running while `active`; the mode stays."""
-        self._executive.happen(Stimulus.WORK_STOP if active else Stimulus.WORK_RELEASE, now)
+        """Stop motion and program while `active`. The mode does not change."""
+        self._executive.apply_event(Stimulus.WORK_STOP if active else Stimulus.WORK_RELEASE, now)
 
     def set_key(self, auto: bool, now: float) -> None:
-        """Turn the key to AUTO, or to MANUAL, in which nothing moves or runs by order."""
-        self._executive.happen(Stimulus.KEY_AUTO if auto else Stimulus.KEY_MANUAL, now)
+        """Turn the key to AUTO or MANUAL. In MANUAL, orders neither move the arm nor run a program."""
+        self._executive.apply_event(Stimulus.KEY_AUTO if auto else Stimulus.KEY_MANUAL, now)
 
-    def set_link_control(self, given: bool, now: float) -> None:
-        """Give the link control at the pendant, or take it back; a motion continues."""
-        self._executive.happen(Stimulus.CONTROL_GIVEN if given else Stimulus.CONTROL_TAKEN, now)
+    def set_link_control(self, active: bool, now: float) -> None:
+        """Give control to the link at the pendant, or withdraw it. A motion continues."""
+        self._executive.apply_event(Stimulus.CONTROL_GRANTED if active else Stimulus.CONTROL_WITHDRAWN, now)
 
     def set_programming_unit(self, connected: bool, now: float) -> None:
-        """Connect or remove the programming unit; only the status tells."""
-        self._executive.happen(Stimulus.UNIT_CONNECTED if connected else Stimulus.UNIT_REMOVED, now)
+        """Connect or remove the programming unit. This affects only the status."""
+        self._executive.apply_event(Stimulus.UNIT_CONNECTED if connected else Stimulus.UNIT_REMOVED, now)
 
     def set_interrupt(self, permitted: bool, now: float) -> None:
-        """Permit or forbid interrupts; only the status tells."""
-        self._executive.happen(
+        """Permit or forbid interrupts. This affects only the status."""
+        self._executive.apply_event(
             Stimulus.INTERRUPT_PERMITTED if permitted else Stimulus.INTERRUPT_FORBIDDEN, now
         )
 
     def inject(self, fault: str, now: float, **parameters: object) -> Injection:
-        """Let one fault of `S3_FAULTS` happen now, or at its next opportunity. Raises ValueError for a wrong one."""
+        """Inject one fault of `S3_FAULTS` now, or at its next opportunity. Raises ValueError for an invalid fault."""
         return self.faults.inject(target_of(fault, S3_FAULTS), fault, now, parameters)
 
     def disarm(self) -> None:
-        """Let none of the faults happen that wait for their moment; those under way continue."""
+        """Cancel all armed faults. Active faults continue."""
         self._line.disarm()
         self._late = self._refuse = self._restarts = None
 
@@ -283,7 +289,7 @@ class S3Controller:
                 lambda robot, now: robot.set_link_control(False, now),
                 lambda robot, now: robot.set_link_control(True, now),
             ),
-            "motors-off": self._lever(lambda robot, now: robot._executive.happen(Stimulus.STANDBY, now)),
+            "motors-off": self._lever(lambda robot, now: robot._executive.apply_event(Stimulus.STANDBY, now)),
             "late-answer": Handler(self._answer_late),
             "refuses": Handler(self._refuse_next),
             "spontaneous": Handler(self._send_unsolicited),
@@ -307,7 +313,9 @@ class S3Controller:
         press: Callable[["S3Controller", float], object],
         release: Callable[["S3Controller", float], object] | None = None,
     ) -> Handler:
-        """Return an act of the operator at the panel; it has an effect if it changes the state."""
+        """Return the handler for an operator's action at the panel. The fault takes effect if the action changes
+        the state.
+        """
 
         def begin(injection: Injection) -> None:
             before, now = self.state, injection.injected_at
@@ -354,8 +362,8 @@ class S3Controller:
             self._restart(injection.injected_at)
 
     def _restart(self, now: float) -> None:
-        """Begin again, silent at first; disc and arm of the controller stay as they are."""
-        self._executive.happen(Stimulus.POWER_UP, now)
+        """Restart the controller, which is silent at first. Its disc and arm are unchanged."""
+        self._executive.apply_event(Stimulus.POWER_UP, now)
         self._orders.clear()
         self._ready_at = now + self.profile.start_up_s
         self._line.restart(self._ready_at)
@@ -386,7 +394,7 @@ class S3Controller:
                 self._take_message(event.telegrams, now)
 
     def _take_message(self, telegrams: tuple[bytes, ...], now: float) -> None:
-        """Note an order, of one block or several."""
+        """Accept an order that consists of one or several blocks."""
         if len(self._orders) >= self.profile.order_backlog:
             self.tally.lost += 1
             return
@@ -402,10 +410,10 @@ class S3Controller:
             due += late.number("seconds")
             late.struck += 1
             late.finish(now)
-        self._orders.append(Order(telegram, function, due, len(telegrams), came_at=now))
+        self._orders.append(Order(telegram, function, due, len(telegrams), arrived_at=now))
 
     def _turnaround_ms(self, function: int) -> float:
-        """Time from this order to its answer, ms; one number is drawn for each."""
+        """Return the time from an order to its answer, ms. One random number is drawn for each order."""
         profile = self.profile
         measured: tuple[float, ...] = ()
         match function:
@@ -419,7 +427,7 @@ class S3Controller:
         return profile.turnaround_ms + self._random.uniform(-spread, spread)
 
     def _answer(self, order: Order, now: float) -> Telegram | None:
-        """Return the answer to an order, or None while its time has not come."""
+        """Return the answer to an order; None while the answer is not due."""
         answer: Telegram | int | None
         refuse = self._refuse
         if refuse is not None and refuse.number("function") in (0, order.function):
@@ -435,7 +443,7 @@ class S3Controller:
             frozen.struck += frozen.holds(now) and order.function == FunctionCode.MOVE
         self.tally.answered += 1
         if self.orders.listener is not None:
-            self._heard(order, answer)
+            self._report_order(order, answer)
         if isinstance(answer, Telegram):
             return answer
         refusal = Refusal(answer)
@@ -443,34 +451,34 @@ class S3Controller:
         self.tally.last_refusal = f"{function_text(order.function)}: {answer:d} {refusal.text}"
         return refusal.to_telegram(order.telegram or Telegram(order.function, TelegramType.ORDER))
 
-    def _heard(self, order: Order, answer: Telegram | int) -> None:
-        """Tell an order of motion to a judge, with its answer, as of the time at which it came."""
-        now = order.came_at
-        taken = isinstance(answer, Telegram)
+    def _report_order(self, order: Order, answer: Telegram | int) -> None:
+        """Report an order of motion and its answer to a judge, with the time at which the order was received."""
+        now = order.arrived_at
+        accepted = isinstance(answer, Telegram)
         if order.telegram is None:
-            self.orders.tell(ReceivedOrder(now, Act.UNREADABLE, function_text(order.function), taken))
+            self.orders.tell(ReceivedOrder(now, Act.UNREADABLE, function_text(order.function), accepted))
         elif order.function == FunctionCode.START_PROGRAM:
-            self.orders.tell(ReceivedOrder(now, Act.PROGRAM, "start program", taken))
+            self.orders.tell(ReceivedOrder(now, Act.PROGRAM, "start program", accepted))
         elif order.function == FunctionCode.MOVE and order.telegram.suffix != MoveKind.START:
-            self._heard_move(self._executive.move_of(order.telegram), taken, now)
+            self._report_move(self._executive.move_of(order.telegram), accepted, now)
         else:
-            act = Act.REFUSED if self._executive.lacks(order.function) else Act.CONTACT
-            self.orders.tell(ReceivedOrder(now, act, function_text(order.function), taken))
+            act = Act.REFUSED if self._executive.is_not_emulated(order.function) else Act.CONTACT
+            self.orders.tell(ReceivedOrder(now, act, function_text(order.function), accepted))
 
-    def _heard_move(self, move: Move | None, taken: bool, now: float) -> None:
-        """Tell a move to a judge. It has a speed of its own, and the robot plans its way."""
+    def _report_move(self, move: Move | None, taken: bool, now: float) -> None:
+        """Report a move to a judge. The move includes a speed, and the robot plans the path."""
         pose, reach, norm = None, None, 0.0
         if move is not None:
             norm = math.hypot(*move.quaternion)
             servo = self._servo
             speed, turn = move.velocity * move.run_speed, math.radians(servo.reorientation_deg_s)
-            reach = Reach(servo.interpolation_ms * 1e-3, speed, turn, own_way=True)
+            reach = Reach(servo.interpolation_ms * 1e-3, speed, turn, plans_own_path=True)
             pose = Pose(move.position, normalise(move.quaternion) if norm else move.quaternion)
         self.orders.tell(ReceivedOrder(now, Act.MOTION, "move", taken, pose, norm > 0.0, reach))
 
     def _say(self, telegram: Telegram) -> None:
         if self.state.starting:
             return
-        # A full queue means that the host has not listened for many time-outs: one telegram more is useless.
+        # A full queue means that the host has not read for many timeouts: one more telegram is useless.
         with contextlib.suppress(LocalProtocolError):
             self._line.send([block.encode() for block in split_telegram(telegram, self._max_telegram)])

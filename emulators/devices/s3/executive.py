@@ -1,6 +1,6 @@
-"""Orders of the S3 controller: its state, its arm, its programs; without a link and without delay.
+"""Orders of the S3 controller: its state, arm and programs, without a link and without delay.
 
-The orders that a state refuses, and the events that change it, are the tables of `emulators.devices.s3.state`.
+The tables of `emulators.devices.s3.state` define the orders that a state refuses, and the events that change it.
 Source: project specification of the computer link, section 3.
 """
 
@@ -50,41 +50,43 @@ from protocol.geometry import Pose, Quaternion, Vector, normalise
 from protocol.kinematics import Joints
 
 _UNIT_TOLERANCE = 0.01
-"""Assumed: how far a quaternion's norm may be from 1; words of 1/16384 alone make up 0.0001."""
+"""Tolerance of a quaternion's norm. Assumed; rounding to 1/16384 alone causes 0.0001."""
 
 _LOOK_AHEAD_S = 0.14
-"""Chosen: from one move order to the next on a link of 9600 baud. The transport delay is taken off, since that part of
-the path is committed anyway. Ticks computed beyond an order are wasted.
+"""Time for which the path is computed ahead, s. Chosen: the time between two move orders on a link of 9600 baud.
+The transport delay is subtracted, since that part of the path is committed anyway. Computing beyond the next order
+is wasted.
 """
 
 _REAL = frozenset(FunctionCode)
-"""Functions of a real controller."""
+"""Function codes of a real controller."""
 Answer: TypeAlias = Telegram | int | None
-"""A response, a refusal code, or None: not yet."""
+"""Response or refusal code; None if there is no answer yet."""
 
 
 @dataclass(slots=True)
 class Order:
-    """An order between its arrival and its answer."""
+    """Order that has arrived and is not answered yet."""
 
     telegram: Telegram | None
-    """None for one that could not be read."""
+    """Telegram of the order; None if it is unreadable."""
     function: int
     due: float
-    """When it is next looked at, s."""
+    """Time of the order's next check, s."""
     blocks: int = 1
-    """Number of blocks that it came in."""
+    """Number of blocks of the order."""
     waypoint: Waypoint | None = None
-    """Where a move leads to, once the whole line is known to be in the work area."""
+    """Target of a move; None until the complete line to it has been checked to be in the work area."""
     accepted: bool = False
-    """A move that is queued and waits to be reached."""
-    came_at: float = math.nan
-    """When it had come, s."""
+    """Whether the order is a queued move whose answer waits until the point is reached."""
+    arrived_at: float = math.nan
+    """Time at which the order arrived, s."""
 
 
 class Executive:
-    """Judges one order after the other, and runs programs. Raises ValueError for a start outside the work area,
-    or for a program that has a wrong line.
+    """Processes orders one after the other, and runs programs.
+
+    Raises ValueError for a start outside the work area, or for a program with an invalid line.
     """
 
     def __init__(
@@ -102,7 +104,7 @@ class Executive:
         self._move_lengths = frozenset((*MOVE_LENGTHS, profiles.link.move_length))
         self._work_area = WorkArea(profile, start.tool_length)
         self.tool_pose_at = self._work_area.pose
-        """Pose of the tool at joint angles, rad."""
+        """Returns the pose of the tool at joint angles, rad."""
         try:
             joints = self._work_area.joints(start.position, normalise(start.quaternion))
         except OutsideWorkArea as error:
@@ -113,13 +115,13 @@ class Executive:
         self.motion = WaypointArm(
             profiles.servo, Pose(start.position, start.quaternion), powered_at, joints, _LOOK_AHEAD_S
         )
-        """True and reported place of the tool centre point."""
+        """True and reported position of the tool centre point."""
         self.reporting = Reporting(self.motion)
-        """Faults of what is told."""
+        """Faults of the reported values."""
         self.state = initial(profile)
-        """Everything that decides which orders are taken."""
+        """State that decides which orders are accepted."""
         self.run: ProgramRun | None = None
-        """The program that was started last."""
+        """Program that was started last."""
         self._handlers: dict[int, Callable[[Order, Telegram, float], Answer]] = {
             FunctionCode.START_PROGRAM: self._start_program,
             FunctionCode.STOP_PROGRAM: self._stop_program,
@@ -130,22 +132,27 @@ class Executive:
         }
 
     def joints(self, now: float) -> Joints:
-        """Axes 1 to 6 of the true tool pose at `now`, rad. Where the servo swings beyond the end of a range, they are
-        those of the set point.
+        """Return axes 1 to 6 of the true tool pose at `now`, rad.
+
+        Where the servo overshoots the end of a range, return the axes of the set point.
         """
         x, y, z = self.motion.path.trajectory(np.array([now]))[0][0].tolist()
         return self.joints_holding(Pose((x, y, z), self.motion.path.orientation(now)), now)
 
     def joints_holding(self, pose: Pose, at: float) -> Joints:
-        """Return the same for a true tool pose of the time `at`, s, that is known already; a unit quaternion."""
+        """Return axes 1 to 6 for a true tool pose at the time `at`, s, rad.
+
+        The pose has a unit quaternion, and the motion must be known up to that time. Where the servo overshoots the
+        end of a range, return the axes of the set point.
+        """
         set_point = self.motion.joints(at)
         try:
             return self._work_area.joints(pose.position, pose.quaternion, set_point)
         except OutsideWorkArea:
             return set_point
 
-    def happen(self, stimulus: Stimulus, now: float) -> None:
-        """Change the state; halt the arm and the program where the table says so."""
+    def apply_event(self, stimulus: Stimulus, now: float) -> None:
+        """Apply an event to the state. Stop the arm and the program as the table of events requires."""
         self.state = after(self.state, stimulus, self._profile)
         if CHANGES[stimulus].halts:
             self.motion.halt(now)
@@ -155,7 +162,7 @@ class Executive:
             self.run = None
 
     def status(self, now: float) -> Status:
-        """Return the answer to read status."""
+        """Return the answer to an order that reads the status."""
         run = self.run
         status = Status(
             position_words(self.motion.reported(now)),
@@ -169,21 +176,21 @@ class Executive:
     # --- programs
 
     def next_deadline(self) -> float | None:
-        """When the running program is next looked at, s."""
+        """Return the time of the next check of the running program, s."""
         return self.run.due if self.run is not None else None
 
     def handle_deadline(self, now: float) -> Spontaneous | None:
-        """Carry the running program on; the error that has ended it, or None."""
+        """Continue the running program. Return the error that ended it, or None."""
         run = self.run
         if run is None or run.due is None:
             return None
         try:
             run.advance(now, self.motion, self._program_moves)
         except OutsideWorkArea:
-            self.happen(Stimulus.STOP, now)
+            self.apply_event(Stimulus.STOP, now)
             return Spontaneous(SpontaneousKind.OPERATIONAL_ERROR, *self._profile.program_error)
         if run.ended:
-            self.happen(Stimulus.PROGRAM_END, now)
+            self.apply_event(Stimulus.PROGRAM_END, now)
         return None
 
     def _program_moves(self, step: MoveStep, now: float) -> None:
@@ -193,12 +200,12 @@ class Executive:
     # --- orders
 
     def judge(self, order: Order, now: float) -> Answer:
-        """Apply the rules of every order; its handler applies those of one."""
+        """Apply the rules for all orders, then the handler for this one."""
         telegram = order.telegram
         if telegram is None:
             return RefusalCode.TELEGRAM_INCOMPLETE
         definition = self._site.orders.of_function(telegram.function)
-        if self.lacks(telegram.function):
+        if self.is_not_emulated(telegram.function):
             text = FunctionCode(telegram.function).text
             self.unmodelled.touch(
                 f"function {telegram.function}, {text}", "refused; an orders file can define it"
@@ -224,11 +231,13 @@ class Executive:
         return self.status(now).to_telegram()
 
     def _write_mode(self, order: Order, telegram: Telegram, now: float) -> Answer:
-        self.happen(MODE_ORDERS[Mode(telegram.suffix)], now)
+        self.apply_event(MODE_ORDERS[Mode(telegram.suffix)], now)
         return response(telegram)
 
     def _start_program(self, order: Order, telegram: Telegram, now: float) -> Answer:
-        """Assumed: only the program that was started last continues, and not once it has ended."""
+        """Start or continue a program. Assumed: only the program that was started last can continue, and only if it
+        has not ended.
+        """
         number = int.from_bytes(telegram.data[:2], "big")
         steps = self._programs.get(number)
         if steps is None:
@@ -240,26 +249,26 @@ class Executive:
         elif self.run.ended:
             return RefusalCode.NOT_POSSIBLE
         self.run.start(now)
-        self.happen(Stimulus.PROGRAM_START, now)
+        self.apply_event(Stimulus.PROGRAM_START, now)
         return response(telegram)
 
     def _stop_program(self, order: Order, telegram: Telegram, now: float) -> Answer:
-        self.happen(Stimulus.STOP, now)
+        self.apply_event(Stimulus.STOP, now)
         return response(telegram)
 
     def _receive_program(self, order: Order, telegram: Telegram, now: float) -> Answer:
-        """Return a program of which only the number is given has no contents to send."""
+        """Send the contents of a program. They are empty if only the program's number is known."""
         number = int.from_bytes(telegram.data[:2], "big")
         if number not in self._site.programs:
             return RefusalCode.NO_SUCH_PROGRAM
         return ProgramAnswer(number, self._site.programs[number]).to_telegram()
 
-    def lacks(self, function: int) -> bool:
-        """Whether a real controller has this function, and the emulated one does not."""
+    def is_not_emulated(self, function: int) -> bool:
+        """Return whether a real controller has this function but the emulated one does not."""
         return function in _REAL and self._site.orders.of_function(function) is None
 
     def move_of(self, telegram: Telegram) -> Move | None:
-        """Return the move of an order; None for one that cannot be read."""
+        """Return the move in an order; None if it is unreadable."""
         try:
             return Move.from_telegram(telegram, self._move_lengths)
         except RemoteProtocolError:
@@ -272,14 +281,14 @@ class Executive:
             except RemoteProtocolError:
                 return RefusalCode.TELEGRAM_INCOMPLETE
             if move.kind is MoveKind.START:
-                self.happen(Stimulus.SEQUENCE_START, now)
+                self.apply_event(Stimulus.SEQUENCE_START, now)
                 return response(telegram)
             if move.robot_coordinates:
                 self.unmodelled.touch("points in robot coordinates", "refused")
             if not _usable(move):
                 return self._profile.unusable_move_refusal
             if order.waypoint is None:
-                # Whatever changes the goal while the order waits for a place also ends the sequence.
+                # Everything that changes the goal while the order waits for a free place also ends the sequence.
                 try:
                     order.waypoint = self._waypoint(
                         move.position, move.quaternion, move.velocity * move.run_speed, now
@@ -290,20 +299,20 @@ class Executive:
                 return None
             self.motion.enqueue(order.waypoint, now)
             if move.kind is MoveKind.END:
-                self.happen(Stimulus.SEQUENCE_END, now)
+                self.apply_event(Stimulus.SEQUENCE_END, now)
             order.accepted = True
         if self._profile.move_reply == "reached" and not self.motion.settled(now):
             return None
         return response(telegram)
 
     def _waypoint(self, position: Vector, quaternion: Quaternion, speed: float, now: float) -> Waypoint:
-        """Return a point with the line to it from the last point accepted. Raises OutsideWorkArea."""
+        """Return a waypoint with the line to it from the last accepted point. Raises OutsideWorkArea."""
         route = self._work_area.route(*self.motion.goal(now), position, normalise(quaternion))
         return Waypoint(position, quaternion, speed, route)
 
 
 def _usable(move: Move) -> bool:
-    """Whether a point says how fast, in rectangular coordinates, and with a unit quaternion."""
+    """Return whether a point has a speed, rectangular coordinates, and a unit quaternion."""
     unit = abs(math.hypot(*move.quaternion) - 1.0) <= _UNIT_TOLERANCE
     return unit and not move.robot_coordinates and move.velocity * move.run_speed > 0.0
 

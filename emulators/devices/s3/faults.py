@@ -1,4 +1,4 @@
-"""Faults of an S3 controller, of the pose that it tells and of its line: one table a target."""
+"""Faults of an S3 controller, its reported pose and its line: one table for each target."""
 
 from collections.abc import Mapping
 
@@ -7,7 +7,7 @@ from emulators.faults.kinds import FOREVER, Fault, Parameter
 from emulators.faults.packets import BYTES, WIRE
 from protocol.devices.s3.arap import RefusalCode, SpontaneousKind
 
-_COUNT = Parameter(1, "how many in a row", 1, 1000)
+_COUNT = Parameter(1, "number in a row", 1, 1000)
 _JUMP = along_axes(100.0, "mm")
 
 
@@ -18,15 +18,15 @@ def _word(default: int, meaning: str) -> Parameter:
 ROBOT_FAULTS: Mapping[str, Fault] = {
     # --- acts of people at the panel
     "emergency-stop": Fault("the emergency stop is pressed, and released at the end", {}, FOREVER),
-    "safeguard-stop": Fault("the work stop is on, and off at the end", {}, FOREVER),
+    "safeguard-stop": Fault("the work stop is switched on, and off at the end", {}, FOREVER),
     "key-manual": Fault("the key is turned to MANUAL, and back at the end", {}, FOREVER),
-    "local-control": Fault("the link control is taken back, and given at the end", {}, FOREVER),
-    "motors-off": Fault("the controller falls into standby; operation has to be ordered again"),
+    "local-control": Fault("the link loses control, and regains it at the end", {}, FOREVER),
+    "motors-off": Fault("the controller enters standby; operation must be ordered again"),
     # --- in the controller
-    "false-standby": Fault("the status tells standby, whatever the mode is", {}, FOREVER),
+    "false-standby": Fault("the status reports standby, whatever the mode is", {}, FOREVER),
     "late-answer": Fault(
         "the next order is acknowledged in time, and answered late",
-        {"seconds": Parameter(3.0, "by how much", 0.0, 3600.0, "s")},
+        {"seconds": Parameter(3.0, "delay", 0.0, 3600.0, "s")},
     ),
     "refuses": Fault(
         "the next orders are refused",
@@ -37,7 +37,7 @@ ROBOT_FAULTS: Mapping[str, Fault] = {
         },
     ),
     "spontaneous": Fault(
-        "the controller tells a status or error unasked",
+        "the controller sends an unsolicited status or error",
         {
             "kind": _word(SpontaneousKind.OPERATIONAL_ERROR.value, "function suffix: 7, 9, 10, 17"),
             "x": _word(13, 'first half of "x.y"'),
@@ -45,19 +45,21 @@ ROBOT_FAULTS: Mapping[str, Fault] = {
         },
     ),
     "power-cycle": Fault(
-        "the controller starts again and has forgotten orders, queue and mode",
-        {"after_bytes": Parameter(0, "when it has said so many more bytes, in mid-message", 0, 4096)},
+        "the controller restarts, and loses its orders, queue and mode",
+        {"after_bytes": Parameter(0, "number of bytes that it still sends, even in mid-message", 0, 4096)},
     ),
     # --- in the arm
-    "stands": Fault("the interpolator stands still, points are queued", {}, 5.0),
+    "stands": Fault("the interpolator stops, points are queued", {}, 5.0),
 }
 
 REPORTED_POSE_FAULTS: Mapping[str, Fault] = pose_faults(without=("nan", "missing"))
-"""A status has a word for each coordinate, and each word is a number."""
+"""Faults of the reported pose. They cannot remove it, because a status has a word for each coordinate, and each
+word is a number.
+"""
 
 POSE_FAULTS: Mapping[str, Fault] = {
     "encoder-offset": Fault(
-        "the position that the controller measures jumps, and it drives the arm as far the other way",
+        "the measured position jumps, and the controller drives the arm as far in the opposite direction",
         _JUMP,
         FOREVER,
         amounts=tuple(_JUMP),
@@ -70,7 +72,7 @@ LINE_FAULTS: Mapping[str, Fault] = {
     "drop-ack": Fault(
         "the controller's next ACK is lost",
         {
-            "of": Parameter("block", "what it acknowledges", choices=("block", "bid")),
+            "of": Parameter("block", "acknowledged item", choices=("block", "bid")),
             "count": _COUNT,
         },
     ),
@@ -79,9 +81,11 @@ LINE_FAULTS: Mapping[str, Fault] = {
     ),
     "corrupt-block": Fault("the controller's next block has a wrong check character", {"count": _COUNT}),
     "lose-eot": Fault("the controller's next EOT is lost", {"count": _COUNT}),
-    "babble": Fault("random bytes come from the controller", {"count": Parameter(20, "how many", 1, 4096)}),
+    "babble": Fault(
+        "the controller sends random bytes", {"count": Parameter(20, "number of bytes", 1, 4096)}
+    ),
     "line-break": Fault(
-        "the line is held in break: one 00 byte, then nothing gets through either way", {}, 2.0
+        "the line is held in break: one 00 byte, then nothing gets through in either direction", {}, 2.0
     ),
 }
 
@@ -90,4 +94,4 @@ S3_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "pose": POSE_FAULTS,
     WIRE: LINE_FAULTS,
 }
-"""Faults by target."""
+"""Faults of the robot, by target."""

@@ -1,6 +1,7 @@
-"""The controller's end of the link with its faults: a filter between the link and the wire.
+"""Controller's end of the link with its faults: a filter between the link and the wire.
 
-The link never knows: a byte that is lost here was sent, one that is damaged here came so.
+The link is unaware of faults: it has sent the bytes that are lost here, and it receives the bytes that are damaged
+here.
 """
 
 import random
@@ -26,12 +27,12 @@ from protocol.devices.s3.arap import FunctionCode
 SpontaneousEot = Literal["always", "sometimes", "never"]
 
 _BREAK = b"\0"
-"""A receiver reads this of a line held in break. Mark: standard."""
+"""Byte that a receiver reads during a break on the line. Mark: standard."""
 _FUNCTION_BYTE = 4
 
 
 class Strike(StrEnum):
-    """Faults that wait for their moment on the line; spelled as the fault."""
+    """Faults of the line that can be armed, each with the name of the fault."""
 
     DROP_BLOCK_ACK = "drop-ack of a block"
     DROP_BID_ACK = "drop-ack of a bid"
@@ -41,9 +42,9 @@ class Strike(StrEnum):
 
 
 class FaultyLine:
-    """An endpoint for bytes around a robot's `Link`. Without a fault it passes all bytes on.
+    """Endpoint of bytes around a robot's `Link`. Without a fault it passes all bytes on.
 
-    `on_reset` is called when a reset asked for by `reset_after` is due.
+    `on_reset` is called when a reset requested by `reset_after` is due.
     """
 
     def __init__(
@@ -61,18 +62,18 @@ class FaultyLine:
         self._off_until = float("-inf")
         self._extra = bytearray()
         self._offs: list[Injection] = []
-        """Faults in which nothing gets through."""
+        """Active faults that block all bytes."""
         self._armed: dict[Strike, Injection] = {}
-        """Each with its `count` of how often it will strike."""
+        """Armed faults. Their `count` is the number of times they will occur."""
         self._watch: BlockScanner | None = None
-        """Follows the incoming bytes while a block is to be damaged."""
+        """Parser of the incoming bytes while a fault that damages a block is armed."""
         self._reset_after: int | None = None
         self._spontaneous = False
-        """The newest block that went out was a spontaneous one."""
+        """Whether the newest block sent was spontaneous."""
 
     @property
     def armed(self) -> dict[str, int]:
-        """Faults that wait for their moment, and how often they will strike."""
+        """Armed faults by name, each with the number of times it will occur."""
         waiting = {
             str(strike): int(injection.number("count")) - injection.struck
             for strike, injection in self._armed.items()
@@ -80,29 +81,29 @@ class FaultyLine:
         return waiting if self._reset_after is None else {**waiting, "power-cycle": 1}
 
     def send(self, blocks: Sequence[bytes]) -> None:
-        """Queue one message; errors as `Link.send`."""
+        """Queue a message. Raises the errors of `Link.send`."""
         self._link.send(blocks)
 
     # --- endpoint
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes off the line."""
+        """Receive bytes from the line."""
         if now < self._off_until:
-            self._lose(data, now)
+            self._count_lost(data, now)
             return
         self._link.receive(self._damaged(data, now) if Strike.DAMAGE_BLOCK in self._armed else data, now)
 
     def next_event(self) -> LinkEvent | None:
-        """Return the link's oldest event not yet taken, or None."""
+        """Return the link's oldest unread event, or None."""
         return self._link.next_event()
 
     def data_to_send(self, now: float) -> bytes:
-        """Bytes for the line."""
+        """Return bytes for the line."""
         data = self._link.data_to_send(now)
         if data and (self._armed or self._spontaneous_eot != "always"):
-            data = self._spoiled(data, now)
+            data = self._corrupt(data, now)
         if now < self._off_until:
-            self._lose(data, now)
+            self._count_lost(data, now)
             data = b""
         if self._extra:
             data = bytes(self._extra) + data
@@ -116,36 +117,36 @@ class FaultyLine:
         return data
 
     def next_deadline(self) -> float | None:
-        """Return the link's next time-out, s."""
+        """Return the time of the link's next timeout, s."""
         return self._link.next_deadline()
 
     def handle_deadline(self, now: float) -> None:
-        """Act on the link's time-outs up to now."""
+        """Process the link's timeouts up to now."""
         self._link.handle_deadline(now)
 
     # --- faults
 
     def arm(self, strike: Strike, injection: Injection) -> None:
-        """Let it happen the next times, as many as the fault's `count`."""
+        """Arm a fault for its next `count` opportunities."""
         self._armed[strike] = injection
 
     def disarm(self) -> None:
-        """Drop all faults that were armed, and a reset that was asked for."""
+        """Cancel all armed faults and a requested reset."""
         self._armed.clear()
         self._reset_after = None
 
     def babble(self, size: int) -> None:
-        """Say random bytes."""
+        """Send random bytes."""
         self._extra += self._random.randbytes(size)
 
     def switch_off(self, injection: Injection) -> None:
-        """Neither hear nor say anything before the fault ends."""
+        """Neither receive nor send anything until the fault ends."""
         assert injection.ends_at is not None
         self._off_until = max(self._off_until, injection.ends_at)
         self._offs.append(injection)
 
     def switch_on(self, injection: Injection, now: float) -> None:
-        """End a fault in which nothing got through; others may last."""
+        """End a fault that blocks all bytes. Other such faults may remain active."""
         self._offs = [other for other in self._offs if other.holds(now)]
         if self._off_until == injection.ends_at:
             ends = (other.ends_at for other in self._offs if other.ends_at is not None)
@@ -158,17 +159,17 @@ class FaultyLine:
         self.switch_off(injection)
 
     def reset_after(self, size: int) -> None:
-        """Call for a reset when so many more bytes have gone out."""
+        """Request a reset after this many more bytes have been sent."""
         self._reset_after = size
 
     def restart(self, until: float) -> None:
-        """Forget all exchanges, and be deaf and mute until then, s; faults that are armed stay."""
+        """Discard all exchanges, and neither receive nor send until the time `until`, s. Armed faults remain armed."""
         self._link = Link(Role.ROBOT, self._profile)
         self._watch = None
         self._off_until = until
 
-    def _lose(self, data: bytes, now: float) -> None:
-        """Count bytes that do not get through."""
+    def _count_lost(self, data: bytes, now: float) -> None:
+        """Count the bytes that active faults block."""
         self._offs = [injection for injection in self._offs if injection.holds(now)]
         for injection in self._offs:
             injection.struck += len(data)
@@ -183,10 +184,10 @@ class FaultyLine:
         return True
 
     def _damaged(self, data: bytes, now: float) -> bytes:
-        """Incoming bytes with the check character of a block made wrong."""
+        """Return the incoming bytes, with the check character of a block made invalid if that fault is armed."""
         if self._watch is None:
             if self._link.state is not State.IDLE:
-                return data  # in mid-message the begin of a block is not known
+                return data  # in the middle of a message, the start of a block is unknown
             self._watch = BlockScanner(
                 BlockFormat(
                     self._profile.dle_stuffing,
@@ -204,8 +205,8 @@ class FaultyLine:
             self._watch = None
         return bytes(spoiled)
 
-    def _spoiled(self, data: bytes, now: float) -> bytes:
-        """Outgoing bytes, which are whole blocks and control bytes, with the armed faults carried out."""
+    def _corrupt(self, data: bytes, now: float) -> bytes:
+        """Apply the armed faults to outgoing bytes, which are complete blocks and control bytes."""
         scanner = BlockScanner(
             BlockFormat(self._profile.dle_stuffing, LENGTH_STYLES[:1], self._profile.max_telegram)
         )

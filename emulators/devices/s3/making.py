@@ -1,4 +1,4 @@
-"""The S3 as a part of a cell."""
+"""Factory of S3 robots for a cell."""
 
 from collections.abc import Callable
 

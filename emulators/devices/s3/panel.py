@@ -1,4 +1,4 @@
-"""The panel of an emulated S3: its buttons and keys, and what its lamps and its display show."""
+"""Panel of an emulated S3: its buttons and keys, and the state of its lamps and display."""
 
 import math
 from collections.abc import Mapping
@@ -15,30 +15,30 @@ from emulators.panel import Controls, Switch, millimetres, numbers_text
 
 @dataclass(frozen=True, slots=True)
 class PanelState:
-    """State of a controller that a panel shows."""
+    """State of a controller, for display on its panel."""
 
     mode: str
-    """standby, operation, synchronise, operation synchronise; starting while it is not ready."""
+    """Mode: standby, operation, synchronise or operation synchronise; starting while the controller is not ready."""
     activity: str
-    """Source of the arm's orders: none, movement sequence, program."""
+    """Source of the arm's orders: none, movement sequence or program."""
     flags: dict[str, bool]
     """Flags of the status answer, and the work stop."""
     program: int
     instruction: int
     points_waiting: int
-    """Points queued and not reached."""
+    """Number of queued points."""
     queue_depth: int
     position_mm: tuple[float, ...]
-    """Reported tool position in the base frame."""
+    """Reported tool position in the base frame, mm."""
     true_position_mm: tuple[float, ...]
-    """Where the tool really is."""
+    """True tool position in the base frame, mm."""
     joints_deg: tuple[float, ...]
-    """Axes 1 to 6 of the true pose."""
+    """Axes 1 to 6 of the true pose, degrees."""
     answered: int
-    """Orders answered, the refused ones included."""
+    """Number of answered orders, including refused ones."""
     refused: int
     lost: int
-    """Orders that came while too many were waiting."""
+    """Number of orders received while too many were waiting."""
     last_refusal: str
 
 
@@ -82,7 +82,7 @@ _SWITCHES: Mapping[str, Switch] = {
         at=lambda state: "connect" if state["flags"]["programming_unit"] else "remove",
     ),
     "interrupt": Switch(
-        "Permit interrupts, or forbid them; the status tells it.",
+        "Permit or forbid interrupts; the status reports it.",
         {
             "permit": lambda robot, now: robot.set_interrupt(True, now),
             "forbid": lambda robot, now: robot.set_interrupt(False, now),
@@ -90,7 +90,7 @@ _SWITCHES: Mapping[str, Switch] = {
         at=lambda state: "permit" if state["flags"]["interrupt_permitted"] else "forbid",
     ),
 }
-_FLAG_WORDS = {
+_FLAG_TEXTS = {
     "emergency_stop": ("EMERGENCY STOP", ""),
     "work_stop": ("WORK STOP", ""),
     "key_auto": ("key in AUTO", "key in MANUAL"),
@@ -99,11 +99,11 @@ _FLAG_WORDS = {
     "interrupt_permitted": ("interrupt permitted", ""),
     "execution": ("execution", ""),
 }
-"""Words for a flag that is set, and for one that is not."""
+"""Texts for each flag: if it is set, and if it is not set."""
 
 
 def read_state(controller: S3Controller, now: float) -> PanelState:
-    """State to show at `now`."""
+    """Return the state to display at `now`."""
     motion = controller.motion
     state, run, tally = controller.state, controller.program, controller.tally
     waiting = motion.waiting(now)
@@ -127,11 +127,11 @@ def read_state(controller: S3Controller, now: float) -> PanelState:
 
 def _rows(state: Mapping[str, Any]) -> dict[str, str]:
     flags = state["flags"]
-    words = [texts[0] if flags[name] else texts[1] for name, texts in _FLAG_WORDS.items()]
+    flag_texts = [texts[0] if flags[name] else texts[1] for name, texts in _FLAG_TEXTS.items()]
     activity = state["activity"]
     return {
         "mode": state["mode"] if activity == "none" else f"{state['mode']}, {activity}",
-        "state": ", ".join(filter(None, words)),
+        "state": ", ".join(filter(None, flag_texts)),
         "points": f"{state['points_waiting']} of {state['queue_depth']} waiting",
         "program": f"{state['program']}, instruction {state['instruction']}",
         "position": f"{numbers_text(state['position_mm'])} mm reported",

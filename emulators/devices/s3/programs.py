@@ -1,12 +1,12 @@
-"""Stored programs that do something: lines to move along and times to wait, one after the other.
+"""Stored programs with effect: lines to move along and times to wait, in sequence.
 
 Assumed throughout: the language of real S3 programs is not public. A program whose contents begin with the line
-`# emulated program` is text for this emulator. Every other one, with contents of a real controller or none, is one
-instruction that takes a time given by the profile.
+`# emulated program` is text for this emulator. Any other one, with contents of a real controller or none, is one
+instruction with a duration given by the profile.
 
     # emulated program
-    move 900 -100 650 100    # to x y z in mm at mm/s, straight, orientation as it is
-    wait 1.5                 # s
+    move 900 -100 650 100   # to x y z in mm at mm/s, straight, orientation unchanged
+    wait 1.5                # s
 """
 
 import math
@@ -19,32 +19,32 @@ from protocol.geometry import Vector
 
 FIRST_LINE = "# emulated program"
 STEP_LIMIT = 65535
-"""Instruction numbers that fit their word of the status."""
+"""Maximum number of steps in a program: each instruction number must fit its word in the status."""
 
 
 @dataclass(frozen=True, slots=True)
 class MoveStep:
-    """A straight line to a point."""
+    """Straight line to a point."""
 
     position: Vector
     """Tool centre point in the base frame, m."""
     speed: float
-    """m/s, above 0."""
+    """Speed, m/s, above 0."""
 
 
 @dataclass(frozen=True, slots=True)
 class WaitStep:
-    """A wait."""
+    """Wait for a time."""
 
     seconds: float
-    """s"""
+    """Duration, s."""
 
 
 Step: TypeAlias = MoveStep | WaitStep
 
 
 def read_steps(content: bytes) -> tuple[Step, ...] | None:
-    """Return the steps of a program, or None for one that is not written for the emulator.
+    """Return the steps of a program; None if the program was not written for the emulator.
 
     Raises ValueError that names the line.
     """
@@ -53,14 +53,14 @@ def read_steps(content: bytes) -> tuple[Step, ...] | None:
         return None
     steps: list[Step] = []
     for number, line in enumerate(rest.decode("utf-8", "replace").splitlines(), 2):
-        words = line.partition("#")[0].split()
-        if not words:
+        parts = line.partition("#")[0].split()
+        if not parts:
             continue
         try:
-            values = [float(word) for word in words[1:]]
+            values = [float(word) for word in parts[1:]]
         except ValueError:
             values = [math.nan]
-        match words[0], values:
+        match parts[0], values:
             case "wait", [seconds] if 0.0 <= seconds < math.inf:
                 steps.append(WaitStep(seconds))
             case "move", [x, y, z, speed] if 0.0 < speed < math.inf and all(map(math.isfinite, (x, y, z))):
@@ -70,41 +70,43 @@ def read_steps(content: bytes) -> tuple[Step, ...] | None:
                     f"line {number}: expected `move X Y Z SPEED` in mm and mm/s or `wait S`, got {line.strip()!r}"
                 )
     if not 0 < len(steps) <= STEP_LIMIT:
-        raise ValueError(f"a program has 1 to {STEP_LIMIT} steps, this one has {len(steps)}")
+        raise ValueError(f"a program must have 1 to {STEP_LIMIT} steps, got {len(steps)}")
     return tuple(steps)
 
 
 class ProgramRun:
-    """One program on its way from step to step. Stopped, it continues with the step that it was in."""
+    """Execution of a program in steps. After a stop it continues with the interrupted step."""
 
     def __init__(self, number: int, steps: tuple[Step, ...]) -> None:
         self.number = number
         self.due: float | None = None
-        """When the present step is next looked at, s; None while the program does not run."""
+        """Time of the current step's next check, s; None while the program does not run."""
         self._steps = steps
         self._index = 0
         self._begun = False
 
     @property
     def instruction(self) -> int:
-        """Number of the present step, from 1; the last one's once the program has ended."""
+        """Number of the current step, from 1; after the end of the program, the number of the last step."""
         return min(self._index + 1, len(self._steps))
 
     @property
     def ended(self) -> bool:
-        """Every step is done."""
+        """Whether every step is complete."""
         return self._index >= len(self._steps)
 
     def start(self, now: float) -> None:
-        """Run, from the beginning of the present step."""
+        """Run from the start of the current step."""
         self.due, self._begun = now, False
 
     def stop(self) -> None:
-        """Assumed: a step that was not finished is done again from its beginning."""
+        """Stop the program. Assumed: an interrupted step is repeated from its start."""
         self.due = None
 
     def advance(self, now: float, motion: WaypointArm, move: Callable[[MoveStep, float], None]) -> None:
-        """Take the steps due by `now`; `move` sends the arm on its way and may raise, the step is then not begun."""
+        """Execute the steps that are due by `now`. `move` starts a motion; if it raises an exception, the step is
+        not started.
+        """
         while self.due is not None and self.due <= now:
             if self.ended:
                 self.due = None

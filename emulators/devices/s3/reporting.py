@@ -1,4 +1,4 @@
-"""The status while the told pose or the told mode is wrong; the arm continues as ever."""
+"""Status with a falsified pose or mode. The arm is unaffected."""
 
 from collections.abc import Mapping
 
@@ -11,26 +11,26 @@ from protocol.devices.s3.arap import Status, position_words, quaternion_words
 from protocol.geometry import Pose
 
 _LIMIT = 4.095875
-"""Largest coordinate that a status can tell, m. Mark: observed."""
+"""Largest coordinate that fits the status, m. Mark: observed."""
 _STANDBY = "false-standby"
 
 
 class Reporting:
-    """Falsifies the told pose and mode of a controller."""
+    """Falsifies the reported pose and mode of a controller."""
 
     def __init__(self, motion: WaypointArm) -> None:
         self._motion = motion
         self._pose = ReportedPose(self._measured, REPORTED_POSE_FAULTS, in_cycles=False)
         self._own = OwnFaults()
         self.pose_handlers: Mapping[str, Handler] = self._pose.handlers
-        """Handlers for a ledger: of the told pose, and of the told mode."""
+        """Fault handlers for a ledger, for the reported pose and for the reported mode."""
         self.mode_handlers: Mapping[str, Handler] = self._own.held((_STANDBY,))
 
     def falsified(self, status: Status, now: float) -> Status:
-        """Return the status that is told instead of a true one."""
+        """Return the status that is reported instead of the true one."""
         if self._pose.wrong:
             pose = self._pose.told(self._measured(now), now)
-            assert pose is not None, "a status always tells a pose"
+            assert pose is not None, "a status always has a pose"
             x, y, z = (max(-_LIMIT, min(_LIMIT, place)) for place in pose.position)
             a, b, c, d = (max(-1.0, min(1.0, part)) for part in pose.quaternion)
             status = status._replace(

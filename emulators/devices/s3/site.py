@@ -1,4 +1,4 @@
-"""A site's own contents of a controller: programs with their steps, and orders that only this site knows."""
+"""Site-specific contents of a controller: programs with their steps, and orders that only this site defines."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,49 +8,52 @@ from protocol.devices.s3.arap import KNOWN, OrderBook, OrderDefinition, RefusalC
 from protocol.endpoint import LocalProtocolError
 
 PLACE_LIMIT = 65536
-"""Places of all memories together that are kept, so that no host can fill ours. Mark: chosen."""
+"""Maximum total number of stored entries in all memories, so that no host can exhaust this computer's memory. Mark:
+chosen.
+"""
 
 _Place: TypeAlias = tuple[str, tuple[Value, ...]]
 
 
 @dataclass(frozen=True, slots=True)
 class S3Site:
-    """Contents of one controller."""
+    """Site-specific contents of a controller."""
 
     orders: OrderBook = KNOWN
-    """Orders that are answered."""
+    """Orders that the site defines."""
     programs: Mapping[int, bytes] = field(default_factory=dict)
-    """Programs that can be received, by number; they can be started as well."""
+    """Programs that can be received and started, by number."""
 
 
 EMPTY_SITE = S3Site()
-"""No programs and orders beside those of every controller."""
+"""Site without programs and orders of its own."""
 
 
 class SiteOrders:
-    """Answers to the orders that a site defines: a value that was written into a memory is read from it."""
+    """Answers to the orders that a site defines. A value that is written to a memory can be read from it."""
 
     def __init__(self, book: OrderBook) -> None:
         self._book = book
         self._places: dict[_Place, dict[str, Value]] = {}
 
     def answer(self, definition: OrderDefinition, order: Telegram) -> Telegram | RefusalCode:
-        """Return the answer to an order that is long enough.
+        """Return the answer to an order of sufficient length.
 
-        Assumed: 10 refuses one place more than is kept, 31 a value that the answer cannot hold.
+        Assumed: refusal code 10 if the number of entries would exceed the limit, 31 if a value does not fit the
+        answer.
         """
         emulation = definition.emulation
-        given = definition.order.decode(order.data)
+        fields = definition.order.decode(order.data)
         stored: dict[str, Value] = {}
         if emulation.memory:
-            place = emulation.memory, tuple(given[name] for name in emulation.key)
-            written = {name: value for name, value in given.items() if name not in emulation.key}
+            place = emulation.memory, tuple(fields[name] for name in emulation.key)
+            written = {name: value for name, value in fields.items() if name not in emulation.key}
             stored = {**self._places.get(place, {}), **written}
             if written and place not in self._places and len(self._places) >= PLACE_LIMIT:
                 return RefusalCode.NO_SPACE_LEFT
             if written:
                 self._places[place] = stored
-        known = {**emulation.initial, **stored, **given}
+        known = {**emulation.initial, **stored, **fields}
         values = {name: known[name] for name in definition.answer.names if name in known}
         try:
             return response(order, definition.answer.encode(values))
@@ -58,7 +61,7 @@ class SiteOrders:
             return RefusalCode.NOT_POSSIBLE
 
     def extend(self, order: Telegram, answer: Telegram) -> Telegram | RefusalCode:
-        """Return the answer to an order with a known payload, with the fields that the site adds to it."""
+        """Return the answer to an order with a known payload, extended by the fields that the site adds."""
         extension = self._book.extension_of(order.function)
         if extension is None:
             return answer

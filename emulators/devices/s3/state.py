@@ -1,6 +1,6 @@
-"""States of the S3 controller as three tables: events that change them, bits in the status, orders that they refuse.
+"""States of the S3 controller as three tables: events that change them, bits of the status, and refused orders.
 
-The codes are observed, the conditions under which they are given are assumed, as is whatever a row does not
+The codes are observed. The conditions under which they occur are assumed, and so is everything that a row does not
 mark otherwise. Source: project specification of the computer link, section 3.
 """
 
@@ -19,31 +19,31 @@ class Activity(StrEnum):
 
     NONE = "none"
     SEQUENCE = "movement sequence"
-    """The computer link: between a sequence's start and its end."""
+    """The computer link, from the start of a sequence to its end."""
     PROGRAM = "program"
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Everything that decides which orders are taken."""
+    """State that decides which orders are accepted."""
 
     mode: Mode
     link_control: bool
-    """The pendant has given the control to the link."""
+    """Whether the pendant has given control to the link."""
     activity: Activity = Activity.NONE
     emergency_stop: bool = False
     work_stop: bool = False
     key_auto: bool = True
     programming_unit: bool = False
-    """The programming unit is connected; told in the status alone."""
+    """Whether the programming unit is connected. This affects only the status."""
     interrupt_permitted: bool = False
-    """Only the status tells it."""
+    """Whether interrupts are permitted. This affects only the status."""
     starting: bool = False
-    """Powered up and not ready: neither hears nor says anything."""
+    """Whether the controller is powered up but not ready. It then neither receives nor sends."""
 
     @property
     def operation(self) -> bool:
-        """Operation mode, synchronising or not: the arm may move."""
+        """Whether the controller is in operation mode, with or without synchronisation, so that the arm may move."""
         return bool(self.mode & Mode.OPERATION)
 
 
@@ -58,8 +58,8 @@ class Stimulus(StrEnum):
     WORK_RELEASE = "work stop released"
     KEY_AUTO = "key to AUTO"
     KEY_MANUAL = "key to MANUAL"
-    CONTROL_GIVEN = "link control given"
-    CONTROL_TAKEN = "link control taken back"
+    CONTROL_GRANTED = "link control given"
+    CONTROL_WITHDRAWN = "link control taken back"
     UNIT_CONNECTED = "programming unit connected"
     UNIT_REMOVED = "programming unit removed"
     INTERRUPT_PERMITTED = "interrupt permitted"
@@ -77,11 +77,11 @@ class Stimulus(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Effect of a stimulus on the state."""
+    """Effect of an event on the state."""
 
     values: Mapping[str, Any]
     halts: bool
-    """The arm stays where it is; queued points, the sequence and the program's run are given up."""
+    """Whether the arm stops at its current position. Queued points, the sequence and the program are then cancelled."""
     mark: Mark
 
 
@@ -94,17 +94,17 @@ def _halts(mark: Mark = Mark.ASSUMED, **values: Any) -> Change:
 
 
 CHANGES: Mapping[Stimulus, Change] = {
-    Stimulus.POWER_UP: _halts(starting=True),  # the mode and the link control are the profile's again
+    Stimulus.POWER_UP: _halts(starting=True),  # mode and link control are reset to the profile's values
     Stimulus.READY: _sets(starting=False),
     #
     Stimulus.EMERGENCY_STOP: _halts(Mark.OBSERVED, emergency_stop=True, mode=Mode.STANDBY),
-    Stimulus.EMERGENCY_RELEASE: _sets(emergency_stop=False),  # operation has to be ordered again
-    Stimulus.WORK_STOP: _halts(work_stop=True),  # the mode stays
+    Stimulus.EMERGENCY_RELEASE: _sets(emergency_stop=False),  # operation mode must be selected again
+    Stimulus.WORK_STOP: _halts(work_stop=True),  # the mode does not change
     Stimulus.WORK_RELEASE: _sets(work_stop=False),
     Stimulus.KEY_AUTO: _sets(key_auto=True),
-    Stimulus.KEY_MANUAL: _halts(key_auto=False),  # the mode stays
-    Stimulus.CONTROL_GIVEN: _sets(Mark.OBSERVED, link_control=True),
-    Stimulus.CONTROL_TAKEN: _sets(link_control=False),  # a motion continues
+    Stimulus.KEY_MANUAL: _halts(key_auto=False),  # the mode does not change
+    Stimulus.CONTROL_GRANTED: _sets(Mark.OBSERVED, link_control=True),
+    Stimulus.CONTROL_WITHDRAWN: _sets(link_control=False),  # a motion continues
     Stimulus.UNIT_CONNECTED: _sets(programming_unit=True),
     Stimulus.UNIT_REMOVED: _sets(programming_unit=False),
     Stimulus.INTERRUPT_PERMITTED: _sets(interrupt_permitted=True),
@@ -116,12 +116,12 @@ CHANGES: Mapping[Stimulus, Change] = {
     Stimulus.OPERATION_SYNCHRONISE: _sets(Mark.OBSERVED, mode=Mode.OPERATION_SYNCHRONISE),
     #
     Stimulus.SEQUENCE_START: _sets(Mark.OBSERVED, activity=Activity.SEQUENCE),
-    Stimulus.SEQUENCE_END: _sets(Mark.OBSERVED, activity=Activity.NONE),  # queued points are moved to
+    Stimulus.SEQUENCE_END: _sets(Mark.OBSERVED, activity=Activity.NONE),  # queued points are still reached
     Stimulus.PROGRAM_START: _sets(Mark.OBSERVED, activity=Activity.PROGRAM),
     Stimulus.PROGRAM_END: _sets(activity=Activity.NONE),
-    Stimulus.STOP: _halts(Mark.OBSERVED),  # assumed: a movement sequence as well
+    Stimulus.STOP: _halts(Mark.OBSERVED),  # assumed: it also ends a movement sequence
 }
-"""Every stimulus in every state: a field that it does not name stays."""
+"""Effect of every event. Fields that an effect does not name keep their values."""
 
 MODE_ORDERS: Mapping[Mode, Stimulus] = {
     Mode.STANDBY: Stimulus.STANDBY,
@@ -132,19 +132,21 @@ MODE_ORDERS: Mapping[Mode, Stimulus] = {
 
 
 def initial(profile: S3Profile) -> State:
-    """Return a controller found running: powered up with this profile, with nothing pressed or turned."""
+    """Return the initial state of a running controller with this profile. No button is pressed and no key is turned."""
     return State(Mode(profile.power_up_mode), profile.link_control)
 
 
 def after(state: State, stimulus: Stimulus, profile: S3Profile) -> State:
-    """Return the state that follows. Buttons, keys and plugs stay as they are over a power-up."""
+    """Return the state after an event. A power-up does not change buttons, keys and plugs."""
     if stimulus is Stimulus.POWER_UP:
         state = replace(state, mode=Mode(profile.power_up_mode), link_control=profile.link_control)
     return replace(state, **CHANGES[stimulus].values)
 
 
 def status_flags(state: State, moving: bool, profile: S3Profile) -> dict[str, bool]:
-    """Bits of the status answer's bytes 16 (assumed) and 17 (observed), by name; `moving` is the arm."""
+    """Return the bits of bytes 16 (assumed) and 17 (observed) of the status, by name. `moving` states whether the
+    arm moves.
+    """
     stopped = state.emergency_stop and not profile.emergency_stop_keeps_standby
     return {
         "local": not state.link_control,
@@ -160,20 +162,20 @@ def status_flags(state: State, moving: bool, profile: S3Profile) -> dict[str, bo
 
 @dataclass(frozen=True, slots=True)
 class RefusalRule:
-    """A code that refuses some orders in some states."""
+    """Rule that refuses certain orders in certain states."""
 
     code: int | None
-    """None for the profile's `no_control_refusal`."""
+    """Refusal code; None selects the profile's `no_control_refusal`."""
     when: Mapping[str, object]
-    """Fields and properties of `State` with the values that they must have."""
+    """Values of fields and properties of `State` for which the rule applies."""
     functions: tuple[int, ...] = ()
-    """Function codes that are refused; empty for all but read status."""
+    """Function codes that are refused; if empty, all except the one that reads the status."""
     suffixes: tuple[int, ...] = ()
-    """Suffixes that are refused; empty for all."""
-    taken_too: bool = True
-    """It also refuses a point that was accepted and whose answer waits until it is reached."""
+    """Suffixes that are refused; if empty, all."""
+    includes_accepted: bool = True
+    """Whether the rule also refuses an accepted point whose answer waits until it is reached."""
     mark: Mark = field(default=Mark.ASSUMED, kw_only=True)
-    """Mark of the condition."""
+    """Mark of the rule's condition."""
 
 
 _START, _MOVE, _MODE = FunctionCode.START_PROGRAM, FunctionCode.MOVE, FunctionCode.WRITE_MODE
@@ -190,21 +192,27 @@ REFUSALS: tuple[RefusalRule, ...] = (
     RefusalRule(RefusalCode.PROGRAM_RUNNING, {"activity": Activity.PROGRAM}, (_START, _MOVE)),
     RefusalRule(RefusalCode.NOT_POSSIBLE, {"activity": Activity.SEQUENCE}, (_START,)),
     RefusalRule(
-        RefusalCode.OUTSIDE_WORK_AREA,  # or no start point, says the code
+        RefusalCode.OUTSIDE_WORK_AREA,  # the code also means that there is no start point
         {"activity": Activity.NONE},
         (_MOVE,),
         (MoveKind.POINT, MoveKind.END),
-        taken_too=False,
+        includes_accepted=False,
     ),
 )
-"""The first rule that fits refuses; errors of the order itself are looked at afterwards."""
+"""Refusal rules. The first matching rule applies. Errors of the order itself are checked afterwards."""
 
 
 def refusal(state: State, function: int, suffix: int, profile: S3Profile, taken: bool = False) -> int | None:
-    """Return the code that refuses an order in this state, or None. `taken`: a point that was accepted already."""
+    """Return the code that refuses an order in this state, or None. `taken` states whether the point was accepted
+    before.
+    """
     for rule in REFUSALS:
         concerned = function in rule.functions if rule.functions else function != FunctionCode.READ_STATUS
-        if not concerned or (rule.suffixes and suffix not in rule.suffixes) or (taken and not rule.taken_too):
+        if (
+            not concerned
+            or (rule.suffixes and suffix not in rule.suffixes)
+            or (taken and not rule.includes_accepted)
+        ):
             continue
         if all(getattr(state, name) == value for name, value in rule.when.items()):
             return profile.no_control_refusal if rule.code is None else rule.code

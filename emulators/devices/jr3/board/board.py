@@ -1,8 +1,9 @@
-"""The JR3 DSP receiver board: a memory that a sensor fills and a host reads and writes, told the time.
+"""JR3 DSP receiver board: a memory that a sensor fills and that a host reads and writes; the caller passes the
+time.
 
-Samples are computed in blocks up to the time asked for, and further as far as the sensor predicts. So a read is a
-look-up. A host's write that changes the computation throws away the samples computed ahead. So does a sensor whose
-samples will be others.
+Samples are computed in blocks up to the requested time, and further as far as the sensor predicts, so that a read
+is a look-up. A host's write that affects the computation discards the samples computed ahead. A change of the
+sensor's predicted samples also discards them.
 """
 
 import math
@@ -31,9 +32,9 @@ from protocol.devices.jr3.board import (
 )
 
 _EPSILON = 1e-6
-"""Share of a sample period by which a time may be too early through rounding."""
+"""Share of a sample period by which a time may be too early because of rounding."""
 _AHEAD_S = 1.0
-"""More than is ever computed ahead, for a source that is committed for ever."""
+"""Limit of the computation ahead for a source that is committed for ever, s. It is never reached."""
 _FULL_SCALES = REGISTERS["full_scale"].address
 _COMMAND_WORDS = REGISTERS["command_word2"].address
 
@@ -43,15 +44,15 @@ class Phase(Enum):
 
     BOOT = auto()
     SILENT = auto()
-    """No samples come, which the watch dog has not noticed yet."""
+    """No samples arrive, but the watchdog has not detected this yet."""
     UNPLUGGED = auto()
     READING = auto()
-    """The calibration is coming in."""
+    """The calibration is being received."""
     RUNNING = auto()
 
 
 class _Due(Enum):
-    """Events that are due at a time; in this order when times are equal."""
+    """Events that are due at a time. Events with equal times are processed in this order."""
 
     BOOTED = auto()
     CALIBRATED = auto()
@@ -62,18 +63,18 @@ class _Due(Enum):
 
 
 class Board:
-    """Implements `protocol.devices.jr3.board.Registers`.
+    """Implementation of `protocol.devices.jr3.board.Registers`.
 
-    Nothing that a host writes raises, but words outside the memory: RemoteProtocolError. A command written while
-    another runs is lost (assumed).
+    A host's write raises an error, RemoteProtocolError, only for words outside the memory. A command written while
+    another is running is lost (assumed).
     """
 
     def __init__(
         self, profile: BoardProfile, sensor: Jr3Sensor, powered_at: float, filter_number: int = 0
     ) -> None:
-        """`filter_number`, 0 … 6, is the filter that the client reads, for `sampled_at` alone."""
+        """Power up. `filter_number`, 0 … 6, is the filter that the client reads. Only `sampled_at` uses it."""
         self.jr3 = sensor
-        """The sensor in its plug."""
+        """Connected sensor."""
         self._filter_read = filter_number
         self._profile = profile
         self._sensor = sensor
@@ -98,46 +99,46 @@ class Board:
     # --- a host's side
 
     def read(self, address: int, count: int, now: float) -> tuple[int, ...]:
-        """Raw words 0…65535 of one moment. Raises RemoteProtocolError outside the memory."""
+        """Return raw words 0…65535, all of the same sample. Raises RemoteProtocolError outside the memory."""
         check_range(address, count)
         self._advance(now)
         words = self._processor.read(address, count)
-        return tuple(self._told(address, words) if self._scales.faulty else words)
+        return tuple(self._falsify(address, words) if self._scales.faulty else words)
 
     def burst(self, address: int, count: int, now: float) -> bytes:
-        """Return the same words as a wire carries them. Raises RemoteProtocolError outside the memory."""
+        """Return the words of `read` as bytes for a wire. Raises RemoteProtocolError outside the memory."""
         check_range(address, count)
         self._advance(now)
         if self._scales.faulty:
-            return struct.pack(f">{count}H", *self._told(address, self._processor.read(address, count)))
+            return struct.pack(f">{count}H", *self._falsify(address, self._processor.read(address, count)))
         return self._processor.burst(address, count)
 
-    def _told(self, address: int, words: Sequence[int]) -> Sequence[int]:
-        """Words in which the full scales that a host reads are falsified."""
+    def _falsify(self, address: int, words: Sequence[int]) -> Sequence[int]:
+        """Falsify the full scales among words read by a host."""
         at = _FULL_SCALES - address
         if not 0 <= at <= len(words) - len(AXES):
             return words
         end = at + len(AXES)
-        return (*words[:at], *self._scales.told(words[at:end]), *words[end:])
+        return (*words[:at], *self._scales.falsified(words[at:end]), *words[end:])
 
     @property
     def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
-        """Faults of the receiver and the sensor, by target, for a ledger."""
+        """Fault handlers of the receiver and the sensor, by target, for a ledger."""
         return {
             "signal": self.jr3.signal.handlers,
-            "sensor": {**self._scales.handlers, "unplugged": Handler(self._pulled, self._put_back)},
+            "sensor": {**self._scales.handlers, "unplugged": Handler(self._begin_unplugged, self._put_back)},
         }
 
     @property
     def endpoint(self) -> Self:
-        """The board itself is the registers that a host reads."""
+        """The board itself: the registers that a host reads."""
         return self
 
-    def _pulled(self, injection: Injection) -> None:
+    def _begin_unplugged(self, injection: Injection) -> None:
         if injection.values["sensor"] == SECOND:
             default_full_scales(
                 self._profile, self._profile.second.of(self._first)
-            )  # or it cannot be plugged in
+            )  # raises an error if the sensor cannot be plugged in
         injection.struck += self._plugged
         self.unplug(injection.injected_at)
 
@@ -152,28 +153,33 @@ class Board:
             self._write(address + offset, from_signed(word))
 
     def read_word(self, address: int, now: float) -> int:
-        """One word, 0…65535. Raises RemoteProtocolError outside the memory."""
+        """Return one word, 0…65535. Raises RemoteProtocolError outside the memory."""
         return self.read(address, 1, now)[0]
 
     def write_word(self, address: int, value: int, now: float) -> None:
-        """One word; a negative value is its two's complement. Raises RemoteProtocolError outside the memory."""
+        """Write one word; a negative value is stored as two's complement. Raises RemoteProtocolError outside the
+        memory.
+        """
         self.write(address, (value,), now)
 
     def command(self, code: int, now: float, word1: int = 0, word2: int = 0) -> float:
-        """Write the three command words; when command_word0 will be cleared, or be negative."""
+        """Write the three command words. Return the time at which command_word0 will be cleared or become negative,
+        s.
+        """
         self.write(_COMMAND_WORDS, (word2, word1, code), now)
         return self._due.get(_Due.COMMAND, self._now)
 
     def reset(self, now: float) -> None:
-        """Start the board's program again. Assumed: the words that the host had written are lost."""
+        """Restart the board's program. Assumed: words written by the host are lost."""
         self._advance(now)
         self._processor.sampling.cut()
         self._start(self._now)
 
     def load(self, address: int, words: Sequence[int], now: float) -> None:
-        """Reset it for a program, or take instructions, which are not looked at: it runs its own.
+        """Reset the board for a program, or accept instructions. Instructions are ignored: the board runs its own
+        program.
 
-        Raises RemoteProtocolError for what a processor could not be loaded with.
+        Raises RemoteProtocolError for data that cannot be loaded into a processor.
         """
         check_instructions(address, words)
         if not words:
@@ -182,8 +188,10 @@ class Board:
     # --- the truth, which no wire tells
 
     def sampled_at(self, counter: int) -> float | None:
-        """When the sensor measured the newest sample of the filter read that a host has seen with this count, s; None
-        where there is none since the reset. Filter 0 has the count of filter 1.
+        """Return the time at which the sensor measured the newest sample with this count that a host has read, s.
+
+        The count is that of the filter that the client reads; filter 0 uses the count of filter 1. None if there
+        has been no such sample since the reset.
         """
         number = max(self._filter_read, 1)
         step, sampling = FILTER_STEPS[number], self._processor.sampling
@@ -195,7 +203,7 @@ class Board:
     # --- the sensor's plug
 
     def unplug(self, now: float) -> None:
-        """Pull the sensor's plug; harmless when it is out."""
+        """Unplug the sensor. Idempotent."""
         self._advance(now)
         if not self._plugged:
             return
@@ -209,7 +217,7 @@ class Board:
         self._due[_Due.BARK] = self._now + self._profile.watch_dog_s
 
     def plug_in(self, now: float, *, second: bool = False) -> None:
-        """Put the first sensor's plug in, or the second's; harmless when one is in."""
+        """Plug in the first or the second sensor. No effect if a sensor is already connected."""
         self._advance(now)
         if self._plugged:
             return
@@ -245,13 +253,13 @@ class Board:
             return
         computing = self._phase is Phase.RUNNING and not (self._order and self._order.busy)
         settings = processor.settings if computing else None
-        processor.sampling.run(sample, settings, self._predicted_sample)
+        processor.sampling.run(sample, settings, self._find_predicted_sample)
 
     def _invalidate(self, first: int) -> None:
         self._processor.sampling.invalidate(first)
 
-    def _predicted_sample(self) -> int:
-        """Return the last sample that can be computed now and will most likely be needed."""
+    def _find_predicted_sample(self) -> int:
+        """Return the number of the last sample that can be computed now and will most likely be needed."""
         sample = self._sample_at(min(self._sensor.predicted_until(self._now), self._now + _AHEAD_S))
         return min(sample, self._sample_at(min(self._due.values()))) if self._due else sample
 
@@ -268,7 +276,7 @@ class Board:
             status |= int(Errors.CALIBRATION_CRC | Errors.SYSTEM_BUSY)
         self._processor.memory.status = status
 
-    def _booted(self, at: float) -> None:
+    def _on_boot(self, at: float) -> None:
         if self._plugged:
             self._begin_reading(at)
         else:
@@ -279,7 +287,7 @@ class Board:
         self._set_phase(Phase.READING)
         self._due[_Due.CALIBRATED] = at + self._profile.calibration_s
 
-    def _calibrated(self, at: float) -> None:
+    def _on_calibration(self, at: float) -> None:
         self._processor.identify_sensor(self._profile.second if self._holds_second else None)
         self._set_phase(Phase.RUNNING)
         self._due[_Due.ZEROED] = at + self._profile.offsets_zeroed_s
@@ -288,7 +296,7 @@ class Board:
         self._processor.lose_sensor(zero=self._profile.unplugged_data == "zero")
         self._set_phase(Phase.UNPLUGGED)
 
-    def _zeroed(self, _at: float) -> None:
+    def _on_zero(self, _at: float) -> None:
         self._processor.zero_offsets()
 
     def _adopt(self, _at: float) -> None:
@@ -312,17 +320,17 @@ class Board:
                 self._due[_Due.COMMAND] = self._now + seconds
 
     def _adopt_soon(self) -> None:
-        """Have the host's words looked at before the next sample whose number is a multiple of the period."""
+        """Schedule the reading of the host's words before the next sample whose number is a multiple of the period."""
         period = self._profile.adoption_samples
         sample = (self._processor.sampling.sample // period + 1) * period
         self._due.setdefault(_Due.ADOPT, (self._origin + sample - 0.5) / SENSOR_RATE_HZ)
 
 
 _HANDLERS: dict[_Due, Callable[[Board, float], None]] = {
-    _Due.BOOTED: Board._booted,
-    _Due.CALIBRATED: Board._calibrated,
+    _Due.BOOTED: Board._on_boot,
+    _Due.CALIBRATED: Board._on_calibration,
     _Due.BARK: Board._bark,
-    _Due.ZEROED: Board._zeroed,
+    _Due.ZEROED: Board._on_zero,
     _Due.ADOPT: Board._adopt,
     _Due.COMMAND: Board._command_done,
 }

@@ -1,12 +1,12 @@
-"""From raw channels to every word that the board computes, a block of samples at a time.
+"""Computation of every word from the raw channels, a block of samples at a time.
 
-raw channels → decoupled, moved and turned, in counts of full scale → minus offsets → filter0 → filter1 → … →
-filter6; beside it vectors, rate, load envelope, peaks and saturation.
+raw channels → decoupled, translated and rotated, in counts of full scale → minus offsets → filter0 → filter1 → … →
+filter6; in parallel vectors, rate, load envelope, peaks and saturation.
 
 Known: the order of the steps, the rates, the shape of the filters. Assumed: the arithmetic. Words are rounded to
-nearest and stop at the ends of 16 bits; the filters pass on values that are not rounded. Vectors are Euclidean norms of
-rounded words; the rate is the difference between two calculations. Saturation bits tell of the newest sample only. A
-filter keeps its state over a change of settings, so that the change is a step to it.
+nearest and saturate at 16 bits; the filters pass on unrounded values. Vectors are Euclidean norms of rounded words;
+the rate is the difference between two calculations. Saturation bits refer to the newest sample only. A filter keeps
+its state when settings change, so that the change acts as a step.
 """
 
 from collections.abc import Mapping
@@ -25,83 +25,87 @@ from protocol.devices.jr3.board import FILTERS, VECTORS, WORD_MODULUS, LoadEnvel
 
 Floats = NDArray[np.float64]
 Samples = TypeVar("Samples", int, NDArray[np.int64])
-"""Numbers of one sample or of many."""
+"""Number of one sample, or of many."""
 
 _LOWEST, _HIGHEST = -32768.0, 32767.0
 
 
 @dataclass(frozen=True)
 class PathSettings:
-    """Settings that the computation follows; constant over a block."""
+    """Settings of the computation, constant within a block."""
 
     counts_per_raw: Floats
-    """(6 axes, 6 channels): calibration, transform and full scales in one."""
+    """Calibration, transform and full scales in one matrix (6 axes, 6 channels)."""
     wraps: NDArray[np.bool_]
-    """(6,) axes whose full scale is too small, so that their words overflow instead of stopping."""
+    """Axes whose full scale is so small that their words overflow instead of saturating (6,)."""
     offsets: Floats
-    """(6,) counts."""
+    """Offsets (6,), counts."""
     vector_weights: Floats
-    """(2, 6): squares of each axis' full scale by the vector's; 0 for an axis that does not belong."""
+    """Squares of each axis' full scale divided by the vector's full scale (2, 6); 0 for an axis that is not part of
+    the vector.
+    """
     near_saturation: int
     saturation: int
     peak_address: int
     rate_address: int
     rate_divisor: int
-    """1 … 65536."""
+    """Divisor of the rate, 1 … 65536."""
     envelope: LoadEnvelope
     constants: Mapping[int, int]
-    """Signed words that are watched but not computed, by address."""
+    """Monitored signed words that are not computed, by address."""
 
 
 @dataclass(frozen=True)
 class PathState:
-    """State that the computation carries from block to block."""
+    """State of the computation between blocks."""
 
     stages: tuple[Floats, ...]
-    """(6, `ORDER`) for each of filter1 … filter6."""
+    """States of filter1 … filter6 (6, `ORDER`)."""
     last: Words
-    """The newest words of every trace, where `NEWEST` says."""
+    """Newest words of all traces, laid out by `NEWEST`."""
     rate_count: int = 0
     rate_values: Words | None = None
-    """(8,) the words of the last calculation of the rate; None before the first."""
+    """Words at the last calculation of the rate (8,); None before the first calculation."""
     minimum: Words | None = None
-    """(8,) peaks; None until a sample has come after they were reset."""
+    """Minimum peaks (8,); None from a reset until the next sample."""
     maximum: Words | None = None
     sampled: int = -1
-    """Number of the newest sample computed."""
+    """Number of the newest computed sample."""
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Data from which the words of a block were computed, and results that are not rounded to words."""
+    """Inputs of a block's computation, and results before rounding."""
 
     settings: PathSettings
     raw: NDArray[np.int64]
-    """(n, 6)"""
+    """Raw channels (n, 6)."""
     plan: Plan
     signal: Floats
-    """(6, n) filter0."""
+    """Output of filter0 (6, n)."""
     stages: tuple[Floats, ...]
-    """State of the filters after all n samples."""
+    """States of the filters after all n samples."""
     rate_seen: Words
-    """(8, calculations) what the rate looked at."""
+    """Inputs of the rate calculation (8, calculations)."""
     rate_first: int
-    """Sample of its first calculation."""
+    """Sample of the first rate calculation."""
 
 
 @dataclass(slots=True)
 class Block:
-    """Samples `start` … `end` − 1. They may be made fewer: no word tells of samples after it."""
+    """Samples `start` … `end` − 1 with their words. The block may be shortened, because no word depends on later
+    samples.
+    """
 
     start: int
     end: int
     before: PathState
     traces: Traces
     source: Source | None
-    """None for samples that the board let pass."""
+    """Inputs and unrounded results of the computation; None for samples that the board skipped."""
 
     def rate_count(self, sample: Samples) -> Samples | int | NDArray[np.int64]:
-        """Word `rate_count` after each of these samples."""
+        """Return the word `rate_count` after each of the given samples."""
         source = self.source
         if source is None:
             return self.before.rate_count
@@ -109,11 +113,11 @@ class Block:
         return np.where(since < 0, (since + divisor) % WORD_MODULUS, since % divisor)
 
     def sampled(self, sample: Samples) -> Samples | int:
-        """Return the number of the newest sample computed up to each of these."""
+        """Return, for each of the given samples, the number of the newest computed sample."""
         return self.before.sampled if self.source is None else sample
 
     def after(self) -> PathState:
-        """State that the computation carries on to the next block."""
+        """Return the state of the computation at the start of the next block."""
         source, before = self.source, self.before
         if source is None:
             return before
@@ -130,27 +134,27 @@ class Block:
         return PathState(stages, last, int(self.rate_count(newest)), rate_values, minimum, maximum, newest)
 
 
-def at_rest() -> PathState:
-    """Return a path without any input yet."""
+def initial_state() -> PathState:
+    """Return the initial state of a data path that has received no input."""
     return PathState(
         tuple(np.zeros((len(AXES), ORDER)) for _ in range(FILTERS - 1)),
         np.zeros(sum(TRACE_WORDS.values()), np.int16),
     )
 
 
-_HELD = Places.of({name: Place(NEVER, 1, where.start, 1, 1) for name, where in NEWEST.items()})
+_SKIPPED = Places.of({name: Place(NEVER, 1, where.start, 1, 1) for name, where in NEWEST.items()})
 
 
-def held(state: PathState, start: int, end: int) -> Block:
-    """Return samples that the board skips: every word keeps its value."""
-    return Block(start, end, state, Traces(state.last, start, _HELD), None)
+def skipped_block(state: PathState, start: int, end: int) -> Block:
+    """Return a block of skipped samples, in which every word keeps its value."""
+    return Block(start, end, state, Traces(state.last, start, _SKIPPED), None)
 
 
 def block(state: PathState, settings: PathSettings, raw: NDArray[np.int64], start: int) -> Block:
-    """Compute `raw` (n > 0, 6), whose first sample has the number `start`."""
+    """Compute the words for `raw` (n > 0, 6), whose first sample has the number `start`."""
     length, end = len(raw), start + len(raw)
     rate_step, envelope = settings.rate_divisor, settings.envelope
-    # A count past the divisor has to wrap around 16 bits before it meets it.
+    # A count that exceeds the divisor has to wrap around at 16 bits before it reaches the divisor.
     wait = (rate_step - state.rate_count - 1) % WORD_MODULUS
     plan = plan_of(
         start % FILTER_STEPS[-1],
@@ -165,10 +169,10 @@ def block(state: PathState, settings: PathSettings, raw: NDArray[np.int64], star
     traces = Traces(words, start, plan.places)
     traces["raw"].values[:, 1:] = raw.T
     _saturation(settings, raw, traces)
-    rate_seen = _rate(state, settings, traces, end)
+    rate_inputs = _rate(state, settings, traces, end)
     _thresholds(settings, traces, end)
     return Block(
-        start, end, state, traces, Source(settings, raw, plan, signal, stages, rate_seen, start + wait)
+        start, end, state, traces, Source(settings, raw, plan, signal, stages, rate_inputs, start + wait)
     )
 
 
@@ -184,7 +188,9 @@ def _saturation(settings: PathSettings, raw: NDArray[np.int64], traces: Traces) 
 def _filters(
     state: PathState, settings: PathSettings, raw: NDArray[np.int64], plan: Plan, words: Words
 ) -> tuple[Floats, tuple[Floats, ...]]:
-    """Words of all filters, their vectors and counts into `words`; filter0 not rounded, and the states after."""
+    """Compute the words, vectors and counts of all filters into `words`. Return the unrounded output of filter0,
+    and the new states.
+    """
     signal = settings.counts_per_raw @ raw.T
     signal -= settings.offsets[:, np.newaxis]
     if settings.wraps.any():
@@ -212,7 +218,10 @@ def _filters(
 def _cascade(
     signal: Floats, plan: Plan, stages: tuple[Floats, ...]
 ) -> tuple[list[Floats], tuple[Floats, ...]]:
-    """Output of each filter from filter0, from `stages` on, until one has no sample; the filters' states after."""
+    """Return the output of each filter, and the new filter states.
+
+    `stages` are the states before the block. Filters that compute no sample in the block are left out.
+    """
     outputs, after = [signal], list(stages)
     for n, part in enumerate(plan.parts[1:]):
         signal = signal[:, part.taken]
@@ -230,24 +239,24 @@ def _limit(signal: Floats) -> None:
 
 
 def _rate(state: PathState, settings: PathSettings, traces: Traces, end: int) -> Words:
-    """Words of the rate into `traces`; the words that it has seen (8, calculations)."""
+    """Compute the words of the rate into `traces`. Return the inputs of the calculation (8, calculations)."""
     rate = traces["rate"]
     ticks = np.arange(rate.first, end, rate.step)
     before = traces.without("rate", "threshold_bits")
-    seen = watched(before, settings.constants, settings.rate_address, ticks)
+    inputs = watched(before, settings.constants, settings.rate_address, ticks)
     if len(ticks):
-        levels = np.empty((len(seen), len(ticks) + 1), np.int32)
-        levels[:, 0] = seen[:, 0] if state.rate_values is None else state.rate_values
-        levels[:, 1:] = seen
+        levels = np.empty((len(inputs), len(ticks) + 1), np.int32)
+        levels[:, 0] = inputs[:, 0] if state.rate_values is None else state.rate_values
+        levels[:, 1:] = inputs
         changes = levels[:, 1:] - levels[:, :-1]
         rate.values[:, 1:] = np.minimum(np.maximum(changes, int(_LOWEST)), int(_HIGHEST))
-    return seen
+    return inputs
 
 
 def _thresholds(settings: PathSettings, traces: Traces, end: int) -> None:
     bits = traces["threshold_bits"]
     ticks = np.arange(bits.first, end, bits.step)
     if len(ticks):
-        standing = int(bits.values[0, 0])
+        previous_bits = int(bits.values[0, 0])
         before = traces.without("threshold_bits")
-        bits.values[0, 1:] = latch(before, settings.constants, settings.envelope, ticks, standing)
+        bits.values[0, 1:] = latch(before, settings.constants, settings.envelope, ticks, previous_bits)

@@ -1,7 +1,7 @@
-"""The board's cascade of low passes and the rates at which its parts run.
+"""The board's cascade of low-pass filters, and the rates of its parts.
 
-Source: JR3 manual 5907E for the rates. The shape is identified from the manual's plots, so derived. Every stage is the
-same elliptic filter at a quarter of the rate of the stage before.
+Source: JR3 manual 5907E for the rates. The shape is identified from the manual's plots, hence derived. Every stage
+is the same elliptic filter at a quarter of the rate of the previous stage.
 """
 
 from functools import lru_cache
@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 FILTER_STEPS = (1, 1, 4, 16, 64, 256, 1024)
-"""Samples from one calculation of filter0 … filter6 to the next."""
+"""Samples between two calculations of filter0 … filter6."""
 VECTOR_STEPS = (2, 4, 16, 64, 256, 256, 1024)
-"""The same for their vectors."""
+"""Samples between two calculations of the vectors of filter0 … filter6."""
 THRESHOLD_STEP = 4
-"""The same for load envelopes."""
+"""Samples between two comparisons with the load envelopes."""
 ORDER = 6
-"""States of a stage: two for each of its second-order sections."""
+"""Number of states of a stage: two for each second-order section."""
 
 SECTION_COEFFICIENTS = (
     (
@@ -30,30 +30,32 @@ SECTION_COEFFICIENTS = (
     (1.0, -1.0040359379625765, 0.9999999999999998, -1.6679881051392706, 0.7603974028945926),
     (1.0, -1.3755248617554885, 0.9999999999999998, -1.7737167502860054, 0.9137563288854567),
 )
-"""b0 b1 b2 a1 a2 of each section, a0 = 1; gain 1 at 0 Hz. Derived: an elliptic low pass of order 6, 0.02 dB and 80 dB,
-whose pass band ends at 438.069 Hz of 8000 Hz. That puts −3.01 dB at a sixteenth of the rate."""
+"""Coefficients b0 b1 b2 a1 a2 of each section, with a0 = 1 and gain 1 at 0 Hz. Derived: an elliptic low-pass of
+order 6, 0.02 dB and 80 dB, whose pass band ends at 438.069 Hz of 8000 Hz. Its −3.01 dB point is a sixteenth of the
+rate.
+"""
 
 _BLOCK = 128
-"""Most samples of one matrix product. Chosen: the matrix stays in the processor's cache."""
+"""Maximum number of samples in one matrix product. Chosen: the matrix fits the processor's cache."""
 
 Floats = NDArray[np.float64]
 
 
 class _Products(NamedTuple):
-    """A stage as matrices for samples u (6, n) from a state x (6, `ORDER`): y = u·T + x·O, after = u·W + x·P."""
+    """One stage as matrices, for samples u (6, n) from a state x (6, `ORDER`): y = u·T + x·O, after = u·W + x·P."""
 
     through: Floats
-    """T, (block, block): the impulse response. Its first n rows and columns serve n samples."""
+    """T, (block, block): the impulse response. Its first n rows and columns apply to n samples."""
     ringing: Floats
     """O, (`ORDER`, block)."""
     driven: Floats
-    """W, (block, `ORDER`). Its last n rows serve n samples."""
+    """W, (block, `ORDER`). Its last n rows apply to n samples."""
     powers: Floats
     """P for 0 … block samples, (block + 1, `ORDER`, `ORDER`)."""
 
 
 def run_stage(signal: Floats, state: Floats) -> tuple[Floats, Floats]:
-    """One stage over samples (6, n) from `state` (6, `ORDER`): its output (6, n) and its state after."""
+    """Run one stage over samples (6, n) from `state` (6, `ORDER`). Return the stage's output (6, n) and new state."""
     products, output, count = _products(), np.empty_like(signal), signal.shape[1]
     for begin in range(0, count, _BLOCK):
         part = signal[:, begin : begin + _BLOCK]
@@ -65,7 +67,7 @@ def run_stage(signal: Floats, state: Floats) -> tuple[Floats, Floats]:
 
 @lru_cache(maxsize=1)
 def _products() -> _Products:
-    """Made by letting the stage run, sample by sample, from each of its states and from an impulse."""
+    """Compute the matrices by running the stage, sample by sample, from each of its states and from an impulse."""
     states, outputs = [np.eye(ORDER)], []
     for _ in range(_BLOCK):
         output, after = _sample(np.zeros(ORDER), states[-1])
@@ -84,7 +86,7 @@ def _products() -> _Products:
 
 
 def _sample(signal: Floats, state: Floats) -> tuple[Floats, Floats]:
-    """One sample (m,) through the sections from states (m, `ORDER`), as the recursion is written."""
+    """Pass one sample (m,) through the sections from the states (m, `ORDER`), by direct recursion."""
     after = np.empty_like(state)
     for n, (b0, b1, b2, a1, a2) in enumerate(SECTION_COEFFICIENTS):
         first, second = 2 * n, 2 * n + 1

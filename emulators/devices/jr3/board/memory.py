@@ -1,4 +1,4 @@
-"""The board's memory as the host sees it: words that lie there, and words that are computed."""
+"""The board's memory as a host sees it: stored words and computed words."""
 
 from collections.abc import Sequence
 from enum import Enum, auto
@@ -26,18 +26,18 @@ _ERRORS = REGISTERS["errors"].address
 _RATE_COUNT = REGISTERS["rate_count"].address
 _COUNT_X = REGISTERS["count_x"].address
 _RAW_WORDS = 4
-"""Words from one raw channel to the next."""
+"""Number of words from one raw channel to the next."""
 
 
 class Use(Enum):
-    """Ways in which the board treats a word that the host has written."""
+    """How the board treats a word written by the host."""
 
     IGNORE = auto()
-    """The board's own; assumed: it writes it over at once."""
+    """The board writes this word itself. Assumed: it overwrites the host's value at once."""
     STORE = auto()
-    """Looked at when a command asks for it, or never."""
+    """The board reads the word when a command requires it, or never."""
     ADOPT = auto()
-    """Looked at every so many samples."""
+    """The board reads the word periodically, after a number of samples."""
     COMMAND = auto()
     RATE_COUNT = auto()
     ERRORS = auto()
@@ -64,7 +64,7 @@ _USES = {
 
 
 def use_of(address: int) -> Use:
-    """Return how the board treats a word that the host writes there."""
+    """Return how the board treats a word written to an address by the host."""
     if address >= RAM_WORDS:
         return Use.IGNORE
     found = register_at(address)
@@ -79,11 +79,11 @@ def use_of(address: int) -> Use:
 
 
 class Memory:
-    """16 k words. `channels` has a bit for each raw channel that is received."""
+    """Memory of 16 k words. `channels` has one bit for each received raw channel."""
 
     def __init__(self, channels: int, idle_hz: float) -> None:
         self.words = [0] * MEMORY_WORDS
-        """Written by `store` and `put` alone."""
+        """Stored words. Only `store` and `put` write them."""
         self.changes = 0
         """Number of writes."""
         self._status = 0
@@ -91,12 +91,12 @@ class Memory:
         self._idle_per_sample = idle_hz / SENSOR_RATE_HZ
 
     def read(self, address: int, count: int, block: Block, sample: int) -> list[int]:
-        """Words after a sample of a block."""
+        """Return words after a sample of a block."""
         words = self.words[address : address + count]
         for piece in pieces(address, count):
-            stand = block.traces[piece.trace].words(sample)
+            values = block.traces[piece.trace].words(sample)
             end = piece.offset + piece.end - piece.begin
-            words[piece.offset : end] = stand[piece.begin : piece.end]
+            words[piece.offset : end] = values[piece.begin : piece.end]
         for at in _live(address, count):
             words[at - address] = int(self._live_word(at, block, sample))
         if address <= _ERRORS < address + count:
@@ -104,14 +104,14 @@ class Memory:
         return words
 
     def pack(self, address: int, count: int, block: Block, samples: range) -> bytes:
-        """Answer of `read` after each of these samples, big-endian."""
+        """Return the result of `read` after each of the given samples, as big-endian bytes."""
         rows = np.empty((len(samples), count), ">u2")
         rows[:] = self.words[address : address + count]
         offset = samples.start - block.start
         part = block.traces.lookup(address, count, offset, len(samples), samples.step)
-        found = block.traces.words.view(np.uint16).take(part.indices)
+        values = block.traces.words.view(np.uint16).take(part.indices)
         for begin, end, here, there in part.runs:
-            rows[:, begin:end] = found[:, here:there]
+            rows[:, begin:end] = values[:, here:there]
         for at in _live(address, count):
             rows[:, at - address] = self._live_word(at, block, np.array(samples))
         if address <= _ERRORS < address + count:
@@ -120,7 +120,7 @@ class Memory:
 
     @property
     def status(self) -> int:
-        """Bits of `errors` beside those of saturation."""
+        """Bits of `errors`, except the saturation bits."""
         return self._status
 
     @status.setter
@@ -129,27 +129,27 @@ class Memory:
         self.changes += 1
 
     def _live_word(self, at: int, block: Block, sample: Samples) -> float | NDArray[Any]:
-        """Return a word, after each of these samples, that follows from the number of the sample alone."""
+        """Return a word that depends only on the sample number, after each of the given samples."""
         if at == _RATE_COUNT:
             return block.rate_count(sample)
         if at == _COUNT_X:
             return (sample + 1) * self._idle_per_sample // 1 % WORD_MODULUS
         if not self._channels >> at // _RAW_WORDS & 1:
             return 0
-        # Assumed: all channels of a sample come at once.
+        # Assumed: all channels of a sample arrive at the same time.
         return (block.sampled(sample) + 1) * CLOCK_HZ // SENSOR_RATE_HZ % WORD_MODULUS
 
     def get(self, name: str) -> tuple[int, ...]:
-        """Words that lie in a register, with their sign."""
+        """Return the stored words of a register, as signed numbers."""
         register = REGISTERS[name]
         return register.values(self.words[register.address : register.address + register.count])
 
     def value(self, name: str) -> int:
-        """Return a register of one word."""
+        """Return the value of a one-word register."""
         return self.get(name)[0]
 
     def put(self, name: str, *values: int) -> None:
-        """Words into a register from its start."""
+        """Write words to a register from its start."""
         address = REGISTERS[name].address
         self.words[address : address + len(values)] = map(from_signed, values)
         self.changes += 1
@@ -160,6 +160,6 @@ class Memory:
         self.changes += 1
 
     def slots(self, name: str) -> Sequence[int]:
-        """All words from the start of a slot to the end of its table, for an entry may be longer than its slot."""
+        """Return all words from the start of a slot to the end of its table. An entry may be longer than its slot."""
         table = REGISTERS[name.rstrip("0123456789") + "15"]
         return self.words[REGISTERS[name].address : table.address + table.count]

@@ -1,7 +1,7 @@
-"""Where the words of a block of samples are calculated, and where they lie: all in one array.
+"""Schedule and memory layout of a block's calculations, all in one array.
 
-It follows from the block's length, its place on the grid of the slowest filter and a few settings alone. So a plan is
-made once for many blocks.
+The plan depends only on the block's length, its position on the grid of the slowest filter and a few settings.
+Therefore many blocks share one plan.
 """
 
 from dataclasses import dataclass
@@ -20,57 +20,59 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One filter in a block."""
+    """Position of one filter in a block."""
 
     taken: slice
-    """Which calculations of the filter before are this one's samples."""
+    """Calculations of the previous filter that are the input of this filter."""
     begin: int
-    """Column of what stood there before; the calculations follow."""
+    """Column of the value before the block. The columns of the calculations follow."""
     end: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """Where everything of a block lies. Equal plans are one and the same."""
+    """Layout of a block. Equal plans are identical objects."""
 
     parts: tuple[Part, ...]
-    """Filters that are calculated, fastest first; their axes lie side by side at the array's beginning."""
+    """Filters calculated in the block, fastest first. Their axes are adjacent at the start of the array."""
     axes_columns: int
     vector_columns: Indices
-    """Columns from which the vectors are made, side by side, each behind one for the value from before."""
+    """Columns from which the vectors are computed. They are adjacent, and each filter's columns follow one column
+    for its previous value.
+    """
     counting: NDArray[np.int16]
-    """For each count, one after the other, the number of calculations after the block's beginning."""
+    """Number of calculations since the start of the block, for each word of every count."""
     counted: Indices
-    """For the same words, the index of the newest word from which the count continues."""
+    """Index of the newest word before the block, for each element of `counting`."""
     places: Places
     size: int
 
 
 @lru_cache(maxsize=256)
 def plan_of(phase: int, length: int, rate: tuple[int, int], saturated: bool, thresholds: bool) -> Plan:
-    """Return the plan of `length` samples, the first of which has the number `phase` modulo the slowest filter's step.
+    """Return the plan of `length` samples. `phase` is the number of the first one modulo the slowest filter's step.
 
-    `rate` is the sample of the block with its first calculation of the rate, and the step to the next. Words that are
-    not calculated, as those of saturation and thresholds may not be, have a column all the same.
+    `rate` is the sample of the block with the first rate calculation, and the step to the next. Words that may not
+    be calculated, such as saturation and thresholds, have a column nevertheless.
     """
     rate_first, rate_step = rate
     parts: list[Part] = []
     columns: list[Indices] = []
     axes: dict[str, Place] = {}
     vectors: dict[str, Place] = {}
-    begin = taken_from = vectors_end = 0
+    begin = source = vectors_end = 0
     before = 1
     for n, (step, vector_step) in enumerate(zip(FILTER_STEPS, VECTOR_STEPS, strict=True)):
         first, vector_first = -phase % step, -phase % vector_step
         end = begin + 1 + len(range(first, length, step))
         if first < length:
-            parts.append(Part(slice((first - taken_from) // before, None, step // before), begin, end))
-            taken_from, before = first, step
+            parts.append(Part(slice((first - source) // before, None, step // before), begin, end))
+            source, before = first, step
         axes[f"axes{n}"] = Place(first, step, begin, 0, end - begin)
-        made_of = begin + 1 + (np.arange(vector_first, length, vector_step) - first) // step
-        vectors[f"vectors{n}"] = Place(vector_first, vector_step, vectors_end, 0, 1 + len(made_of))
-        columns += [np.array([begin]), made_of]
-        vectors_end += 1 + len(made_of)
+        source_columns = begin + 1 + (np.arange(vector_first, length, vector_step) - first) // step
+        vectors[f"vectors{n}"] = Place(vector_first, vector_step, vectors_end, 0, 1 + len(source_columns))
+        columns += [np.array([begin]), source_columns]
+        vectors_end += 1 + len(source_columns)
         begin = end
     places = {name: place.moved(0, begin) for name, place in axes.items()}
     size = len(AXES) * begin

@@ -1,4 +1,4 @@
-"""The board's program, without the time: commands, settings, identification of the sensor."""
+"""Program of the board, except its timing: commands, settings, identification of the sensor."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from emulators.devices.jr3.board.bursts import BurstReader
-from emulators.devices.jr3.board.data_path import PathSettings, PathState, at_rest
+from emulators.devices.jr3.board.data_path import PathSettings, PathState, initial_state
 from emulators.devices.jr3.board.memory import Memory, Use, use_of
 from emulators.devices.jr3.board.profile import BoardProfile, SecondSensorProfile
 from emulators.devices.jr3.board.sampling import RawSamples, Sampling
@@ -41,24 +41,26 @@ _MM = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A command that the board has begun."""
+    """Command in progress."""
 
     info: CommandInfo
     argument: int = 0
     word1: int = 0
     word2: int = 0
     scaling: Scaling | None = None
-    """Scaling that will be in use after a command that changes it."""
+    """Scaling after the command, if the command changes it."""
     failed: bool = False
 
     @property
     def busy(self) -> bool:
-        """Whether no data are computed meanwhile."""
+        """Whether no data is computed during the command."""
         return self.info.busy and not self.failed
 
 
 def default_full_scales(profile: BoardProfile, sensor: SensorProfile) -> tuple[int, ...]:
-    """Return a sensor's full scales as words in the board's units. Raises ValueError when a word cannot hold one."""
+    """Return a sensor's full scales as words in the board's units. Raises ValueError if a word cannot hold one of
+    them.
+    """
     unit = UNIT_SCALES[Units(profile.units)]
     forces = [value / unit.force for value in sensor.full_scales_n]
     moments = [value / unit.moment for value in sensor.full_scales_nm]
@@ -72,14 +74,14 @@ def default_full_scales(profile: BoardProfile, sensor: SensorProfile) -> tuple[i
 
 
 class Processor:
-    """The board's program since its reset."""
+    """Program of the board since its last reset."""
 
     def __init__(self, profile: BoardProfile, sensor: Jr3Sensor, raw: RawSamples, origin: int) -> None:
         self._profile = profile
         self._sensor = sensor
         self.memory = Memory(profile.channels, profile.idle_hz)
         self._bursts = BurstReader(self.memory)
-        self.sampling = Sampling(raw, origin, at_rest())
+        self.sampling = Sampling(raw, origin, initial_state())
         self._offset_slots = [(0,) * len(AXES)] * SLOTS
         self._bits = sensor.profile.adc_bits
         self._scaling = Scaling(
@@ -91,7 +93,7 @@ class Processor:
             span=profile.full_scale_span,
         )
         self._identified: tuple[int, ...] = ()
-        """Identity that passed its check last, as the sensor told it; empty before the first."""
+        """Last identity with a valid checksum, as reported by the sensor; empty before the first."""
         put = self.memory.put
         put("copyright", *(ord(character) << 8 for character in profile.copyright))
         put("vect_axes", profile.vect_axes)
@@ -106,35 +108,35 @@ class Processor:
     # --- the sensor
 
     def forget_sensor(self) -> None:
-        """Forget the calibration: a sensor has begun to send, and its own is not known yet."""
+        """Discard the calibration: a sensor has begun to send, and its calibration is not known yet."""
         for name in ("serial_no", "model_no"):
             self.memory.put(name, 0)
         self.memory.put("last_crc", -1)
 
     def identify_sensor(self, second: SecondSensorProfile | None = None) -> None:
-        """Identify the sensor whose calibration was read, with offsets 0 and no peaks; the first sensor or the second.
+        """Identify the first or the second sensor, whose calibration has been read. Offsets and peaks are reset.
 
-        A sensor other than the one before is told by `sensor changed`; observed: the same one again is not.
-        Assumed: transform and full scales that the host has set continue with another sensor, the filters start
-        from 0.
+        A sensor other than the previous one is reported by `sensor changed`. Observed: the same sensor is not
+        reported again. Assumed: transform and full scales set by the host remain in force with another sensor, and
+        the filters start from 0.
         """
         profile, put = self._profile, self.memory.put
         whose = profile if second is None else second
         full_scales = default_full_scales(profile, self._sensor.profile)
-        said = (whose.serial_no, whose.model_no, whose.cal_day, whose.cal_year)
-        if self._identified not in ((), (*said, *full_scales)):
+        identity = (whose.serial_no, whose.model_no, whose.cal_day, whose.cal_year)
+        if self._identified not in ((), (*identity, *full_scales)):
             self.memory.status |= int(Errors.SENSOR_CHANGE)
-        self._identified = (*said, *full_scales)
+        self._identified = (*identity, *full_scales)
         self._scaling = replace(self._scaling, calibration=self._sensor.calibration)
         put("default_fs", *full_scales)
         put("last_crc", 0)
         put("eeprom_ver", profile.eeprom_ver)
-        put("serial_no", *said)
+        put("serial_no", *identity)
         put("units", profile.units, self._bits, profile.channels)
         put("thickness", round(profile.thickness_mm * _MM / self._scaling.units.length))
         put("offsets", *[0] * len(AXES))
-        self._say_scaling()
-        state, fresh = self.sampling.cut(), at_rest()
+        self._write_scaling()
+        state, fresh = self.sampling.cut(), initial_state()
         for name in NEWEST:
             if name.startswith("count"):
                 fresh.last[NEWEST[name]] = state.last[NEWEST[name]]
@@ -142,7 +144,7 @@ class Processor:
         self.adopt()
 
     def lose_sensor(self, zero: bool) -> None:
-        """No samples come any more: saturation is over, data stay as they are or become 0."""
+        """Handle the loss of the sensor: saturation ends, and the data remains unchanged or becomes 0."""
         state = self.sampling.cut()
         last = state.last.copy()
         for name in NEWEST:
@@ -153,7 +155,7 @@ class Processor:
         self.sampling.resume(replace(state, last=last))
 
     def zero_offsets(self) -> None:
-        """Make the data 0 as they are now."""
+        """Set the offsets so that the current data becomes 0."""
         data = self._words("filter2")
         self.memory.put("offsets", *_saturated(self.memory.get("offsets"), data))
         self.adopt()
@@ -161,15 +163,15 @@ class Processor:
     # --- words
 
     def read(self, address: int, count: int) -> list[int]:
-        """Words of this moment."""
+        """Return words at the current time."""
         return self.memory.read(address, count, self.sampling.block, self.sampling.sample)
 
     def burst(self, address: int, count: int) -> bytes:
-        """Words of this moment, big-endian."""
+        """Return words at the current time, as big-endian bytes."""
         return self._bursts.read(address, count, self.sampling.block, self.sampling.sample)
 
     def write(self, address: int, word: int) -> Use:
-        """Take a word of the host; what has to wait for a sample or takes time is left to the caller."""
+        """Accept a word from the host. The caller handles actions that take time or have to wait for a sample."""
         use, memory = use_of(address), self.memory
         match use:
             case Use.IGNORE:
@@ -185,18 +187,18 @@ class Processor:
         return use
 
     def adopt(self) -> None:
-        """Compute what follows by the words that lie in the memory now."""
+        """Apply the words that are now in the memory to the computation."""
         state = self.sampling.cut()
         before, self.settings = self.settings, self._path_settings()
         if before.rate_address != self.settings.rate_address:
             state = replace(state, rate_values=None)
         if before.peak_address != self.settings.peak_address:
-            # Assumed: peaks of other words say nothing about these.
+            # Assumed: the peaks of other words do not apply to these words.
             state = _without_peaks(state)
         self.sampling.resume(state)
 
     def _words(self, name: str) -> tuple[int, ...]:
-        """Return the computed words of the six axes, with their sign."""
+        """Return the computed words of the six axes, as signed numbers."""
         register = REGISTERS[name]
         return register.values(self.read(register.address, len(AXES)))
 
@@ -209,7 +211,7 @@ class Processor:
     # --- commands
 
     def begin(self) -> tuple[Order, float]:
-        """Take the command that lies in the memory; how long it takes, s."""
+        """Begin the command in the memory. Return the command's duration, s."""
         word2, word1, word0 = self.memory.words[
             REGISTERS["command_word2"].address : REGISTERS["command_word0"].address + 1
         ]
@@ -223,7 +225,7 @@ class Processor:
         return order, seconds
 
     def finish(self, order: Order) -> None:
-        """Do what a command says, and answer in command_word0."""
+        """Complete a command, and write the result to command_word0."""
         if order.busy:
             self.memory.status &= ~int(Errors.SYSTEM_BUSY)
         failed = order.failed
@@ -236,7 +238,7 @@ class Processor:
 
     def _order(self, word0: int, word1: int, word2: int) -> Order:
         if (found := command_info(word0)) is None:
-            # Assumed: an unknown command is refused as fast as the fastest is done.
+            # Assumed: refusing an unknown command takes as long as the fastest command.
             return Order(COMMANDS[CommandCode.MEMORY_READ], failed=True)
         info, argument = found
         order = Order(info, argument, word1, word2)
@@ -271,7 +273,7 @@ class Processor:
         if order.info.code is not CommandCode.MEMORY_READ:
             use = self.write(address, new)
             if use is Use.IGNORE:
-                raise RemoteProtocolError(f"the word at {address:#06x} is the board's own")
+                raise RemoteProtocolError(f"the word at {address:#06x} is read-only for the host")
             if use is Use.ADOPT:
                 self.adopt()
         self.memory.put("command_word2", old)
@@ -284,7 +286,7 @@ class Processor:
         self.memory.put("offsets", *offsets)
         if order.info.code is CommandCode.USE_TRANSFORM:
             self.memory.put("transform_num", order.argument)
-        self._say_scaling()
+        self._write_scaling()
         self.sampling.resume(_without_peaks(self.sampling.cut()))
         self.adopt()
 
@@ -301,7 +303,7 @@ class Processor:
 
     def _vector_axes(self, order: Order) -> None:
         self.memory.put("vect_axes", order.argument)
-        self._say_scaling()
+        self._write_scaling()
         self.adopt()
 
     def _peaks(self, order: Order) -> None:
@@ -313,8 +315,8 @@ class Processor:
 
     # --- settings
 
-    def _say_scaling(self) -> None:
-        """Write down what follows from transform, full scales and vector axes."""
+    def _write_scaling(self) -> None:
+        """Write the words that are derived from transform, full scales and vector axes."""
         _, lengths = vectors(VectorAxes(self.memory.value("vect_axes")), self._scaling.full_scales)
         self.memory.put("full_scale", *self._scaling.full_scales, *lengths)
         smallest, largest = self._scaling.recommended
@@ -345,7 +347,7 @@ class Processor:
         )
 
     def _envelope(self) -> LoadEnvelope:
-        """Return the load envelope in use. Assumed: one that cannot be read compares nothing."""
+        """Return the load envelope in use. Assumed: an invalid envelope compares nothing."""
         number = self.memory.value("load_envelope_num")
         if number not in range(SLOTS):
             return LoadEnvelope()

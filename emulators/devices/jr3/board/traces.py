@@ -1,4 +1,4 @@
-"""Computed words over a block of samples, and where in the memory they stand."""
+"""Words computed for a block of samples, and their addresses in the memory."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from protocol.devices.jr3.board import FILTERS, REGISTERS, VECTORS
 
 Words = NDArray[np.int16]
 NEVER = 1 << 62
-"""Sample number that is never reached."""
+"""Sample number that no sample reaches."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,60 +23,62 @@ class Trace:
     first: int
     step: int
     values: Words
-    """(words, calculations + 1); column 0 is what stood there before the first calculation."""
+    """Values, one row per word and one column per calculation. Column 0 holds the values before the first
+    calculation.
+    """
 
     def index(self, sample: int) -> int:
-        """Column that stands in the memory after a sample."""
+        """Return the index of the column that is in the memory after a sample."""
         return 0 if sample < self.first else (sample - self.first) // self.step + 1
 
     def words(self, sample: int) -> list[int]:
-        """Words in the memory after a sample, unsigned."""
+        """Return the words that are in the memory after a sample, as unsigned numbers."""
         words: list[int] = self.values[:, self.index(sample)].view(np.uint16).tolist()
         return words
 
     def at(self, word: int, samples: NDArray[np.int64]) -> Words:
-        """One word after each of these samples."""
+        """Return one word after each of the given samples."""
         values: Words = self.values[word, self.columns(samples)]
         return values
 
     def columns(self, samples: NDArray[np.int64]) -> NDArray[np.int64]:
-        """`index` for each of these samples."""
+        """Return `index` for each of the given samples."""
         return np.maximum((samples - self.first) // self.step + 1, 0)
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Place of a trace in the array of its block. Samples count from the block's first one."""
+    """Location of a trace in the array of its block. Samples are counted from the first one of the block."""
 
     first: int
     step: int
     begin: int
-    """Place of the first word's value before the block; the calculations follow."""
+    """Index of the first word's value before the block. The values of the calculations follow."""
     pitch: int
     """Distance from one word to the next."""
     columns: int
-    """Calculations + 1."""
+    """Number of calculations + 1."""
 
     def moved(self, by: int, pitch: int) -> "Place":
-        """Return the same, moved elsewhere."""
+        """Return a copy of this location, shifted."""
         return Place(self.first, self.step, by + self.begin, pitch, self.columns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Places:
-    """Where all traces lie in the array of a block. Blocks that are alike share one."""
+    """Locations of all traces in the array of a block. Similar blocks share one object."""
 
     at: Mapping[str, Place]
     before: NDArray[np.int64]
-    """Place of each of the newest words before the block."""
+    """Index of the value before the block, for each word."""
     first: NDArray[np.int64]
-    """The sample of its first calculation."""
+    """Sample of the first calculation, for each word."""
     step: NDArray[np.int64]
-    """Samples from calculation to calculation."""
+    """Samples between two calculations, for each word."""
 
     @classmethod
     def of(cls, at: Mapping[str, Place]) -> "Places":
-        """Return the places of the traces, with the facts that follow from them."""
+        """Return the locations of the traces, with the facts derived from them."""
         words = [(at[name], word) for name, words in TRACE_WORDS.items() for word in range(words)]
         return cls(
             at,
@@ -86,13 +88,15 @@ class Places:
         )
 
     def newest(self, offset: int) -> NDArray[np.int64]:
-        """Place of each of the newest words after the sample so many behind the block's first one."""
+        """Return the index of the newest value of each word. `offset` is the distance of the sample from the
+        block's first one.
+        """
         calculations: NDArray[np.int64] = np.maximum((offset - self.first) // self.step + 1, 0)
         return self.before + calculations
 
 
 class Traces:
-    """The words of a block from sample `start` on, by name; `missing` are not computed yet."""
+    """Words of a block from sample `start` on, by name. The words named in `missing` are not computed yet."""
 
     __slots__ = ("_missing", "_places", "_start", "words")
 
@@ -112,18 +116,20 @@ class Traces:
         return Trace(self._start + place.first, place.step, values)
 
     def newest(self, sample: int) -> Words:
-        """All words after a sample, where `NEWEST` says."""
+        """Return all words after a sample, laid out by `NEWEST`."""
         newest: Words = self.words[self._places.newest(sample - self._start)]
         return newest
 
     def lookup(self, address: int, count: int, offset: int, samples: int, step: int) -> "Lookup":
-        """Where in `words` those from an address on lie after every so many samples, the first `offset` behind the
-        block's first one.
+        """Return the indices in `words` of `count` words from an address on, after each of several samples.
+
+        `offset` is the distance of the first sample from the block's first one; `step` is the distance between
+        samples.
         """
         return _lookup(self._places, address, count, (offset, samples, step))
 
     def without(self, *names: str) -> "Traces":
-        """Return the same as before these were computed."""
+        """Return these words before the named traces were computed."""
         return Traces(self.words, self._start, self._places, names)
 
 
@@ -141,57 +147,60 @@ def _columns() -> dict[int, tuple[str, int]]:
 
 
 COLUMNS = _columns()
-"""Trace and word of it by address."""
+"""Trace and word index, by address."""
 _END = max(COLUMNS) + 1
 TRACE_WORDS = {name: 1 + max(i for n, i in COLUMNS.values() if n == name) for name, _ in COLUMNS.values()}
-"""Words of each trace."""
+"""Number of words of each trace."""
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Neighbouring addresses that are neighbouring words of one trace."""
+    """Consecutive addresses that hold consecutive words of one trace."""
 
     trace: str
     begin: int
     end: int
     offset: int
-    """Begin of the piece within the addresses asked for."""
+    """Offset of the piece from the first requested address."""
 
 
 @lru_cache(maxsize=512)
 def pieces(address: int, count: int) -> tuple[Piece, ...]:
-    """Return the computed pieces among `count` words from an address."""
-    found: list[Piece] = []
+    """Return the pieces with computed words among `count` words from an address."""
+    result: list[Piece] = []
     for offset in range(min(count, _END - address)):
         name, word = COLUMNS.get(address + offset, ("", 0))
-        last = found[-1] if found else None
+        last = result[-1] if result else None
         if last and last.trace == name and last.end == word and last.offset + word - last.begin == offset:
-            found[-1] = Piece(name, last.begin, word + 1, last.offset)
+            result[-1] = Piece(name, last.begin, word + 1, last.offset)
         elif name:
-            found.append(Piece(name, word, word + 1, offset))
-    return tuple(found)
+            result.append(Piece(name, word, word + 1, offset))
+    return tuple(result)
 
 
 NEWEST = {
     name: slice(end - TRACE_WORDS[name], end)
     for name, end in zip(TRACE_WORDS, accumulate(TRACE_WORDS.values()), strict=True)
 }
-"""Place of each trace among the newest words of all."""
+"""Position of each trace in the array of the newest words of all traces."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lookup:
-    """Places of the computed words among some neighbouring addresses after some samples."""
+    """Locations of the computed words among consecutive addresses after given samples."""
 
     indices: NDArray[np.int64]
-    """(samples, computed words)"""
+    """Indices of the computed words (samples, computed words)."""
     runs: tuple[tuple[int, int, int, int], ...]
-    """Neighbouring words: begin and end among the addresses, begin and end among the computed ones."""
+    """Runs of consecutive words: start and end among the addresses, start and end among the computed words."""
 
 
 @lru_cache(maxsize=64)
 def _lookup(places: Places, address: int, count: int, grid: tuple[int, int, int]) -> Lookup:
-    """`grid` is the offset of the first sample, how many there are, and the step between them."""
+    """Return the locations of the computed words.
+
+    `grid` is the offset of the first sample, the number of samples, and the step between samples.
+    """
     offset, samples, step = grid
     after = offset + step * np.arange(samples)
     columns: list[NDArray[np.int64]] = []

@@ -17,9 +17,9 @@ from protocol.devices.jr3.board import TURN_COUNTS, Link, LinkType, UnitScales, 
 Floats = NDArray[np.float64]
 
 _SMALLEST = 0.004
-"""Smallest min_full_scale, below which the board's data are wrong. Source: JR3 manual 5907E."""
+"""Smallest allowed min_full_scale; the board's data is wrong below it. Source: JR3 manual 5907E."""
 _REPRESENTABLE = 2.0
-"""Full scales that a word can hold."""
+"""Range of full scales that fit a word."""
 _HALF_RANGE = 32768
 _LARGEST = 32767
 
@@ -30,7 +30,7 @@ def _cross(arm: Floats) -> Floats:
 
 
 def _rotation(axis: int, angle: float) -> Floats:
-    """Return the matrix that turns a vector right-handedly about an axis."""
+    """Return the matrix of a right-handed rotation about an axis."""
     turned = np.eye(3)
     i, j = (axis + 1) % 3, (axis + 2) % 3
     turned[i, i] = turned[j, j] = math.cos(angle)
@@ -55,10 +55,10 @@ def _link_matrix(link: Link, length: float, turns: float) -> Floats:
 
 
 def transform_matrix(links: Sequence[Link], length: float, turns_load: bool) -> Floats:
-    """Matrix that takes a wrench at the sensor's origin to the frame that the links lead to.
+    """Return the matrix that converts a wrench at the sensor's origin to the frame defined by the links.
 
-    Each link starts from the frame that the ones before have reached (assumed). `length` is one unit of a
-    translation in m. A positive rotation turns the load right-handedly, or else the frame.
+    Each link starts from the frame of the previous ones (assumed). `length` is one unit of a translation, m. A
+    positive rotation turns the load in the right-handed sense, or else it turns the frame.
     """
     matrix = np.eye(6)
     for link in links:
@@ -68,22 +68,22 @@ def transform_matrix(links: Sequence[Link], length: float, turns_load: bool) -> 
 
 @dataclass(frozen=True)
 class Scaling:
-    """Scaling that turns raw channels into counts of full scale."""
+    """Conversion of raw channels to counts of full scale."""
 
     calibration: Floats
-    """(6, 6): wrench in N and N·m = raw @ calibration."""
+    """Calibration matrix (6, 6): wrench in N and N·m = raw @ calibration."""
     adc_bits: int
     units: UnitScales
     turns_load: bool
     full_scales: tuple[int, ...]
-    """Six words in use."""
+    """Full scales in use, six words."""
     links: tuple[Link, ...] = ()
     span: float = 16.0
-    """max_full_scale by min_full_scale, at most; 16 is no limit."""
+    """Largest ratio of max_full_scale to min_full_scale. With 16 it has no effect."""
 
     @cached_property
     def _unit(self) -> Floats:
-        """One unit of each full-scale word in N and N·m."""
+        """Size of one unit of each full-scale word, N or N·m."""
         return np.array([self.units.force] * 3 + [self.units.moment] * 3)
 
     @cached_property
@@ -93,44 +93,47 @@ class Scaling:
 
     @cached_property
     def counts_per_raw(self) -> Floats:
-        """(6 axes, 6 channels)."""
+        """Counts per raw unit (6 axes, 6 channels)."""
         counts: Floats = FULL_SCALE_COUNTS / (np.array(self.full_scales) * self._unit)
         return counts[:, np.newaxis] * self._wrench_per_raw
 
     @cached_property
     def recommended(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """min_full_scale and max_full_scale as words.
+        """Recommended min_full_scale and max_full_scale, as words.
 
-        Assumed: min holds the sum of all channels at their ends. Max makes one count of the strongest channel's part in
-        one step of the converter, and is no more than `span` times min.
+        Assumed: min_full_scale holds the sum of all channels at their limits. With max_full_scale, one step of the
+        converter on the strongest channel is one count; it is at most `span` times min_full_scale.
         """
         part = np.abs(self._wrench_per_raw) / self._unit[:, np.newaxis]
         smallest = part.sum(axis=1) * _HALF_RANGE / _REPRESENTABLE
         largest = part.max(axis=1) * _HALF_RANGE / _REPRESENTABLE * (1 << (16 - self.adc_bits))
-        # Rounded first, so that a whole number does not become the next one by an error of the last digit.
+        # Rounded first, so that an error in the last digit does not change an integer to the next one.
         low, high = np.ceil(np.round(smallest, 6)), np.floor(np.round(largest, 6))
         high = np.minimum(high, np.floor(self.span * low))
         return tuple(map(_word, low)), tuple(map(_word, high))
 
     @cached_property
     def too_small(self) -> NDArray[np.bool_]:
-        """(6,) which full scales are so small that the board's numbers overflow."""
+        """Axes whose full scale is so small that the board's numbers overflow (6,)."""
         smallest: NDArray[np.bool_] = np.array(self.full_scales) < _SMALLEST * np.array(self.recommended[0])
         return smallest
 
     def offsets_in(self, other: "Scaling", offsets: Sequence[int]) -> list[int]:
-        """Return the same offsets in the frame and full scales of another scaling.
+        """Return the offsets, converted to the frame and full scales of another scaling.
 
         Source: the manual, for transforms.
         """
-        # Both scalings decouple the same channels, so that the raw reading is what they have in common.
+        # Both scalings decouple the same channels, so the raw reading is the same for both.
         raw = np.linalg.solve(self.counts_per_raw, np.array(offsets, np.float64))
-        moved = np.clip(np.rint(other.counts_per_raw @ raw), -_HALF_RANGE, _LARGEST)
-        return [int(value) for value in moved]
+        converted = np.clip(np.rint(other.counts_per_raw @ raw), -_HALF_RANGE, _LARGEST)
+        return [int(value) for value in converted]
 
 
 def vectors(axes: VectorAxes, full_scales: Sequence[int]) -> tuple[Floats, tuple[int, int]]:
-    """Squared weights (2, 6) of the axes' counts in the vectors' counts, and the vectors' full scales."""
+    """Return the weights and the full scales of the two vectors.
+
+    A vector's squared counts are the weighted sum of the axes' squared counts; the weights are (2, 6).
+    """
     chosen = np.zeros((2, 6), bool)
     for row, (shift, of_moments) in enumerate(
         ((0, VectorAxes.V1_OF_MOMENTS in axes), (3, VectorAxes.V2_OF_FORCES not in axes))

@@ -1,4 +1,4 @@
-"""URScript: parsed, compiled and run, cycle by cycle, on a robot that `host.Host` describes."""
+"""URScript programs, parsed, compiled and executed cycle by cycle on a robot that implements `host.Host`."""
 
 from emulators.devices.rtde.urscript.catalogue import FUNCTIONS, functions_of
 from emulators.devices.rtde.urscript.failures import RuntimeFailure, ScriptSyntaxError, SyntaxFailure

@@ -1,4 +1,4 @@
-"""Functions of numbers, lists and strings."""
+"""Functions on numbers, lists and strings."""
 
 import math
 from typing import Any
@@ -41,8 +41,8 @@ def _normalize(value: Value) -> Value:
 
 def _power(base: Value, exponent: Value) -> Value:
     result = math.pow(number(base), number(exponent))
-    whole = isinstance(base, int) and isinstance(exponent, int) and exponent >= 0
-    return int(result) if whole and abs(result) < 2**31 else result
+    is_integer = isinstance(base, int) and isinstance(exponent, int) and exponent >= 0
+    return int(result) if is_integer and abs(result) < 2**31 else result
 
 
 def _make_list(task: Any, length: Value, initial: Value, capacity: Value) -> Value:
@@ -54,15 +54,15 @@ def _make_list(task: Any, length: Value, initial: Value, capacity: Value) -> Val
 
 
 def _bits(value: Value) -> Value:
-    found = integer(value)
-    return tuple(bool(found >> bit & 1) for bit in range(_BITS))
+    bits = integer(value)
+    return tuple(bool(bits >> bit & 1) for bit in range(_BITS))
 
 
 def _integer(value: Value) -> Value:
-    found = array(value)
-    if len(found) > _BITS:
+    items = array(value)
+    if len(items) > _BITS:
         raise ScriptError(f"a number has {_BITS} bits")
-    result = sum(1 << bit for bit, part in enumerate(found) if truth(part))
+    result = sum(1 << bit for bit, part in enumerate(items) if truth(part))
     return result - 2**_BITS if result >= 2 ** (_BITS - 1) else result
 
 
@@ -73,10 +73,10 @@ def _length(value: Value) -> Value:
 
 
 def _size(value: Value) -> Value:
-    """Of a matrix: its rows and its columns."""
+    """Return the number of rows and columns of a matrix."""
     if is_matrix(value):
-        found = array(value)
-        return len(found), len(array(found[0]))
+        items = array(value)
+        return len(items), len(array(items[0]))
     return _length(value)
 
 
@@ -85,7 +85,7 @@ def _transpose(value: Value) -> Value:
 
 
 def _inverse_matrix(task: Any, value: Value) -> Value:
-    """Gauss and Jordan, with the largest pivot."""
+    """Invert a matrix by Gauss-Jordan elimination with partial pivoting."""
     left = rows(value)
     count = len(left)
     if count != len(left[0]):
@@ -123,18 +123,18 @@ def _cat(first: Value, second: Value) -> Value:
 
 
 def _at(text: Value, place: Value) -> Value:
-    found, at = string(text), integer(place)
-    if not 0 <= at < len(found):
-        raise ScriptError(f"there is no character {at} in a string of {len(found)}")
-    return found[at]
+    characters, at = string(text), integer(place)
+    if not 0 <= at < len(characters):
+        raise ScriptError(f"there is no character {at} in a string of {len(characters)}")
+    return characters[at]
 
 
 def _sub(text: Value, place: Value, length: Value) -> Value:
-    found, at = string(text), integer(place)
-    count = len(found) if length is None else integer(length)
-    if not 0 <= at <= len(found) or count < 0:
-        raise ScriptError(f"there is no part from {at} in a string of {len(found)}")
-    return found[at : at + count]
+    characters, at = string(text), integer(place)
+    count = len(characters) if length is None else integer(length)
+    if not 0 <= at <= len(characters) or count < 0:
+        raise ScriptError(f"there is no substring from {at} in a string of {len(characters)}")
+    return characters[at : at + count]
 
 
 def _find(text: Value, target: Value, start: Value) -> Value:
@@ -142,13 +142,13 @@ def _find(text: Value, target: Value, start: Value) -> Value:
 
 
 def _to_number(text: Value) -> Value:
-    found = string(text).strip()
-    if len(found) < 10 and found.removeprefix("-").isdecimal():
-        return int(found)
+    digits = string(text).strip()
+    if len(digits) < 10 and digits.removeprefix("-").isdecimal():
+        return int(digits)
     try:
-        return float(found) if len(found) < 64 and "_" not in found else _no_number(found)
+        return float(digits) if len(digits) < 64 and "_" not in digits else _no_number(digits)
     except ValueError:
-        return _no_number(found)
+        return _no_number(digits)
 
 
 def _no_number(text: str) -> float:
@@ -157,12 +157,12 @@ def _no_number(text: str) -> float:
 
 def _assert(task: Any, value: Value) -> Value:
     if not truth(value):
-        raise ScriptError("an assertion does not hold")
+        raise ScriptError("assertion failed")
     return None
 
 
 def _numeric(call: Any) -> Any:
-    return lambda *given: call(*map(number, given))
+    return lambda *arguments: call(*map(number, arguments))
 
 
 ARITHMETIC: tuple[Function, ...] = (

@@ -1,4 +1,4 @@
-"""All functions that a program may call, by name. A text that calls another one does not compile."""
+"""All functions that a program may call, by name. A program that calls any other function does not compile."""
 
 from functools import lru_cache
 
@@ -17,13 +17,13 @@ _NONE = (0.0,) * 6
 _INTERPRETER = "returns at once: port 30020 is not served"
 
 
-def _dated(function: Function) -> Function:
+def _add_versions(function: Function) -> Function:
     since = SINCE.get(function.name)
     return function if since is None else function._replace(since=since.e_series, since_cb3=since.cb3)
 
 
 FUNCTIONS: Functions = by_name(
-    _dated(function)
+    _add_versions(function)
     for function in (
         *ARITHMETIC,
         *POSES,
@@ -94,10 +94,10 @@ FUNCTIONS: Functions = by_name(
         tagged("eip_writer_factory(instance_name, data_size)"),
     )
 )
-"""Functions of all versions."""
+"""Functions of all versions, by name."""
 
 
 @lru_cache(maxsize=16)
 def functions_of(version: tuple[int, ...]) -> Functions:
-    """Return the functions of a controller of this version."""
+    """Return the functions that a controller of this version provides."""
     return {name: function for name, function in FUNCTIONS.items() if function.is_in(version)}

@@ -1,4 +1,4 @@
-"""Functions of encoders and conveyors: the emulated controller has neither, so that none has an effect.
+"""Encoder and conveyor functions. They have no effect, since the emulated controller has neither.
 
 Source: the script manual of the e-Series, module motion.
 """

@@ -1,7 +1,7 @@
-"""Functions of the arm's dynamics, and of torques that a program orders.
+"""Functions of the arm's dynamics and of the joint torques that a program commands.
 
-Sources: calls in `rtde_control.script` of ur_rtde 1.6.5, whose elements of a matrix are `m[row, column]` and whose
-torques are a list; parameters by position in programs that call them, and in ur_rtde's functions of the same names.
+Sources: calls in `rtde_control.script` of ur_rtde 1.6.5, which indexes matrices as `m[row, column]` and passes
+torques as a list; positional parameters in programs that call them, and ur_rtde's functions of the same names.
 """
 
 from emulators.devices.rtde.urscript.table import Function, tagged

@@ -1,7 +1,7 @@
-"""Expressions of a program, compiled into closures: `run(frame)` gives the value.
+"""Expressions of a program, compiled to closures: `run(frame)` returns the value.
 
-A frame is a list: the enclosing frame, the task, then the variables. An expression that calls what may wait is a
-generator instead, and `Part.waits` says so. Nothing of a text is evaluated by Python itself.
+A frame is a list: the enclosing frame, the task, then the variables. An expression that calls a waiting function is
+a generator instead; its `Part.waits` is true. Python itself never evaluates text of a program.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,14 +29,14 @@ from emulators.devices.rtde.urscript.values import PoseValue, Struct, Value
 
 
 class Unset:
-    """The value of a variable that was not assigned yet."""
+    """Value of a variable before its first assignment."""
 
 
 UNSET = Unset()
 
 
 class Returned:
-    """A function returns a value."""
+    """Return value of a function, on its path to the caller."""
 
     __slots__ = ("value",)
 
@@ -46,11 +46,11 @@ class Returned:
 
 _LISTS = (tuple, PoseValue)
 _HEX_MAX = 66
-"""Chosen: characters of a number of 256 bits."""
+"""Maximum number of hexadecimal digits in a number. Chosen: enough for 256 bits."""
 
 
 class Expressions:
-    """Compiles the expressions of one function."""
+    """Compiler for the expressions of one function."""
 
     def __init__(self, code: Code, functions: Functions) -> None:
         self._code, self._functions = code, functions
@@ -109,10 +109,10 @@ class Expressions:
 
     def _name(self, node: Node) -> Part:
         name = node.children[0]
-        found = self._code.find(name)
-        if found is None:
+        variable = self._code.find(name)
+        if variable is None:
             raise node.refused(f"compile_error_name_not_found:{name}:")
-        hops, slot = found
+        hops, slot = variable
 
         def read_own(frame: Frame) -> Any:
             value = frame[slot]
@@ -151,13 +151,13 @@ class Expressions:
         return part
 
     def _is_signal(self, name: Node) -> bool:
-        """Whether no variable of the program has the name of an array of signals."""
+        """Return whether a name denotes an array of signals that no variable of the program hides."""
         return self._code.find(name.children[0]) is None
 
     def signal(self, function: str, index: Any, *values: Any) -> Part:
-        """Compile a call for an element of an array of signals."""
+        """Compile access to an element of an array of signals as a call."""
         if index.kind != "index" or len(index.children) != 1:
-            raise index.refused("a signal has one number")
+            raise index.refused("a signal takes one index")
         parts = [self.value(child) for child in (*index.children, *values)]
         return answer(parts, self._functions[function].call)
 
@@ -172,26 +172,26 @@ class Expressions:
         if name not in METHODS:
             parts = [self.value(child) for child in trailer.children[1]]
 
-            def refuse(frame: Frame, *given: Value) -> Any:
+            def refuse(frame: Frame, *arguments: Value) -> Any:
                 """Return a part for any method of a server of `rpc_factory`, so that no text is refused for one."""
                 frame[1].report_tagged(f"rpc_factory().{name}")
                 raise ScriptError(f"there is no method {name}")
 
             return combined([part, *parts], refuse)
         arguments = [self.value(child) for child in trailer.children[1]]
-        question = METHODS[name].ask
+        question = METHODS[name].evaluate
 
-        def ask(frame: Frame, value: Value, *given: Value) -> Value:
-            charge(frame, (value, *given))
-            return question(values.array(value), *given)
+        def evaluate(frame: Frame, value: Value, *arguments: Value) -> Value:
+            charge(frame, (value, *arguments))
+            return question(values.array(value), *arguments)
 
         if METHODS[name].arguments != len(arguments):
             raise trailer.refused(f"{name} takes {METHODS[name].arguments} arguments")
-        return combined([part, *arguments], ask)
+        return combined([part, *arguments], evaluate)
 
     def _named(self, node: Node) -> Part:
-        """Refuse a named argument of a method."""
-        raise node.refused(f"an argument of a method has no name, and {node.children[0]} is one")
+        """Refuse named arguments in the call of a method."""
+        raise node.refused(f"methods take no named arguments, got {node.children[0]}")
 
     # --- operators
 
@@ -220,20 +220,20 @@ class Expressions:
         return combined([self.value(node.children[0])], lambda frame, value: not values.truth(value))
 
     def _conjunction(self, node: Node) -> Part:
-        return self._shortened([self.value(child) for child in node.children[::2]], False)
+        return self._short_circuit([self.value(child) for child in node.children[::2]], False)
 
     def _disjunction(self, node: Node) -> Part:
         first, *rest = node.children
         if all(word == "or" for word in rest[::2]):
-            return self._shortened([self.value(child) for child in (first, *rest[1::2])], True)
+            return self._short_circuit([self.value(child) for child in (first, *rest[1::2])], True)
         part = self.value(first)
         for word, other in zip(rest[::2], rest[1::2], strict=True):
             pair = [part, self.value(other)]
-            part = self._shortened(pair, True) if word == "or" else combined(pair, _differ)
+            part = self._short_circuit(pair, True) if word == "or" else combined(pair, _differ)
         return part
 
-    def _shortened(self, parts: Sequence[Part], until: bool) -> Part:
-        """`or` and `and`: the rest is left out once the answer is known."""
+    def _short_circuit(self, parts: Sequence[Part], until: bool) -> Part:
+        """Compile `or` or `and`, which skip the second operand if the first one decides the result."""
         if len(parts) == 1:
             return parts[0]
         if any(part.waits for part in parts):
@@ -274,8 +274,8 @@ class Expressions:
             return answer(parts, call)
 
         def wait(frame: Frame) -> Any:
-            given = yield from values_of_parts(parts, frame)
-            return (yield from call(frame[1], *given))
+            arguments = yield from values_of_parts(parts, frame)
+            return (yield from call(frame[1], *arguments))
 
         return Part(True, wait)
 
@@ -286,8 +286,10 @@ class Expressions:
         parameters: Sequence[str],
         defaults: Mapping[str, Any],
     ) -> list[Part]:
-        """Compile the arguments of a call in the order of the parameters. Raises ScriptSyntaxError for wrong ones."""
-        given: dict[str, Part] = {}
+        """Compile the arguments of a call in the order of the parameters. Raises ScriptSyntaxError for invalid
+        arguments.
+        """
+        parts: dict[str, Part] = {}
         positions, known = iter(parameters), frozenset(parameters)
         for child in node.children[1]:
             if child.kind == "named":
@@ -296,23 +298,25 @@ class Expressions:
             else:
                 parameter = next(positions, "")
                 part = self.value(child)
-            if parameter not in known or parameter in given:
+            if parameter not in known or parameter in parts:
                 raise node.refused(
-                    f"{name} has no argument {parameter} to give"
+                    f"unknown or repeated argument {parameter} of {name}"
                     if parameter
                     else f"{name} takes {len(parameters)} arguments"
                 )
-            given[parameter] = part
+            parts[parameter] = part
         for parameter in parameters:
-            if parameter not in given:
+            if parameter not in parts:
                 if parameter not in defaults:
                     raise node.refused(f"{name} needs the argument {parameter}")
-                given[parameter] = _default(defaults[parameter])
-        return [given[parameter] for parameter in parameters]
+                parts[parameter] = _default(defaults[parameter])
+        return [parts[parameter] for parameter in parameters]
 
     def _own_arguments(self, code: Code, node: Node) -> list[Part]:
-        """Compile the arguments of a call of an own function; its defaults are evaluated where it is defined."""
-        assert code.parent is not None, "a function is inside something"
+        """Compile the arguments for a call of one of the program's functions. Defaults are evaluated in the
+        defining scope.
+        """
+        assert code.parent is not None, "a function has an enclosing scope"
         hops = self._code.hops_to(code.parent)
 
         def outwards(run: Run) -> Run:
@@ -328,10 +332,10 @@ class Expressions:
 
     def _own_call(self, code: Code, node: Node) -> Part:
         parts = self._own_arguments(code, node)
-        enter = self._entering(code)
+        enter = self._make_entry(code)
 
-        def run(frame: Frame, *given: Value) -> Any:
-            inside = enter(frame, given)
+        def run(frame: Frame, *arguments: Value) -> Any:
+            inside = enter(frame, arguments)
             task = frame[1]
             try:
                 signal = code.run(inside)
@@ -344,8 +348,8 @@ class Expressions:
             return combined(parts, run)
 
         def wait(frame: Frame) -> Any:
-            given = yield from values_of_parts(parts, frame)
-            inside = enter(frame, given)
+            arguments = yield from values_of_parts(parts, frame)
+            inside = enter(frame, arguments)
             task = frame[1]
             try:
                 signal = yield from code.run(inside)
@@ -356,43 +360,43 @@ class Expressions:
 
         return Part(True, wait)
 
-    def _entering(self, code: Code) -> Callable[[Frame, Sequence[Value]], Frame]:
-        """Return a function that makes the frame of a call and takes its steps."""
-        assert code.parent is not None, "a function is inside something"
+    def _make_entry(self, code: Code) -> Callable[[Frame, Sequence[Value]], Frame]:
+        """Return a function that creates the frame of a call and charges the steps of the call."""
+        assert code.parent is not None, "a function has an enclosing scope"
         hops, count, outer = self._code.hops_to(code.parent), len(code.parameters), code
 
-        def enter(frame: Frame, given: Sequence[Value]) -> Frame:
+        def enter(frame: Frame, arguments: Sequence[Value]) -> Frame:
             task = frame[1]
             task.spend(outer.weight)
             task.depth += 1
             if task.depth > CALLS_MAX:
                 task.depth -= 1
-                raise ScriptError("too many functions have called each other")
+                raise ScriptError("function calls are nested too deeply")
             for _ in range(hops):
                 frame = frame[0]
-            inside = [frame, task, *given, *[UNSET] * (len(outer.slots) - count)]
+            inside = [frame, task, *arguments, *[UNSET] * (len(outer.slots) - count)]
             task.kept.append(inside)
             return inside
 
         return enter
 
     def _run(self, node: Node) -> Part:
-        """Compile the start of a thread, whose handle is the value."""
+        """Compile the start of a thread. The value of the expression is the thread's handle."""
         name = node.children[0]
         code = self._code.find_function(name)
         if code is None:
             raise node.refused(f"compile_error_name_not_found:{name}:")
         parts = self._own_arguments(code, node)
-        assert code.parent is not None, "a thread is inside something"
+        assert code.parent is not None, "a thread has an enclosing scope"
         hops, thread = self._code.hops_to(code.parent), code
 
-        def start(frame: Frame, *given: Value) -> int:
+        def start(frame: Frame, *arguments: Value) -> int:
             task = frame[1]
             for _ in range(hops):
                 frame = frame[0]
             task.spend(thread.weight)
-            rest = [UNSET] * (len(thread.slots) - len(given))
-            handle: int = task.machine.start(thread, frame, [*given, *rest])
+            rest = [UNSET] * (len(thread.slots) - len(arguments))
+            handle: int = task.machine.start(thread, frame, [*arguments, *rest])
             return handle
 
         return combined(parts, start)
@@ -401,19 +405,21 @@ class Expressions:
         names, parts = [], []
         for child in node.children[1]:
             if child.kind != "named":
-                raise node.refused("a struct's members have names")
+                raise node.refused("members of a struct need names")
             names.append(child.children[0])
             parts.append(self.value(child.children[1]))
 
-        def make(frame: Frame, *given: Value) -> Value:
-            charge(frame, given)
-            return values.checked(Struct(dict(zip(names, given, strict=True))))
+        def make(frame: Frame, *arguments: Value) -> Value:
+            charge(frame, arguments)
+            return values.checked(Struct(dict(zip(names, arguments, strict=True))))
 
         return combined(parts, make)
 
 
 def _default(value: Any) -> Part:
-    """Return a value of the table, or a compiled expression of the program's own function."""
+    """Return the default of a parameter: a value from the table, or a compiled expression of the program's own
+    function.
+    """
     return value if isinstance(value, Part) else Part(False, lambda frame: value)
 
 

@@ -1,21 +1,21 @@
-"""The errors of a program: values that a controller reports, and the exception that carries one."""
+"""Errors of a program: values that a controller reports, and the exceptions that carry them."""
 
 from typing import NamedTuple
 
 
 class SyntaxFailure(NamedTuple):
-    """The text does not compile."""
+    """Error of a program that does not compile."""
 
     line: int
-    """1 is the first one."""
+    """Line number, starting at 1."""
     column: int
     text: str
     function: str = ""
-    """Name of the function that is called and is not known."""
+    """Name of the unknown function that was called; empty for other errors."""
 
 
 class RuntimeFailure(NamedTuple):
-    """A statement cannot be done; the program ends."""
+    """Error of a statement that cannot be executed; it ends the program."""
 
     line: int
     text: str
@@ -23,7 +23,7 @@ class RuntimeFailure(NamedTuple):
 
 
 class ScriptSyntaxError(Exception):
-    """The text does not compile: nothing of it is run."""
+    """Error of a program that does not compile. No part of the program is executed."""
 
     def __init__(self, failure: SyntaxFailure) -> None:
         super().__init__(failure.text)
@@ -31,14 +31,14 @@ class ScriptSyntaxError(Exception):
 
 
 class ScriptError(Exception):
-    """A statement cannot be done. The statement that was under way adds its line."""
+    """Error of a statement that cannot be executed. The statement adds its line number."""
 
     def __init__(self, text: str, column: int = 1) -> None:
         super().__init__(text)
         self.text, self.column = text, column
         self.line = 0
-        """0 until the statement is known."""
+        """Line number; 0 while it is unknown."""
 
 
 class Halted(Exception):
-    """The program has ended itself."""
+    """Raised by a program that ends itself."""

@@ -1,4 +1,4 @@
-"""Functions of the force on the tool: measuring it, force mode, freedrive, and contact.
+"""Functions on the force on the tool: measurement, force mode, freedrive and contact.
 
 Source of all meanings and ranges: Universal Robots' script manual.
 """
@@ -17,7 +17,7 @@ from protocol.geometry import Pose
 _BASE = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 
 
-def _enable_force(task: Any, enable: Value, *given: Value) -> None:
+def _enable_force(task: Any, enable: Value, *rest: Value) -> None:
     task.host.enable_external_force(truth(enable))
 
 
@@ -25,24 +25,24 @@ def _axes(value: Value) -> tuple[bool, ...]:
     return tuple(part != 0.0 for part in vector(value, 6))
 
 
-def _force_mode(task: Any, frame: Value, selection: Value, *given: Value) -> None:
-    """`given` are wrench, type and limits."""
-    wrench, kind, limits = finite_six(given[0]), integer(given[1]), finite_six(given[2])
+def _force_mode(task: Any, frame: Value, selection: Value, *rest: Value) -> None:
+    """Start force mode. `rest` are wrench, type and limits."""
+    wrench, kind, limits = finite_six(rest[0]), integer(rest[1]), finite_six(rest[2])
     if kind not in (1, 2, 3):
-        raise ScriptError(f"a type of force mode is 1, 2 or 3, not {kind}")
+        raise ScriptError(f"the type of force mode must be 1, 2 or 3, got {kind}")
     host: Host = task.host
     host.force_mode(pose(frame), _axes(selection), wrench, kind, limits)
 
 
 def _range(value: Value, name: str, highest: float) -> float:
-    found = number(value)
-    if not 0.0 <= found <= highest:
-        raise ScriptError(f"{name} of force mode is from 0 to {highest:g}")
-    return found
+    limit = number(value)
+    if not 0.0 <= limit <= highest:
+        raise ScriptError(f"{name} of force mode must be from 0 to {highest:g}")
+    return limit
 
 
 def _freedrive(task: Any, axes: Value, feature: Value) -> None:
-    """`feature` is a pose; none, or a name, stands for the base (assumed)."""
+    """Start freedrive. `feature` is a pose. If it is missing or a name, the base frame is used (assumed)."""
     frame = _BASE if feature is None or isinstance(feature, str) else pose(feature)
     task.host.freedrive(frame, _axes(axes))
 
@@ -52,11 +52,11 @@ def _teach(task: Any) -> None:
 
 
 def _contact(task: Any, direction: Value, threshold: Value) -> Value:
-    """Return whether there is contact; a threshold of 0 is the controller's own."""
+    """Return whether the tool is in contact. A threshold of 0 selects the controller's own threshold."""
     x, y, z, *_ = finite_six(direction)
     least = number(threshold)
     if not (math.isfinite(least) and least >= 0.0):
-        raise ScriptError("a threshold of force is 0 or more")
+        raise ScriptError("a force threshold must be at least 0")
     host: Host = task.host
     return host.steps_since_contact((x, y, z), least)
 
@@ -64,7 +64,7 @@ def _contact(task: Any, direction: Value, threshold: Value) -> Value:
 def _history(task: Any, steps: Value) -> Value:
     count = integer(steps)
     if count < 0:
-        raise ScriptError("steps of a history are 0 or more")
+        raise ScriptError("the number of history steps must be at least 0")
     return tuple(task.host.joints_before(count))
 
 

@@ -1,38 +1,42 @@
-"""Bounds of a program, so that no text takes all time or memory. A controller has such bounds too; its own are not
-published, so all of these are chosen.
+"""Limits on the time and memory of a program.
+
+A controller has such limits too. They are not published, so all values are chosen.
 """
 
 TEXT_MAX = 1 << 18
-"""Characters of a text; ur_rtde's has 50 000."""
+"""Maximum number of characters in a program; the program of ur_rtde has 50 000."""
 TOKENS_MAX = 50_000
-"""Words, signs and numbers of a text; the largest of 51 public programs has 20 600."""
+"""Maximum number of tokens in a program; the largest of 51 public programs has 20 600."""
 DEPTH_MAX = 60
-"""Nested blocks and expressions."""
+"""Maximum nesting depth of blocks and expressions."""
 CALLS_MAX = 40
-"""Functions that have called each other."""
+"""Maximum nesting depth of function calls."""
 THREADS_MAX = 32
-"""Threads at a time."""
+"""Maximum number of concurrent threads."""
 THREADS_TOGETHER = 4
-"""All threads of a program take as many steps in a cycle as so many may alone."""
+"""Step budget per cycle of all threads together, as a multiple of one thread's budget."""
 SOLVE_STEPS = 20
-"""Steps of one question of inverse kinematics."""
+"""Number of steps charged for an inverse kinematics query."""
 LENGTH_MAX = 4096
-"""Elements of a list, those of its elements counted too."""
+"""Maximum number of elements in a list, including the elements of nested lists."""
 NESTING_MAX = 4
-"""Lists and structs in each other."""
+"""Maximum nesting depth of lists and structs."""
 STRING_MAX = 16_384
-"""Characters of a string."""
+"""Maximum number of characters in a string."""
 MESSAGES_MAX = 256
-"""Messages of a program that are kept; of more the oldest go."""
+"""Maximum number of stored messages of a program; the oldest are discarded first."""
 SOCKETS_MAX = 16
-"""Open sockets."""
+"""Maximum number of open sockets."""
 READS_MAX = 10
-"""Reads of sockets by a thread in one cycle; the next one waits for the next cycle. Assumed: as many as the maker's
-external control reads at once. So a client that sends without a pause cannot keep a thread from its end.
+"""Maximum number of socket reads of a thread per cycle; a further read waits for the next cycle. Assumed: as many
+as the maker's external control reads at once. A client that sends without a pause therefore cannot block a thread
+for ever.
 """
 TCP_MAX_M = 100.0
-"""Distance of the tool centre point from the flange along each axis, m: far beyond any tool, and no place overflows."""
+"""Maximum distance of the tool centre point from the flange along each axis, m. It is far larger than any tool, and
+causes no overflow.
+"""
 MEMORY_MAX = 1 << 20
-"""Elements of lists and structs, and characters of strings, that a program keeps at a time."""
-MEMORY_LOOK_STEPS = 1_000_000
-"""Steps of a program between two looks at what it keeps. A step makes a hundred bytes at most."""
+"""Maximum total number of list elements, struct members and string characters that a program holds."""
+MEMORY_CHECK_STEPS = 1_000_000
+"""Number of steps between two checks of a program's memory. A step allocates at most a hundred bytes."""

@@ -1,6 +1,6 @@
-"""Methods of lists: `list.append(x)` and the like. A method that changes the list assigns it again.
+"""Methods of lists, such as `list.append(x)`. A method that changes the list assigns it again.
 
-Source: the script manual on lists, since PolyScope 5.15. Bounds are ours.
+Source: the script manual on lists, since PolyScope 5.15. The limits are chosen.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,19 +13,19 @@ List: TypeAlias = tuple[Value, ...]
 
 
 class Method(NamedTuple):
-    """One method."""
+    """Method of a list."""
 
     arguments: int
-    ask: Callable[..., Value]
-    """The value of a call: of the list and the arguments."""
+    evaluate: Callable[..., Value]
+    """Returns the value of a call, given the list and the arguments."""
     change: Callable[..., List] | None = None
-    """The list after a call; None for a method that changes nothing."""
+    """Returns the list after a call; None if the method does not change the list."""
 
 
 def _inside(items: List, place: Value, end: int) -> int:
     at = integer(place)
     if not 0 <= at < end:
-        raise ScriptError(f"there is no place {at} in a list of {len(items)}")
+        raise ScriptError(f"there is no position {at} in a list of {len(items)}")
     return at
 
 
@@ -48,7 +48,7 @@ def _remove(items: List, place: Value) -> List:
 def _slice(items: List, begin: Value, end: Value) -> List:
     first, last = integer(begin), integer(end)
     if not 0 <= first <= last <= len(items):
-        raise ScriptError(f"there is no part {first} to {last} in a list of {len(items)}")
+        raise ScriptError(f"there is no slice {first} to {last} in a list of {len(items)}")
     return items[first:last]
 
 
@@ -56,7 +56,7 @@ def _list(items: List) -> List:
     return array(checked(items))
 
 
-def _nothing(*given: Value) -> Value:
+def _nothing(*arguments: Value) -> Value:
     return None
 
 

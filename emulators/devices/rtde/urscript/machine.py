@@ -1,7 +1,7 @@
-"""A program that runs: its threads, cycle by cycle.
+"""Execution of a program: its threads, cycle by cycle.
 
-In each cycle every thread runs, in the order of their beginning, until it waits: for the next cycle, or for another
-thread. Universal Robots' manual gives a thread 2 ms of a cycle; here a bound on steps stands for them.
+In each cycle every thread runs, in the order of creation, until it waits for the next cycle or for another thread.
+Universal Robots' manual gives a thread 2 ms of a cycle. Here, a limit on steps replaces this time.
 """
 
 from collections.abc import Generator
@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 from emulators.devices.rtde.urscript.failures import Halted, RuntimeFailure, ScriptError
 from emulators.devices.rtde.urscript.host import Host, Socket
 from emulators.devices.rtde.urscript.limits import (
-    MEMORY_LOOK_STEPS,
+    MEMORY_CHECK_STEPS,
     MEMORY_MAX,
     THREADS_MAX,
     THREADS_TOGETHER,
@@ -22,41 +22,43 @@ from emulators.devices.rtde.urscript.values import Struct, Value
 
 Turns: TypeAlias = Generator[Any, None, Any]
 _MAIN = 1
-"""Handle of the program itself."""
+"""Handle of the main thread."""
 
 
 class Task:
-    """One thread."""
+    """Thread of a program."""
 
     def __init__(self, machine: "Machine", name: str, handle: int) -> None:
         self.machine, self.name, self.handle = machine, name, handle
         self.turns: Turns = _nothing()
         self.left = 0
-        """Steps that it may still take in this cycle."""
+        """Number of steps left in this cycle."""
         self.reads = 0
-        """Reads of sockets in this cycle."""
+        """Number of socket reads in this cycle."""
         self.depth = 0
-        """Functions that have called each other."""
+        """Nesting depth of function calls."""
         self.kept: list[list[Any]] = []
-        """Frames of its functions, and values of calls that are not complete, the newest last."""
+        """Frames of the thread's functions and values of unfinished calls, newest last."""
         self.waits_for: Any = None
-        """Handle of the thread whose end it waits for."""
-        self.rests = False
-        """Whether it waits for the next cycle."""
+        """Handle of the thread that this thread joins."""
+        self.is_waiting = False
+        """Whether the thread waits for the next cycle."""
 
     @property
     def host(self) -> Host:
-        """The robot, as functions of the table know it."""
+        """Robot that the functions of the table access."""
         return self.machine.host
 
     def spend(self, steps: int) -> None:
-        """Take steps of this cycle. Raises ScriptError where none is left."""
+        """Charge steps of this cycle. Raises ScriptError if no steps are left."""
         self.left -= steps
         if self.left < 0:
             raise ScriptError("a thread runs too long without waiting: an infinite loop?")
 
     def report_tagged(self, function: str, detail: str = NO_EFFECT) -> None:
-        """Report a call of a function without an effect here; `detail` is its treatment."""
+        """Report a call of a function that has no effect in the emulator. `detail` describes how the call was
+        treated.
+        """
         self.machine.report_tagged(function, detail)
 
 
@@ -65,21 +67,21 @@ def _nothing() -> Turns:
 
 
 class Machine:
-    """One program that runs."""
+    """Running program."""
 
     def __init__(self, program: CompiledProgram, host: Host, steps: int) -> None:
-        """Limit the steps of a thread in a cycle to `steps`."""
+        """Create a machine. `steps` is the step budget of a thread per cycle."""
         self.host, self.name = host, program.name
         self._steps = steps
         self._tasks: list[Task] = []
         self._tagged: set[str] = set()
         self._started = 0
         self._used = 0
-        """Steps of all threads in this cycle."""
-        self._not_looked = 0
-        """Steps since the last look at what the program keeps."""
+        """Number of steps that all threads have used in this cycle."""
+        self._unchecked_steps = 0
+        """Number of steps since the last check of the program's memory."""
         self.sockets: dict[str, Socket] = {}
-        """Connections that the program has opened, by name."""
+        """Connections opened by the program, by name."""
         root, main = frame_of(program.root, None, None), program.main
         task = self._add(main.name)
         root[1] = task
@@ -98,19 +100,19 @@ class Machine:
         self._tasks.append(task)
         return task
 
-    def start(self, code: Code, outer: Any, given: list[Any]) -> int:
-        """Start a thread in this cycle, with its variables, and return its handle."""
+    def start(self, code: Code, outer: Any, values: list[Any]) -> int:
+        """Start a thread with its variables in this cycle. Return the thread's handle."""
         task = self._add(code.name)
-        task.kept.append([outer, task, *given])
+        task.kept.append([outer, task, *values])
         task.turns = _turns(code, task.kept[0])
         return task.handle
 
-    def lives(self, handle: Value) -> bool:
-        """Whether this is a thread that has not ended."""
+    def is_running(self, handle: Value) -> bool:
+        """Return whether a handle belongs to a running thread."""
         return any(task.handle == handle for task in self._tasks)
 
     def kill(self, handle: Value) -> None:
-        """End a thread; an unknown handle has no effect."""
+        """End a thread. No effect for an unknown handle."""
         for task in self._tasks:
             if task.handle == handle:
                 if task.handle == _MAIN:
@@ -119,7 +121,7 @@ class Machine:
                 return
 
     def report_tagged(self, function: str, detail: str) -> None:
-        """Told once a program."""
+        """Report a call without effect, at most once per program."""
         if function not in self._tagged:
             self._tagged.add(function)
             self.host.report_tagged(function, detail)
@@ -127,12 +129,12 @@ class Machine:
     # --- time
 
     def cycle(self) -> bool:
-        """One cycle of all threads; False once the program has ended."""
+        """Run all threads for one cycle. Return False once the program has ended."""
         for task in self._tasks:
-            task.rests, task.left, task.reads = False, self._steps, 0
+            task.is_waiting, task.left, task.reads = False, self._steps, 0
         self._used = 0
         try:
-            while self._pass():
+            while self._run_ready():
                 pass
             self._check_memory()
         except Halted:
@@ -145,17 +147,17 @@ class Machine:
         return bool(self._tasks)
 
     def close(self) -> None:
-        """End the program's connections after its end or stop."""
+        """Close the program's connections after it has ended or was stopped."""
         for socket in self.sockets.values():
             socket.hang_up()
         self.sockets.clear()
 
-    def _pass(self) -> bool:
-        """Each thread that can runs once; whether any did."""
+    def _run_ready(self) -> bool:
+        """Run each ready thread once. Return whether any thread ran."""
         ran = False
         for task in tuple(self._tasks):
-            waits = task.waits_for is not None and self.lives(task.waits_for)
-            if task.rests or waits or task not in self._tasks:
+            waits = task.waits_for is not None and self.is_running(task.waits_for)
+            if task.is_waiting or waits or task not in self._tasks:
                 continue
             ran, task.waits_for, before = True, None, task.left
             self._run(task)
@@ -165,11 +167,13 @@ class Machine:
         return ran
 
     def _check_memory(self) -> None:
-        """Raise ScriptError for a program that uses too much memory. Checked once in this many steps."""
-        self._not_looked += self._used
-        if self._not_looked < MEMORY_LOOK_STEPS:
+        """Raise ScriptError for a program that uses too much memory. The check takes place only after a number of
+        steps.
+        """
+        self._unchecked_steps += self._used
+        if self._unchecked_steps < MEMORY_CHECK_STEPS:
             return
-        self._not_looked, size, known = 0, 0, set[int]()
+        self._unchecked_steps, size, known = 0, 0, set[int]()
         waiting: list[Any] = [rows for task in self._tasks for rows in task.kept]
         while waiting:
             value = waiting.pop()
@@ -183,7 +187,7 @@ class Machine:
                 known.add(id(value))
                 size += len(parts)
                 if size > MEMORY_MAX:
-                    raise ScriptError("the program keeps too much")
+                    raise ScriptError("the program uses too much memory")
                 if parts.__class__ is not str:
                     waiting += parts
 
@@ -197,13 +201,13 @@ class Machine:
                 self._tasks.remove(task)
             return
         if waits_for is None:
-            task.rests = True
+            task.is_waiting = True
         else:
             task.waits_for = waits_for
 
 
 def _turns(code: Code, frame: Any) -> Turns:
-    """Return a thread of this code; one that never waits runs at once."""
+    """Return a generator that executes this code in a thread. Code that never waits runs at once."""
     frame[1].spend(code.weight)
     signal = code.run(frame)
     if code.waits:

@@ -1,13 +1,15 @@
-"""Functions of the Modbus client and of the ports of the Modbus server: none of them has an effect.
+"""Functions of the Modbus client and of the Modbus server's ports. None has an effect.
 
-No unit answers: `modbus_get_error` reports a refused connection, so that a program that waits for a unit goes its own
-way. Source: the script manual of the e-Series, module interfaces.
+No unit answers: `modbus_get_error` reports a refused connection, so that a program that waits for a unit continues.
+Source: the script manual of the e-Series, module interfaces.
 """
 
 from emulators.devices.rtde.urscript.table import tagged
 
 NO_CONNECTION = 111 << 16
-"""Error of a signal without a unit: the connection error in the upper two bytes, ECONNREFUSED of Linux (assumed)."""
+"""Error of a signal for which no unit answers: the connection error in the upper two bytes, ECONNREFUSED of Linux
+(assumed).
+"""
 
 MODBUS = (
     tagged(

@@ -1,4 +1,4 @@
-"""Functions that move the arm, and those of kinematics, tool and payload."""
+"""Functions for motion, kinematics, tool and payload."""
 
 import math
 from collections.abc import Generator, Iterator
@@ -16,7 +16,7 @@ from protocol.geometry import Pose
 
 Wait: TypeAlias = Generator[None, None, None]
 _SPEED_REACHED = 1e-3
-"""Chosen: a speed within this of what was asked, rad/s, is reached."""
+"""Difference within which a joint speed counts as reached, rad/s. Chosen."""
 
 
 def _six(value: Value) -> Six:
@@ -31,25 +31,25 @@ def finite_six(value: Value) -> Six:
     return six
 
 
-def _finite(*given: Value) -> list[float]:
-    found = [number(value) for value in given]
-    if not all(map(math.isfinite, found)):
+def _finite(*arguments: Value) -> list[float]:
+    numbers = [number(value) for value in arguments]
+    if not all(map(math.isfinite, numbers)):
         raise ScriptError("a value that is not a number")
-    return found
+    return numbers
 
 
 def _joints(host: Host, value: Value, near: Six | None = None) -> Six:
-    """Joints, or those that hold a pose."""
+    """Return the given joint angles, or joint angles that hold the given pose."""
     if not isinstance(value, PoseValue):
         return finite_six(value)
-    found = host.solve(pose(value), near)
-    if found is None:
+    solution = host.solve(pose(value), near)
+    if solution is None:
         raise ScriptError("no joints hold this pose")
-    return found
+    return solution
 
 
 def _pose(host: Host, value: Value) -> Pose:
-    """Return a pose, or that of joints."""
+    """Return the given pose, or the pose at the given joint angles."""
     return pose(value) if isinstance(value, PoseValue) else host.forward(finite_six(value))
 
 
@@ -70,13 +70,14 @@ def _walk(task: Any, walk: Iterator[object] | None, radius: Value) -> Wait:
         yield
 
 
-def _movej(task: Any, q: Value, *given: Value) -> Wait:
-    """`given` are a, v, t and r. An end beyond a joint's range ends the program before the arm moves.
+def _movej(task: Any, q: Value, *rest: Value) -> Wait:
+    """Move linearly in joint space. `rest` are a, v, t and r. A target beyond a joint's range ends the program
+    before the arm moves.
 
-    Derived: a test of Universal Robots' C++ client library sends such an end, and waits without a limit until the
-    program has ended. It unlocks no stop.
+    Derived: a test of Universal Robots' C++ client library sends such a target and waits indefinitely for the end
+    of the program. It does not unlock a stop.
     """
-    host, (a, v, t, r) = task.host, given
+    host, (a, v, t, r) = task.host, rest
     goal = _joints(host, q)
     walk = host.swing(goal, _profile(a, v, t))
     if max(map(abs, goal)) > RANGE:
@@ -84,12 +85,13 @@ def _movej(task: Any, q: Value, *given: Value) -> Wait:
     return _walk(task, walk, r)
 
 
-def _movel(task: Any, goal: Value, *given: Value) -> Wait:
-    """`given` are a, v, t and r. A line out of reach makes a protective stop, where it leaves the workspace.
+def _movel(task: Any, goal: Value, *rest: Value) -> Wait:
+    """Move along a line. `rest` are a, v, t and r. If the line leaves the workspace, a protective stop occurs
+    there.
 
     Source: tests of Universal Robots' C++ client library.
     """
-    host, (a, v, t, r) = task.host, given
+    host, (a, v, t, r) = task.host, rest
     walk = host.line(_pose(host, goal), _profile(a, v, t))
     if walk is None:
         host.protective_stop("a move along a line with invalid values")
@@ -102,56 +104,58 @@ def _movep(task: Any, goal: Value, a: Value, v: Value, r: Value) -> Wait:
     return _movel(task, goal, a, v, 0.0, r)
 
 
-def _movec(task: Any, via: Value, goal: Value, *given: Value) -> Wait:
-    """`given` are a, v, r and mode; the tool turns evenly towards the goal in every mode (assumed)."""
-    host, (a, v, r, _) = task.host, given
+def _movec(task: Any, via: Value, goal: Value, *rest: Value) -> Wait:
+    """Move along a circle. `rest` are a, v, r and mode. In every mode, the tool rotates evenly towards the target
+    (assumed).
+    """
+    host, (a, v, r, _) = task.host, rest
     return _walk(task, host.arc(_pose(host, via), _pose(host, goal), _profile(a, v)), r)
 
 
-def _servoj(task: Any, q: Value, *given: Value) -> Wait:
-    """`given` are a and v, which a controller does not use, t, lookahead_time and gain."""
-    t, lookahead, gain = map(number, given[2:])
+def _servoj(task: Any, q: Value, *rest: Value) -> Wait:
+    """Command servoj to joint angles. `rest` are a and v, which a controller ignores, t, lookahead_time and gain."""
+    t, lookahead, gain = map(number, rest[2:])
     for _ in range(task.host.servo(_six(q), t, lookahead, gain)):
         yield
 
 
-def _servoc(task: Any, goal: Value, *given: Value) -> Wait:
-    """As movel, a, v and r given (assumed: the circular way is not modelled)."""
-    a, v, r = given
+def _servoc(task: Any, goal: Value, *rest: Value) -> Wait:
+    """Move like movel with a, v and r (assumed: the circular path is not modelled)."""
+    a, v, r = rest
     return _movel(task, goal, a, v, 0.0, r)
 
 
 def _speedj(task: Any, speeds: Value, acceleration: Value, time: Value) -> Wait:
-    host, wanted = task.host, finite_six(speeds)
+    host, desired = task.host, finite_six(speeds)
     (a,) = _finite(acceleration)
-    for _ in _turns(host, time, wanted):
-        host.speed(wanted, a)
+    for _ in _turns(host, time, desired):
+        host.speed(desired, a)
         yield
 
 
 def _speedl(task: Any, velocity: Value, acceleration: Value, time: Value, turning: Value) -> Wait:
-    """Move at this velocity; `turning` is the acceleration of the rotation, after the other one (assumed)."""
-    host, wanted = task.host, finite_six(velocity)
+    """Move the tool at this velocity. `turning` is the angular acceleration, which follows the linear one (assumed)."""
+    host, desired = task.host, finite_six(velocity)
     (a,) = _finite(acceleration)
     for _ in _turns(host, time, None):
-        if not host.speed_line(wanted, a):
+        if not host.speed_line(desired, a):
             raise ScriptError("no joints follow this speed")
         yield
 
 
-def _turns(host: Host, time: Value, wanted: Six | None) -> Iterator[int]:
-    """Cycles of a speed: for a time, or until it is reached; at least one."""
+def _turns(host: Host, time: Value, desired: Six | None) -> Iterator[int]:
+    """Yield once per cycle of a speed command, for a time or until the speed is reached, but at least once."""
     seconds = 0.0 if time is None else _finite(time)[0]
     count = max(1, math.ceil(seconds / host.period - 1e-6))
     yield from range(count)
-    while seconds <= 0.0 and wanted is not None and not _reached(host, wanted):
+    while seconds <= 0.0 and desired is not None and not _reached(host, desired):
         yield 0
 
 
-def _reached(host: Host, wanted: Six) -> bool:
-    """Whether the joints have the share of these speeds that the speed slider leaves them."""
+def _reached(host: Host, desired: Six) -> bool:
+    """Return whether the joints have these speeds, scaled by the speed slider."""
     share = host.speed_scaling
-    return max(abs(a - share * b) for a, b in zip(host.target_speeds, wanted, strict=True)) < _SPEED_REACHED
+    return max(abs(a - share * b) for a, b in zip(host.target_speeds, desired, strict=True)) < _SPEED_REACHED
 
 
 def _stopj(task: Any, deceleration: Value) -> Wait:
@@ -171,30 +175,30 @@ def _stopl(task: Any, deceleration: Value, turning: Value) -> Wait:
 # --- kinematics
 
 
-def _inverse(task: Any, x: Value, near: Value, *given: Value) -> Value:
-    return _solved(task, x, near, given[2]) or _no_joints()
+def _inverse(task: Any, x: Value, near: Value, *rest: Value) -> Value:
+    return _solved(task, x, near, rest[2]) or _no_joints()
 
 
 def _no_joints() -> Value:
     raise ScriptError("no joints hold this pose")
 
 
-def _has_inverse(task: Any, x: Value, near: Value, *given: Value) -> Value:
-    return _solved(task, x, near, given[2]) is not None
+def _has_inverse(task: Any, x: Value, near: Value, *rest: Value) -> Value:
+    return _solved(task, x, near, rest[2]) is not None
 
 
 def _solved(task: Any, x: Value, near: Value, tcp: Value) -> Six | None:
-    """Return the joints of a pose, by another tool if one is given."""
+    """Return joint angles that hold a pose, with another tool if one is given."""
     task.spend(SOLVE_STEPS)
     host: Host = task.host
-    wanted, start = _numbers_or_stop(host, x), None if near is None else finite_six(near)
-    if wanted is None:
+    goal, start = _numbers_or_stop(host, x), None if near is None else finite_six(near)
+    if goal is None:
         return None
-    return host.solve(wanted, start, None if tcp is None else pose(tcp))
+    return host.solve(goal, start, None if tcp is None else pose(tcp))
 
 
 def _numbers_or_stop(host: Host, x: Value) -> Pose | None:
-    """Return the pose; a value that is not a number makes a protective stop."""
+    """Return the pose. Trigger a protective stop if it contains a non-finite value."""
     if all(map(math.isfinite, vector(x, 6))):
         return pose(x)
     host.protective_stop("a target that is not a number")
@@ -216,27 +220,27 @@ def _inside(task: Any, place: Value) -> Value:
 # --- tool, payload
 
 
-def _set_payload(task: Any, mass: Value, centre: Value, *given: Value) -> None:
+def _set_payload(task: Any, mass: Value, centre: Value, *rest: Value) -> None:
     (kilograms,) = _finite(mass)
     if kilograms < 0.0:  # assumed
-        raise ScriptError(f"a payload is 0 kg or more, got {kilograms:g} kg")
+        raise ScriptError(f"a payload must be at least 0 kg, got {kilograms:g} kg")
     host: Host = task.host
     host.set_payload(kilograms, host.payload[1:] if centre is None else vector(centre, 3))
 
 
-def _set_tcp(task: Any, tcp: Value, *given: Value) -> None:
+def _set_tcp(task: Any, tcp: Value, *rest: Value) -> None:
     offset = pose(tcp)
     if max(map(abs, offset.position)) > TCP_MAX_M:
-        raise ScriptError(f"a tool centre point is at most {TCP_MAX_M:g} m from the flange")
+        raise ScriptError(f"a tool centre point must be at most {TCP_MAX_M:g} m from the flange")
     task.host.set_tcp(offset)
 
 
 def read_output(name: str) -> Any:
-    return lambda task: _shaped(task.host.output(name))
+    return lambda task: _to_pose_or_joints(task.host.output(name))
 
 
-def _shaped(found: tuple[float, ...]) -> Value:
-    return found if len(found) > 1 else found[0]
+def _to_pose_or_joints(solution: tuple[float, ...]) -> Value:
+    return solution if len(solution) > 1 else solution[0]
 
 
 MOTION: tuple[Function, ...] = (
@@ -278,7 +282,7 @@ MOTION: tuple[Function, ...] = (
     ),
     modelled("get_actual_tcp_speed()", read_output("actual_TCP_speed")),
     modelled("get_target_tcp_speed()", read_output("target_TCP_speed")),
-    modelled("get_rtde_value(key)", lambda task, key: _shaped(task.host.output(string(key)))),
+    modelled("get_rtde_value(key)", lambda task, key: _to_pose_or_joints(task.host.output(string(key)))),
     modelled("get_tcp_offset()", lambda task: PoseValue(six_of(task.host.tcp))),
     modelled("set_tcp(pose, tcp_name=None)", _set_tcp),
     modelled("get_target_payload()", lambda task: task.host.payload[0]),

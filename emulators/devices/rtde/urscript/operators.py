@@ -1,4 +1,4 @@
-"""Operators of a program: between two parts."""
+"""Binary operators of a program."""
 
 import operator
 from collections.abc import Callable, Mapping
@@ -41,7 +41,9 @@ _FLOATS = (float,)
 
 
 def binary(sign: str, left: Part, right: Part) -> Part:
-    """Compile an operation on two values. Two floats, and two numbers that are compared, use Python's own at once."""
+    """Compile a binary operation. Operations on two floats, and comparisons of two numbers, use Python's operators
+    directly.
+    """
     operation, direct = _OPERATIONS[sign], _DIRECT[sign]
     kinds = NUMBERS if sign in _COMPARISONS or sign == "/" else _FLOATS
 
@@ -70,7 +72,7 @@ def binary(sign: str, left: Part, right: Part) -> Part:
 
 
 def _work(a: Value, b: Value) -> int:
-    """Return the steps of an operation on lists, matrices, structs or strings."""
+    """Return the number of steps charged for an operation on lists, matrices, structs or strings."""
     sizes = [values.size_of(value) for value in (a, b) if isinstance(value, (tuple, str, values.Struct))]
     if not values.is_matrix(a):
         return max(sizes)

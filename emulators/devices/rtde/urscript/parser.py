@@ -1,7 +1,7 @@
-"""The parser: text → a tree for each function, with the names that the function uses.
+"""Parser: it converts a text to a tree for each function, with the names that the function uses.
 
-Source: Universal Robots' script manual, and programs in public use. Statements by recursive descent, expressions by
-the powers of their operators. An error is a value with line and column.
+Source: Universal Robots' script manual, and published programs. Statements are parsed by recursive descent,
+expressions by operator precedence. An error is a value with line and column.
 """
 
 from collections.abc import Callable, Generator, Mapping
@@ -27,19 +27,19 @@ from emulators.devices.rtde.urscript.tokens import (
 )
 
 Steps: TypeAlias = Generator[None, None, Node]
-"""A statement that holds others; it yields behind each of them."""
+"""Parser of a statement that contains other statements. It yields after each of them."""
 _POWERS = {OR: 1, "and": 2, COMPARE: 3, SIGN: 4, TIMES: 5}
 _CHAINS = ("", "disjunction", "conjunction", "comparison", "sum", "product")
 _BLOCK_ENDS = frozenset({"end", "elif", "else", END})
 _LITERALS = {NUMBER: "number", STRING: "string", "True": "true", "False": "false", "None": "none"}
 _VALUES = frozenset({*_LITERALS, NAME, "(", "[", "run"})
-"""Kinds of tokens that begin a value, without signs."""
+"""Kinds of tokens that can begin a value, except signs."""
 _TRAILERS = ("[", ".")
 Item = TypeVar("Item")
 
 
 def parse(text: str) -> Generator[None, None, Code]:
-    """Parse the functions of a text, one statement a step. Raises ScriptSyntaxError for an invalid program."""
+    """Parse the functions of a program, one statement per step. Raises ScriptSyntaxError for an invalid program."""
     parser = _Parser(text)
     root = parser.code
     root.body = yield from parser.block()
@@ -48,12 +48,12 @@ def parse(text: str) -> Generator[None, None, Code]:
 
 
 class _Parser:
-    """Reads a text token by token; each has a method for what may come at this place."""
+    """Recursive-descent parser, with a method for each construct."""
 
     def __init__(self, text: str) -> None:
         self._tokens = tokens_of(text)
         self.code = Code("", None)
-        """The function that is being read."""
+        """Code of the function that is being parsed."""
         self._token: Token = next(self._tokens)
         self._kind = self._token[0]
         self._compound: Mapping[str, Callable[[], Steps]] = {
@@ -71,14 +71,14 @@ class _Parser:
         }
 
     def _advance(self) -> Token:
-        """Go to the next token; the one before."""
+        """Advance to the next token. Return the previous token."""
         before = self._token
         self._token = token = next(self._tokens)
         self._kind = token[0]
         return before
 
     def expect(self, kind: str) -> Token:
-        """Go past a token of this kind."""
+        """Consume a token of this kind. Raises ScriptSyntaxError for any other."""
         if self._kind != kind:
             raise self._unexpected()
         return self._advance()
@@ -86,10 +86,10 @@ class _Parser:
     def _unexpected(self) -> ScriptSyntaxError:
         kind, text, line, column = self._token
         if kind == UNKNOWN:
-            words = f"unexpected character {text!r}"
+            problem = f"unexpected character {text!r}"
         else:
-            words = "the program is not complete" if kind == END else f"unexpected {text[:40].strip()!r}"
-        return ScriptSyntaxError(SyntaxFailure(line, column, words))
+            problem = "the program is not complete" if kind == END else f"unexpected {text[:40].strip()!r}"
+        return ScriptSyntaxError(SyntaxFailure(line, column, problem))
 
     def _node(self, kind: str, token: Token, *children: object) -> Node:
         self.code.weight += 1
@@ -98,7 +98,7 @@ class _Parser:
     # --- statements
 
     def block(self) -> Steps:
-        """Statements up to the end of what holds them."""
+        """Parse statements up to the end of the enclosing block."""
         node = self._node("block", self._token)
         while self._kind not in _BLOCK_ENDS:
             if compound := self._compound.get(self._kind):
@@ -119,7 +119,7 @@ class _Parser:
         self.expect("(")
         self._list(self._parameter, ")")
         self.expect(":")
-        code.calls, code.weight = set(), 1  # those of defaults are not its body's
+        code.calls, code.weight = set(), 1  # the calls and steps of the defaults do not count for the body
         code.body = yield from self.block()
         self.expect("end")
         self.code, outer.functions[code.name] = outer, code
@@ -182,12 +182,12 @@ class _Parser:
         return node
 
     def _word(self) -> Node:
-        """Parse a statement of one word."""
+        """Parse a one-word statement."""
         token = self._advance()
         return self._node(token[0], token)
 
     def _order(self) -> Node:
-        """Parse an order about a thread."""
+        """Parse a statement that controls a thread."""
         token = self._advance()
         self.code.waits = self.code.waits or token[1] == "join"
         return self._node(token[1], token, self._value())
@@ -207,7 +207,7 @@ class _Parser:
     # --- expressions
 
     def _value(self, limit: int = 0) -> Node:
-        """Parse a value, up to an operator that does not bind more strongly than `limit`."""
+        """Parse a value. It ends before an operator that does not bind more strongly than `limit`."""
         node = self._negation() if self._kind == "not" and limit < _POWERS[COMPARE] else self._unary()
         while (power := _POWERS.get(self._kind, 0)) > limit:
             node = self._node(_CHAINS[power], node.token, node)
@@ -216,11 +216,11 @@ class _Parser:
         return node
 
     def _negation(self) -> Node:
-        words = []
+        signs = []
         while self._kind == "not":
-            words.append(self._advance())
+            signs.append(self._advance())
         node = self._value(_POWERS["and"])
-        for token in reversed(words):
+        for token in reversed(signs):
             node = self._node("not", token, node)
         return node
 
@@ -236,7 +236,7 @@ class _Parser:
         return node
 
     def _place(self) -> Node:
-        """Parse an atom, and what follows it: elements, members, methods."""
+        """Parse an atom and its suffixes: elements, members, method calls."""
         node = self._atom()
         if self._kind not in _TRAILERS:
             return node
@@ -274,7 +274,7 @@ class _Parser:
         if kind != "[":
             return self._node(_LITERALS[kind], token, text)
         node = self._node("list", token)
-        while self._kind != "]":  # a comma may stand behind the last one
+        while self._kind != "]":  # a comma may follow the last item
             node.children.append(self._value())
             if self._kind != "]":
                 self.expect(",")
@@ -296,7 +296,7 @@ class _Parser:
         return node
 
     def _list(self, item: Callable[[], Item], end: str) -> list[Item]:
-        """Items with commas between them, and the end behind them."""
+        """Parse comma-separated items and the closing token."""
         items = []
         if self._kind != end:
             items.append(item())

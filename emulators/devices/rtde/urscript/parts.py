@@ -1,4 +1,4 @@
-"""Parts of a compiled program, and how they make greater ones."""
+"""Compiled parts of a program, and their composition."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
@@ -10,12 +10,12 @@ Run: TypeAlias = Callable[[Frame], Any]
 
 
 class Part(NamedTuple):
-    """A compiled expression or statement."""
+    """Compiled expression or statement."""
 
     waits: bool
     run: Run
     constant: Any = None
-    """The number, boolean or list of numbers that it always gives; None for any other."""
+    """Value of the part if it is a constant number, boolean or list of numbers; None otherwise."""
 
 
 NUMBERS = (float, int)
@@ -23,13 +23,13 @@ SIZED = (tuple, PoseValue, str, Struct)
 
 
 def combined(parts: Sequence[Part], apply: Callable[..., Any]) -> Part:
-    """Combine expressions: `apply(frame, *values)`."""
+    """Compose expressions to a part that returns `apply(frame, *values)`."""
     runs = tuple(part.run for part in parts)
     if any(part.waits for part in parts):
 
         def wait(frame: Frame) -> Any:
-            found = yield from values_of_parts(parts, frame)
-            return apply(frame, *found)
+            results = yield from values_of_parts(parts, frame)
+            return apply(frame, *results)
 
         return Part(True, wait)
     if len(runs) == 1:
@@ -42,21 +42,21 @@ def combined(parts: Sequence[Part], apply: Callable[..., Any]) -> Part:
 
 
 def values_of_parts(parts: Sequence[Part], frame: Frame) -> Any:
-    """Return the values of parts that may wait, in order."""
-    found: list[Any] = [None] * len(parts)
+    """Return the values of parts, in order. The parts may wait."""
+    results: list[Any] = [None] * len(parts)
     kept = frame[1].kept
-    kept.append(found)
+    kept.append(results)
     try:
         for at, part in enumerate(parts):
-            found[at] = (yield from part.run(frame)) if part.waits else part.run(frame)
+            results[at] = (yield from part.run(frame)) if part.waits else part.run(frame)
     finally:
         kept.pop()
-    return found
+    return results
 
 
-def charge(frame: Frame, given: Sequence[Value]) -> None:
-    """Take steps for values that are long."""
-    for value in given:
+def charge(frame: Frame, arguments: Sequence[Value]) -> None:
+    """Charge the steps for values whose size is not fixed."""
+    for value in arguments:
         if value.__class__ in SIZED:
             frame[1].spend(size_of(value))
 
@@ -67,11 +67,11 @@ def always(value: Value) -> Part:
 
 
 def answer(parts: Sequence[Part], call: Callable[..., Any]) -> Part:
-    """Return a part that calls a function of the table that does not wait."""
+    """Return a part that calls a function of the table. The function never waits."""
 
-    def act(frame: Frame, *given: Value) -> Any:
-        charge(frame, given)
-        return call(frame[1], *given)
+    def act(frame: Frame, *arguments: Value) -> Any:
+        charge(frame, arguments)
+        return call(frame[1], *arguments)
 
     if any(part.waits for part in parts) or len(parts) > 1:
         return combined(parts, act)

@@ -1,4 +1,4 @@
-"""Functions of poses. A program gives a pose as x y z, m, and a rotation vector, rad."""
+"""Functions on poses. A program represents a pose as x y z, m, and a rotation vector, rad."""
 
 import math
 
@@ -11,16 +11,18 @@ from protocol.geometry import Pose, Quaternion, inverse, product, rotate, rotati
 
 
 def pose(value: Value) -> Pose:
-    """Return a pose; a list of six counts as one. Raises ScriptError for anything else, and for invalid numbers."""
+    """Return a pose. A list of six numbers is also accepted. Raises ScriptError for anything else, and for invalid
+    numbers.
+    """
     six = vector(value, 6)
     if not all(map(math.isfinite, six)):
         raise ScriptError("a pose with a value that is not a number")
     return pose_of(six)
 
 
-def value_of(given: Pose) -> PoseValue:
+def value_of(pose: Pose) -> PoseValue:
     """Convert a pose to a value of a program."""
-    return PoseValue(six_of(given))
+    return PoseValue(six_of(pose))
 
 
 def inverse_pose(value: Value) -> Value:
@@ -32,7 +34,7 @@ def _trans(outer: Value, inner: Value) -> Value:
 
 
 def _add(first: Value, second: Value) -> Value:
-    """Places are added, turns follow each other, both in the base frame."""
+    """Add the positions of two poses and compose their rotations, both in the base frame."""
     one, other = pose(first), pose(second)
     x, y, z = (a + b for a, b in zip(one.position, other.position, strict=True))
     return value_of(Pose((x, y, z), product(one.quaternion, other.quaternion)))
@@ -55,12 +57,17 @@ def _point_distance(start: Value, end: Value) -> Value:
 
 
 def _distance(start: Value, end: Value) -> Value:
-    """Place and turn as one length (assumed: as the manual says, of the pose between them)."""
+    """Return the distance between two poses as one length.
+
+    It combines position and rotation (assumed: as the manual says, of the pose between them).
+    """
     return math.hypot(*vector(_sub(end, start), 6))
 
 
 def _wrench_trans(frame: Value, wrench: Value) -> Value:
-    """Convert a wrench of the outer frame to the inner one: the force turns, and the moment loses its lever arm."""
+    """Transform a wrench from the outer frame to the inner one. The force is rotated, and the moment of its lever
+    arm is removed.
+    """
     at, (f1, f2, f3, m1, m2, m3) = pose(frame), vector(wrench, 6)
     (x, y, z), back = at.position, inverse(at.quaternion)
     moment = m1 - (y * f3 - z * f2), m2 - (z * f1 - x * f3), m3 - (x * f2 - y * f1)

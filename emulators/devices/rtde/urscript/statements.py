@@ -1,6 +1,7 @@
-"""Statements of a program, compiled into closures, and the program that they make.
+"""Statements of a program, compiled to closures, and the program composed of them.
 
-A statement's closure gives None, or how it leaves its block: `BREAK`, `CONTINUE`, or a `Returned` value.
+The closure of a statement returns None, or a value that describes how it leaves its block: `BREAK`, `CONTINUE`, or
+a `Returned` value.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -23,36 +24,38 @@ from emulators.devices.rtde.urscript.values import Value
 
 
 class Leaving:
-    """How a statement leaves the loop around it."""
+    """Reasons why a statement leaves the enclosing loop."""
 
 
 BREAK, CONTINUE = Leaving(), Leaving()
 Steps: TypeAlias = Generator[None, None, Part]
 _WRONG = (ScriptError, ArithmeticError, ValueError, RecursionError)
-"""A program's faults: those that are known as such, those of Python's arithmetic, and too deep a nesting."""
+"""Exceptions that are errors of the program: its own errors, the errors of Python's arithmetic, and excessive
+nesting.
+"""
 
 
 _KEPT = 8
-"""Chosen: programs that are kept."""
+"""Maximum number of compiled programs in the cache. Chosen."""
 _newest: dict[tuple[str, int], tuple[Functions, "CompiledProgram"]] = {}
-"""Programs by text and table of functions, the newest last."""
+"""Cache of compiled programs by text and table of functions, newest last."""
 
 
 class CompiledProgram(NamedTuple):
-    """A program that can be started any number of times."""
+    """Program that can be started any number of times."""
 
     name: str
-    """Of its function; empty for statements without one."""
+    """Name of the program's function; empty if the statements are outside a function."""
     secondary: bool
-    """`sec`: runs beside a program, and cannot move the arm."""
+    """Whether it is a `sec` program, which runs alongside the main program and cannot move the arm."""
     root: Code
     main: Code
     calls: frozenset[str]
-    """Names of all functions that it calls."""
+    """Names of all functions that the program calls."""
 
 
 def compile_program(text: str, functions: Functions) -> CompiledProgram:
-    """Compile the program of a text. Raises ScriptSyntaxError."""
+    """Compile a program. Raises ScriptSyntaxError."""
     steps = compile_in_steps(text, functions)
     while True:
         try:
@@ -63,7 +66,7 @@ def compile_program(text: str, functions: Functions) -> CompiledProgram:
 
 
 def compile_in_steps(text: str, functions: Functions) -> Generator[None, None, CompiledProgram]:
-    """Compile a text, one statement a step. Raises ScriptSyntaxError. The newest programs are kept."""
+    """Compile a program, one statement per step. Raises ScriptSyntaxError. The newest programs are cached."""
     known = _newest.get(key := (text, id(functions)))
     if known is None:
         try:
@@ -97,7 +100,7 @@ def _compiled(text: str, functions: Functions) -> Generator[None, None, Compiled
 
 
 def _compile_defaults(code: Code, functions: Functions) -> None:
-    """Compile the defaults of a function's parameters, which are seen from where it stands."""
+    """Compile the defaults of a function's parameters, which are evaluated in the enclosing scope."""
     for name, node in code.default_nodes.items():
         assert code.parent is not None, "a text has no parameters"
         part = Expressions(code.parent, functions).value(node)
@@ -115,7 +118,7 @@ def _as_generator(run: Run) -> Run:
 
 
 class Statements:
-    """Compiles the statements of one function."""
+    """Compiler for the statements of one function."""
 
     def __init__(self, code: Code, functions: Functions) -> None:
         self._code = code
@@ -123,7 +126,7 @@ class Statements:
         self._loops = 0
 
     def block(self, node: Node) -> Steps:
-        """Compile a row of statements; a step is one of them."""
+        """Compile a sequence of statements, one per step."""
         parts, lines = [], []
         for child in node.children:
             if child.kind not in ("def", "thread", "sec", "label"):
@@ -195,8 +198,8 @@ class Statements:
         return Part(False, run)
 
     def _while(self, node: Node) -> Steps:
-        asked, body, weight = node.children
-        condition = self._expressions.value(asked)
+        test, body, weight = node.children
+        condition = self._expressions.value(test)
         self._loops += 1
         block = yield from self.block(body)
         self._loops -= 1
@@ -261,25 +264,25 @@ class Statements:
         name, *value = node.children
         if not value:
             return Part(False, lambda frame: None)
-        return combined([self._expressions.value(value[0])], self._storing(name))
+        return combined([self._expressions.value(value[0])], self._store(name))
 
     def _assign(self, node: Node) -> Part:
         place = node.children[0]
         name = assigned(place)
         if name is None or (place.kind == "place" and is_pose(place)):
-            raise node.misplaced("nothing can be assigned to this")
+            raise node.misplaced("cannot assign to this expression")
         if name == "digital_out" and self._code.find(name) is None and len(place.children) == 2:
             return self._expressions.signal("set_digital_out", place.children[1], node.children[1])
-        store, value = self._storing(name), self._expressions.value(node.children[1])
+        store, value = self._store(name), self._expressions.value(node.children[1])
         if place.kind == "name":
             return combined([value], store)
         first, *trailers = place.children
         keys: list[Part] = []
         path: list[str | None] = []
-        """Names of members; None for an element, whose place is the next key."""
+        """Name of each member on the path to the target; None for an element, whose index is the next key."""
         for trailer in trailers:
             if trailer.kind == "method":
-                raise node.misplaced("nothing can be assigned to a call")
+                raise node.misplaced("cannot assign to a call")
             if trailer.kind == "member":
                 path.append(trailer.children[0])
             else:
@@ -292,10 +295,10 @@ class Statements:
 
         return combined([self._expressions.value(first), value, *keys], change)
 
-    def _storing(self, name: str) -> Callable[[Frame, Value], None]:
-        found = self._code.find(name)
-        assert found is not None, "what is assigned has a place"
-        hops, slot = found
+    def _store(self, name: str) -> Callable[[Frame, Value], None]:
+        variable = self._code.find(name)
+        assert variable is not None, "what is assigned has a place"
+        hops, slot = variable
 
         def store_own(frame: Frame, value: Value) -> None:
             frame[slot] = value
@@ -312,12 +315,12 @@ class Statements:
     def _expression(self, node: Node) -> Part:
         place = node.children[0]
         part = self._expressions.value(place)
-        if place.kind == "place" and (change := self._changing(place)) is not None:
+        if place.kind == "place" and (change := self._change_list(place)) is not None:
             return change
         return combined([part], lambda frame, value: None)
 
-    def _changing(self, place: Node) -> Part | None:
-        """`list.append(x)` as a statement; None for a call that changes nothing."""
+    def _change_list(self, place: Node) -> Part | None:
+        """Compile `list.append(x)` as a statement. Return None if the call changes nothing."""
         first, *trailers = place.children
         if len(trailers) != 1 or first.kind != "name":
             return None
@@ -331,13 +334,13 @@ class Statements:
             return None
         if self._code.find(name) is None:
             return None
-        store, act, asks = self._storing(name), method.change, method.ask
+        store, act, evaluate = self._store(name), method.change, method.evaluate
 
-        def change(frame: Frame, items: Value, *given: Value) -> None:
-            found = values.array(items)
-            charge(frame, (found, *given))
-            asks(found, *given)
-            store(frame, act(found, *given))
+        def change(frame: Frame, items: Value, *arguments: Value) -> None:
+            before = values.array(items)
+            charge(frame, (before, *arguments))
+            evaluate(before, *arguments)
+            store(frame, act(before, *arguments))
 
         return combined(
             [self._expressions.value(first), *(self._expressions.value(child) for child in arguments)], change
@@ -349,7 +352,7 @@ class Statements:
         def wait(frame: Frame) -> Any:
             handle = (yield from part.run(frame)) if part.waits else part.run(frame)
             task = frame[1]
-            while task.machine.lives(handle):
+            while task.machine.is_running(handle):
                 yield handle
 
         return Part(True, wait)
@@ -361,27 +364,28 @@ class Statements:
         )
 
     def _critical(self, node: Node) -> Part:
-        """Threads change over only where they wait, so that each row of statements is a critical section.
+        """Compile a critical section.
 
-        Assumed: one that waits inside lets the others run. Universal Robots' C++ client library moves inside one for
-        as long as a trajectory takes, and reads its socket in another.
+        Threads switch only when they wait, so every sequence of statements without a wait is a critical section.
+        Assumed: a thread that waits inside lets the other threads run. Universal Robots' C++ client library moves
+        inside a critical section for the duration of a trajectory, and reads its socket in another thread.
         """
         return Part(False, lambda frame: None)
 
 
 def _failed(error: Exception, line: int) -> ScriptError:
-    """Return the program's error, with the line of the innermost statement."""
+    """Return the program's error, with the line number of the innermost statement."""
     if isinstance(error, ScriptError):
         error.line = error.line or line
         return error
     deep = isinstance(error, RecursionError)
-    failure = ScriptError("too many functions have called each other" if deep else f"arithmetic: {error}")
+    failure = ScriptError("function calls are nested too deeply" if deep else f"arithmetic: {error}")
     failure.line = line
     return failure
 
 
 def _changed(old: Value, path: Sequence[str | None], keys: Sequence[Value], new: Value) -> Value:
-    """Return the value with another one at the end of the path."""
+    """Return a value in which the element or member at the end of the path is replaced."""
     if not path:
         return new
     name, *rest = path
@@ -393,5 +397,5 @@ def _changed(old: Value, path: Sequence[str | None], keys: Sequence[Value], new:
 
 
 def frame_of(code: Code, outer: Any, task: Any) -> Frame:
-    """Return an empty frame."""
+    """Return a frame in which no variable is set."""
     return [outer, task, *[UNSET] * len(code.slots)]

@@ -1,4 +1,4 @@
-"""Functions of time, messages, registers, I/O and sockets."""
+"""Functions for time, messages, registers, I/O and sockets."""
 
 import math
 import struct
@@ -27,7 +27,7 @@ def _sync(task: Any) -> Generator[None, None, None]:
 
 
 def _sleep(task: Any, seconds: Value) -> Generator[None, None, None]:
-    """At least one cycle (assumed)."""
+    """Wait for a time, at least one cycle (assumed)."""
     time = number(seconds)
     if not math.isfinite(time):
         raise ScriptError("a time that is not a number")
@@ -45,7 +45,7 @@ def _message(task: Any, first: Value, second: Value) -> None:
 
 
 def _popup(task: Any, text: Value, title: Value, *kinds: Value) -> Generator[None, None, None]:
-    """Show a pop-up; a blocking one waits until it is closed by the dashboard or at the panel."""
+    """Show a pop-up. A blocking pop-up waits until it is closed at the dashboard or the panel."""
     task.host.tell(Message.POPUP, _text(text)[:STRING_MAX], _text(title)[:STRING_MAX])
     while truth(kinds[2]) and task.host.popup_open:
         yield
@@ -76,7 +76,7 @@ def _write(kind: str) -> Any:
 def _watch(task: Any, name: Value, frequency: Value, action: Value) -> None:
     act = string(action).lower()
     if act not in ("ignore", "pause", "stop"):
-        raise ScriptError(f"a watchdog pauses or stops, it does not {act[:40]}")
+        raise ScriptError(f"the action of a watchdog must be pause or stop, got {act[:40]}")
     if act != "ignore":
         task.host.watch_input(string(name), number(frequency), act)
 
@@ -98,7 +98,9 @@ _REGISTERS: tuple[Function, ...] = (
 # --- inputs and outputs
 
 _DIGITAL = {"": (0, 18), "standard_": (0, 8), "configurable_": (8, 8), "tool_": (16, 2)}
-"""First number and count of each group; those without a word continue over all of them."""
+"""First number and size of each group of digital signals. Functions without a group name number all signals
+consecutively.
+"""
 
 
 def _place(group: str, number_: Value) -> int:
@@ -158,7 +160,7 @@ def _flag(value: Value) -> int:
 
 
 _FLAGS = 32
-"""Assumed: flags of a program."""
+"""Number of flags of a program. Assumed."""
 _MODES: tuple[Function, ...] = (
     modelled("get_flag(n)", lambda task, at: _flag(at) in task.host.flags),
     modelled("set_flag(n, b)", lambda task, at, on: task.host.set_flag(_flag(at), truth(on))),
@@ -168,64 +170,66 @@ _MODES: tuple[Function, ...] = (
 
 
 def _open(task: Any, address: Value, port: Value, name: Value) -> Generator[None, None, Value]:
-    """Connect to a server, giving up after two seconds (source: the script manual)."""
+    """Connect to a server. The attempt ends after two seconds (source: the script manual)."""
     sockets: dict[str, Socket] = task.machine.sockets
     key = string(name)
     _close(task, key)
     if len(sockets) >= SOCKETS_MAX:
         raise ScriptError("there are too many sockets")
-    found: Socket | None = task.host.open_socket(string(address), integer(port))
-    if found is None:
+    socket: Socket | None = task.host.open_socket(string(address), integer(port))
+    if socket is None:
         return False
-    sockets[key] = found
+    sockets[key] = socket
     for _ in range(round(_OPEN_S / task.host.period)):
-        if not found.opening:
+        if not socket.opening:
             break
         yield
-    if not found.open and sockets.get(key) is found:
+    if not socket.open and sockets.get(key) is socket:
         _close(task, key)
-    return found.open
+    return socket.open
 
 
 def _close(task: Any, name: Value) -> None:
-    found: Socket | None = task.machine.sockets.pop(string(name), None)
-    if found is not None:
-        found.hang_up()
+    socket: Socket | None = task.machine.sockets.pop(string(name), None)
+    if socket is not None:
+        socket.hang_up()
 
 
 def _send(task: Any, data: bytes, name: Value) -> Value:
-    found: Socket | None = task.machine.sockets.get(string(name))
-    return found is not None and found.send(data)
+    socket: Socket | None = task.machine.sockets.get(string(name))
+    return socket is not None and socket.send(data)
 
 
-def _encoded(text: Value) -> bytes:
+def _encode(text: Value) -> bytes:
     return _text(text).encode("latin-1", "replace")
 
 
 def _send_int(task: Any, value: Value, name: Value) -> Value:
-    return _send(task, struct.pack(">i", _whole(value)), name)
+    return _send(task, struct.pack(">i", _integer(value)), name)
 
 
-def _whole(value: Value) -> int:
-    found = integer(value)
-    if not -(2**31) <= found < 2**31:
+def _integer(value: Value) -> int:
+    result = integer(value)
+    if not -(2**31) <= result < 2**31:
         raise ScriptError("an integer has 32 bits")
-    return found
+    return result
 
 
 def _wait_for(task: Any, name: Value, timeout: Value, ask: Any) -> Generator[None, None, bytes | None]:
-    """Wait for the answer to a question to a socket; None after a time. 0 or less waits for ever."""
+    """Wait for the answer to a request on a socket; None after the timeout. With a timeout of 0 or less, wait for
+    ever.
+    """
     seconds, waited = number(timeout), 0.0
     if task.reads >= READS_MAX:
         yield
     task.reads += 1
     while True:
-        found: Socket | None = task.machine.sockets.get(string(name))
-        if found is None:
+        socket: Socket | None = task.machine.sockets.get(string(name))
+        if socket is None:
             yield
             return None
-        answer: bytes | None = ask(found)
-        if answer is not None or (waited and not found.open):
+        answer: bytes | None = ask(socket)
+        if answer is not None or (waited and not socket.open):
             return answer
         yield
         waited += task.host.period
@@ -234,14 +238,14 @@ def _wait_for(task: Any, name: Value, timeout: Value, ask: Any) -> Generator[Non
 
 
 def _count(value: Value) -> int:
-    found = integer(value)
-    if not 0 < found <= LENGTH_MAX:
-        raise ScriptError(f"{found} values cannot be read at once")
-    return found
+    count = integer(value)
+    if not 0 < count <= LENGTH_MAX:
+        raise ScriptError(f"{count} values cannot be read at once")
+    return count
 
 
 def _read_integers(task: Any, count: Value, name: Value, timeout: Value) -> Generator[None, None, Value]:
-    """Read a list: the number of received integers, then the integers."""
+    """Read a list: first the number of integers, then the integers."""
     size = _count(count)
     task.spend(size)
     data = yield from _wait_for(task, name, timeout, lambda socket: socket.take(4 * size))
@@ -256,7 +260,7 @@ def _read_bytes(task: Any, count: Value, name: Value, timeout: Value) -> Generat
 
 
 def _read_floats(task: Any, count: Value, name: Value, timeout: Value) -> Generator[None, None, Value]:
-    """`(1.0, 2.0)`, of as many numbers as are asked for."""
+    """Read a text such as `(1.0, 2.0)`, with as many numbers as requested."""
     size = _count(count)
     nothing = (0, *(math.nan,) * size)
     task.spend(size)
@@ -264,10 +268,10 @@ def _read_floats(task: Any, count: Value, name: Value, timeout: Value) -> Genera
     if data is None:
         return nothing
     try:
-        found = [float(part) for part in data.decode("latin-1").strip(" ()\r\n").split(",")]
+        numbers = [float(part) for part in data.decode("latin-1").strip(" ()\r\n").split(",")]
     except ValueError:
         return nothing
-    return (size, *found) if len(found) == size else nothing
+    return (size, *numbers) if len(numbers) == size else nothing
 
 
 def _read_line(task: Any, name: Value, timeout: Value) -> Generator[None, None, str]:
@@ -276,16 +280,19 @@ def _read_line(task: Any, name: Value, timeout: Value) -> Generator[None, None, 
 
 
 def _set_variable(task: Any, variable: Value, value: Value, name: Value) -> Value:
-    """`SET NAME VALUE`, a line. Source: the script manual."""
-    return _send(task, f"SET {string(variable)} {_whole(value)}\n".encode("latin-1", "replace"), name)
+    """Send `SET NAME VALUE` as a line. Source: the script manual."""
+    return _send(task, f"SET {string(variable)} {_integer(value)}\n".encode("latin-1", "replace"), name)
 
 
 def _get_variable(task: Any, variable: Value, name: Value) -> Generator[None, None, Value]:
-    """`GET NAME` as a line; the answer is `NAME VALUE`. 0 without one in two seconds. Source: the script manual."""
+    """Send `GET NAME` as a line; the answer is `NAME VALUE`. Return 0 if there is no answer within two seconds.
+
+    Source: the script manual.
+    """
     _send(task, f"GET {string(variable)}\n".encode("latin-1", "replace"), name)
-    words = (yield from _read_line(task, name, _OPEN_S)).split()
+    parts = (yield from _read_line(task, name, _OPEN_S)).split()
     try:
-        number_ = int(words[1]) if len(words) == 2 and words[0] == variable else 0
+        number_ = int(parts[1]) if len(parts) == 2 and parts[0] == variable else 0
     except ValueError:
         return 0
     return number_ if -(2**31) <= number_ < 2**31 else 0
@@ -294,8 +301,8 @@ def _get_variable(task: Any, variable: Value, name: Value) -> Generator[None, No
 def _read_string(
     task: Any, name: Value, prefix: Value, suffix: Value, *rest: Value
 ) -> Generator[None, None, Value]:
-    """`rest` are whether escapes count, which is without effect, and the time-out."""
-    begin, end = string(prefix), _encoded(suffix)
+    """Read a string. `rest` are the interpretation of escapes, which has no effect, and the timeout."""
+    begin, end = string(prefix), _encode(suffix)
     data = yield from _wait_for(task, name, rest[1], lambda socket: socket.take_until(end))
     text = "" if data is None else data.decode("latin-1")[:STRING_MAX]
     at = text.find(begin) + len(begin) if begin in text else len(text)
@@ -312,11 +319,11 @@ _SOCKETS: tuple[Function, ...] = (
     ),
     modelled(
         f'socket_send_string(str, socket_name="{_SOCKET}")',
-        lambda task, text, name: _send(task, _encoded(text), name),
+        lambda task, text, name: _send(task, _encode(text), name),
     ),
     modelled(
         f'socket_send_line(str, socket_name="{_SOCKET}")',
-        lambda task, text, name: _send(task, _encoded(text) + b"\n", name),
+        lambda task, text, name: _send(task, _encode(text) + b"\n", name),
     ),
     modelled(f'socket_set_var(name, value, socket_name="{_SOCKET}")', _set_variable),
     waiting(f'socket_get_var(name, socket_name="{_SOCKET}")', _get_variable),

@@ -1,4 +1,4 @@
-"""Functions that a program may call: name, signature, and whether the emulator models them."""
+"""Table of the functions that a program may call: name, signature, and whether the emulator models them."""
 
 import ast
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -13,43 +13,43 @@ E_SERIES = 5
 
 
 class Support(StrEnum):
-    """How far the emulator goes with a function."""
+    """Level of the emulator's support for a function."""
 
     MODELLED = "modelled"
-    """It has the effect, or the answer, of the emulated robot."""
+    """The emulated robot executes the function, or provides its result."""
     TAGGED = "tagged"
-    """It is accepted without effect, and told once a program."""
+    """The function is accepted without effect, and reported once per program."""
 
 
 NO_EFFECT, SAME_ANSWER = "accepted without effect", "always gives the same answer"
-"""Treatment of a tagged function without an answer, and of one with an answer."""
+"""Treatment of a tagged function: without a result, and with a result."""
 
 
 class Function(NamedTuple):
-    """One function."""
+    """Function that a program may call."""
 
     name: str
     parameters: tuple[str, ...]
     defaults: Mapping[str, Value]
-    """Values of parameters that may be left out."""
+    """Default values of optional parameters."""
     call: Callable[..., Any]
-    """Called with the task and the values of all parameters; a generator where it waits."""
+    """Implementation, called with the task and the values of all parameters; a generator if it waits."""
     support: Support
     waits: bool
-    """Whether it may let cycles pass."""
+    """Whether the function may wait for cycles."""
     since: Number = (0, 0, 0)
-    """First version of an e-Series controller that has it."""
+    """First version of an e-Series controller that provides the function."""
     since_cb3: Number = (0, 0, 0)
-    """The same of a CB3."""
+    """First version of a CB3 controller that provides the function."""
 
     def is_in(self, version: Sequence[int]) -> bool:
-        """Whether a controller of this version has it."""
+        """Return whether a controller of this version provides the function."""
         since = self.since if version[0] >= E_SERIES else self.since_cb3
         return tuple(version[:3]) >= since
 
     @property
     def signature(self) -> str:
-        """As a manual writes it."""
+        """Signature of the function, as in a manual."""
         parts = (
             f"{name}={self.defaults[name]!r}" if name in self.defaults else name for name in self.parameters
         )
@@ -60,22 +60,22 @@ Functions = Mapping[str, Function]
 
 
 def pure(signature: str, call: Callable[..., Value]) -> Function:
-    """Declare a function that depends only on its values."""
-    return _made(signature, lambda task, *values: call(*values), Support.MODELLED, False)
+    """Declare a function that depends only on its arguments."""
+    return _declare(signature, lambda task, *values: call(*values), Support.MODELLED, False)
 
 
 def modelled(signature: str, call: Callable[..., Value]) -> Function:
-    """Declare a function of its task, for one cycle."""
-    return _made(signature, call, Support.MODELLED, False)
+    """Declare a function that completes within one cycle."""
+    return _declare(signature, call, Support.MODELLED, False)
 
 
 def waiting(signature: str, call: Callable[..., Any]) -> Function:
     """Declare a function that may wait: a generator function of its task."""
-    return _made(signature, call, Support.MODELLED, True)
+    return _declare(signature, call, Support.MODELLED, True)
 
 
 def tagged(signature: str, answer: Value = None, detail: str = "") -> Function:
-    """Declare a function that is accepted without effect, with a constant answer. `detail` names its treatment."""
+    """Declare a function that is accepted without effect, with a constant result. `detail` describes the treatment."""
     name = signature.partition("(")[0]
     detail = detail or (NO_EFFECT if answer is None else SAME_ANSWER)
 
@@ -83,11 +83,11 @@ def tagged(signature: str, answer: Value = None, detail: str = "") -> Function:
         task.report_tagged(name, detail)
         return answer
 
-    return _made(signature, call, Support.TAGGED, False)
+    return _declare(signature, call, Support.TAGGED, False)
 
 
 def by_name(functions: Iterable[Function]) -> Functions:
-    """Return a table of functions, each name once."""
+    """Return a table of functions by name. Names are unique."""
     table: dict[str, Function] = {}
     for function in functions:
         assert function.name not in table, function.name
@@ -95,7 +95,7 @@ def by_name(functions: Iterable[Function]) -> Functions:
     return table
 
 
-def _made(signature: str, call: Callable[..., Any], support: Support, waits: bool) -> Function:
+def _declare(signature: str, call: Callable[..., Any], support: Support, waits: bool) -> Function:
     name, _, rest = signature.removesuffix(")").partition("(")
     parameters: list[str] = []
     defaults: dict[str, Value] = {}
@@ -109,7 +109,7 @@ def _made(signature: str, call: Callable[..., Any], support: Support, waits: boo
 
 
 def _parts(text: str) -> list[str]:
-    """Split a list; commas in brackets do not separate."""
+    """Split a list at commas outside brackets."""
     parts, depth, part = [], 0, ""
     for character in text:
         depth += (character in "[(") - (character in "])")

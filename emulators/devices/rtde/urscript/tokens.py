@@ -1,7 +1,8 @@
-"""The tokenizer: text → words, numbers, strings and signs, without the line ends that end no statement.
+"""Tokenizer: it converts a text to words, numbers, strings and signs, and drops line ends that do not end a
+statement.
 
-A line end is a token only where a statement may be complete: not in brackets, and not behind an operator, a comma or a
-colon.
+A line end is a token only where a statement may be complete: not inside brackets, and not after an operator, a
+comma or a colon.
 """
 
 import re
@@ -12,7 +13,7 @@ from emulators.devices.rtde.urscript.failures import ScriptSyntaxError, SyntaxFa
 from emulators.devices.rtde.urscript.limits import DEPTH_MAX, TEXT_MAX, TOKENS_MAX
 
 Token: TypeAlias = tuple[str, str, int, int]
-"""Kind, text, line and column. The kind of a keyword or of a bracket is its text."""
+"""Kind, text, line and column. The kind of a keyword or a bracket is its text."""
 NAME: Final = "name"
 NUMBER: Final = "number"
 STRING: Final = "string"
@@ -25,7 +26,7 @@ CRITICAL: Final = "critical"
 NEWLINE: Final = "newline"
 END: Final = "end of the text"
 UNKNOWN: Final = "unknown"
-"""A character that begins no token."""
+"""Kind of a character that cannot begin a token."""
 
 _TOKEN = re.compile(
     r"""[ \t\f]*(?:\#[^\n]*)?
@@ -60,13 +61,13 @@ _SIGNS = {
 _NESTS = {"(": (1, 0), "[": (1, 0), ")": (-1, 0), "]": (-1, 0), "end": (0, -1)} | dict.fromkeys(
     ("def", "thread", "sec", "if", "while"), (0, 1)
 )
-"""By how much a token changes the numbers of open brackets and of open blocks."""
+"""Changes that each token makes to the numbers of open brackets and open blocks."""
 _CONTINUES = frozenset({OR, "and", "not", COMPARE, SIGN, TIMES, "=", ",", ":"})
-"""Tokens behind which a statement continues in the next line."""
+"""Tokens after which a statement continues on the next line."""
 
 
 def tokens_of(text: str) -> Iterator[Token]:
-    """Return the tokens of a text, then `END` for ever. Raises ScriptSyntaxError for a text beyond the bounds."""
+    """Yield the tokens of a text, then `END` repeatedly. Raises ScriptSyntaxError for a text beyond the limits."""
     if len(text) > TEXT_MAX:
         raise ScriptSyntaxError(SyntaxFailure(1, 1, "the program is too long"))
     brackets = blocks = line_begin = 0
@@ -92,8 +93,8 @@ def tokens_of(text: str) -> Iterator[Token]:
         else:
             kind = STRING if group == _STRING else _SIGNS.get(word, UNKNOWN)
         if kind in _NESTS:
-            opened, begun = _NESTS[kind]
-            brackets, blocks = max(brackets + opened, 0), max(blocks + begun, 0)
+            opened, nested = _NESTS[kind]
+            brackets, blocks = max(brackets + opened, 0), max(blocks + nested, 0)
             if brackets + blocks > DEPTH_MAX:
                 raise ScriptSyntaxError(SyntaxFailure(line, column, "the program is nested too deeply"))
         complete, token = kind not in _CONTINUES, (kind, word, line, column)

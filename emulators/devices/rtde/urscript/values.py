@@ -1,7 +1,7 @@
 """Values of a program and their arithmetic.
 
-A list is a tuple, for a program hands lists by value. A pose is a list of six with a name of its own.
-A number beyond 32 bits is a float.
+A list is a tuple, since programs pass lists by value. A pose is a list of six numbers with a distinct type. A
+number beyond 32 bits is a float.
 """
 
 import math
@@ -13,10 +13,10 @@ from emulators.devices.rtde.urscript.failures import ScriptError
 from emulators.devices.rtde.urscript.limits import LENGTH_MAX, NESTING_MAX, STRING_MAX
 
 Value: TypeAlias = "int | float | str | tuple[Value, ...] | Struct | None"
-"""A boolean is an integer to Python. A thread is the number of its handle."""
+"""Value of a program. Python treats a boolean as an integer. A thread is represented by its handle."""
 _LARGEST = 2**31
 _CHARACTERS = 64
-"""Chosen: characters that are as much work as an element."""
+"""Number of characters that are charged as one element. Chosen."""
 
 
 class PoseValue(tuple[Value, ...]):
@@ -26,7 +26,7 @@ class PoseValue(tuple[Value, ...]):
 
 
 class Struct:
-    """Named values. Never changed, but replaced."""
+    """Named values. Immutable: a change creates another struct."""
 
     __slots__ = ("members",)
 
@@ -63,7 +63,7 @@ def kind(value: Value) -> str:
 
 
 def checked(value: Value) -> Value:
-    """Return a new list or struct, if it is small enough."""
+    """Return a new list or struct unless it exceeds the limits. Raises ScriptError."""
     _measure(value, 0, 0)
     return value
 
@@ -85,9 +85,9 @@ def _measure(value: Value, count: int, depth: int) -> int:
 
 
 def size_of(value: "tuple[Value, ...] | str | Struct") -> int:
-    """Characters, or elements, those of its parts counted too: the work of one look at all of it.
+    """Return the number of characters or elements of a value, including nested ones: the work of one traversal.
 
-    Characters of a string in a list count less, for they are copied at once.
+    Characters of a string in a list count less, because they are copied at once.
     """
     if isinstance(value, str):
         return len(value)
@@ -102,7 +102,7 @@ def size_of(value: "tuple[Value, ...] | str | Struct") -> int:
 
 
 def checked_string(text: str) -> str:
-    """Return a new string, if it is short enough."""
+    """Return a new string unless it exceeds the limit. Raises ScriptError."""
     if len(text) > STRING_MAX:
         raise ScriptError("a string is too long")
     return text
@@ -112,55 +112,55 @@ def checked_string(text: str) -> str:
 
 
 def number(value: Value) -> int | float:
-    """Return a number; a boolean is not a number."""
+    """Return a number. A boolean is not a number. Raises ScriptError."""
     if value.__class__ is float or value.__class__ is int:
         return value
-    raise ScriptError(f"a number is needed, not {kind(value)}")
+    raise ScriptError(f"expected a number, got {kind(value)}")
 
 
 def integer(value: Value) -> int:
-    """Return an integer; a float without a fraction is one."""
-    found = number(value)
-    if isinstance(found, int):
-        return found
-    if found.is_integer():
-        return int(found)
-    raise ScriptError("a whole number is needed")
+    """Return an integer. A float without a fraction is also accepted. Raises ScriptError."""
+    result = number(value)
+    if isinstance(result, int):
+        return result
+    if result.is_integer():
+        return int(result)
+    raise ScriptError("expected an integer")
 
 
 def string(value: Value) -> str:
     if isinstance(value, str):
         return value
-    raise ScriptError(f"a string is needed, not {kind(value)}")
+    raise ScriptError(f"expected a string, got {kind(value)}")
 
 
 def array(value: Value) -> tuple[Value, ...]:
-    """Return a list or a pose."""
+    """Return a list or a pose. Raises ScriptError for anything else."""
     if isinstance(value, tuple):
         return value
-    raise ScriptError(f"a list is needed, not {kind(value)}")
+    raise ScriptError(f"expected a list, got {kind(value)}")
 
 
 def vector(value: Value, size: int) -> tuple[float, ...]:
-    """Return a list of this many numbers."""
-    found = array(value)
-    if len(found) != size:
-        raise ScriptError(f"a list of {size} numbers is needed, not of {len(found)}")
-    for part in found:
+    """Return a list with this many numbers. Raises ScriptError for anything else."""
+    items = array(value)
+    if len(items) != size:
+        raise ScriptError(f"expected a list of {size} numbers, got {len(items)}")
+    for part in items:
         if part.__class__ is not float:
             number(part)
-    return tuple(found)  # type: ignore[arg-type]
+    return tuple(items)  # type: ignore[arg-type]
 
 
 def truth(value: Value) -> bool:
-    """Of a condition. A number is true unless it is 0."""
+    """Return the truth value of a condition. A number is true unless it is 0."""
     if isinstance(value, (int, float)):
         return bool(value)
     raise ScriptError(f"a condition must be a boolean, not {kind(value)}")
 
 
 def text_of(value: Value) -> str:
-    """As `to_str` and `textmsg` write it. Assumed: six digits of a float."""
+    """Format a value as `to_str` and `textmsg` do. Assumed: floats have six digits."""
     return checked_string(_text(value))
 
 
@@ -179,7 +179,7 @@ def _text(value: Value) -> str:
 _NUMBERS = (float, int)
 
 
-def _bounded(result: int | float) -> int | float:
+def _check_size(result: int | float) -> int | float:
     if isinstance(result, int) and not -_LARGEST <= result < _LARGEST:
         return float(result)
     return result
@@ -187,20 +187,20 @@ def _bounded(result: int | float) -> int | float:
 
 def add(a: Value, b: Value) -> Value:
     if a.__class__ in _NUMBERS and b.__class__ in _NUMBERS:
-        return _bounded(a + b)
+        return _check_size(a + b)
     return _each(operator.add, a, b)
 
 
 def subtract(a: Value, b: Value) -> Value:
     if a.__class__ in _NUMBERS and b.__class__ in _NUMBERS:
-        return _bounded(a - b)
+        return _check_size(a - b)
     return _each(operator.sub, a, b)
 
 
 def multiply(a: Value, b: Value) -> Value:
-    """Matrices as matrices do, lists element by element."""
+    """Multiply two values: matrices by the matrix product, lists element by element."""
     if a.__class__ in _NUMBERS and b.__class__ in _NUMBERS:
-        return _bounded(a * b)
+        return _check_size(a * b)
     if is_matrix(a) and isinstance(b, tuple):
         return _matrix_product(array(a), b)
     return _each(operator.mul, a, b)
@@ -217,14 +217,14 @@ def modulo(a: Value, b: Value) -> Value:
 
 
 def quotient(a: float, b: float) -> float:
-    """Divide. Raises ScriptError for a division by zero."""
+    """Divide two values. Raises ScriptError for a division by zero."""
     if b == 0:
         raise ScriptError("a division by zero")
     return a / b
 
 
 def _remainder(a: int | float, b: int | float) -> int | float:
-    """With the sign of the first, as in C (assumed)."""
+    """Return the remainder with the sign of the dividend, as in C (assumed)."""
     if b == 0:
         raise ScriptError("a division by zero")
     result = math.fmod(a, b)
@@ -234,21 +234,21 @@ def _remainder(a: int | float, b: int | float) -> int | float:
 def negate(a: Value) -> Value:
     if isinstance(a, tuple):
         return _like(a, tuple(negate(part) for part in a))
-    return _bounded(-number(a))
+    return _check_size(-number(a))
 
 
 def _each(operation: Callable[[float, float], float], a: Value, b: Value) -> Value:
-    """Apply an operation to numbers, to lists of one length element by element, or to a list and a number."""
+    """Apply an operation to numbers, to lists of equal length element by element, or to a list and a number."""
     if isinstance(a, tuple):
         if isinstance(b, tuple):
             if len(a) != len(b):
-                raise ScriptError(f"lists of {len(a)} and {len(b)} elements do not fit")
+                raise ScriptError(f"lists of {len(a)} and {len(b)} elements do not match")
             parts = tuple(_each(operation, p, q) for p, q in zip(a, b, strict=True))
             return PoseValue(parts) if isinstance(b, PoseValue) else _like(a, parts)
         return _like(a, tuple(_each(operation, p, b) for p in a))
     if isinstance(b, tuple):
         return _like(b, tuple(_each(operation, a, q) for q in b))
-    return _bounded(operation(number(a), number(b)))
+    return _check_size(operation(number(a), number(b)))
 
 
 def _like(model: tuple[Value, ...], parts: tuple[Value, ...]) -> tuple[Value, ...]:
@@ -259,16 +259,16 @@ def _like(model: tuple[Value, ...], parts: tuple[Value, ...]) -> tuple[Value, ..
 
 
 def is_matrix(value: Value) -> bool:
-    """Whether it is a list of lists."""
+    """Return whether a value is a list of lists."""
     return isinstance(value, tuple) and bool(value) and isinstance(value[0], tuple)
 
 
 def rows(value: Value) -> list[list[float]]:
     """Return the numbers of a matrix."""
-    found = [[number(part) for part in array(row)] for row in array(value)]
-    if not found or any(len(row) != len(found[0]) for row in found):
-        raise ScriptError("a matrix has rows of one length")
-    return found
+    matrix = [[number(part) for part in array(row)] for row in array(value)]
+    if not matrix or any(len(row) != len(matrix[0]) for row in matrix):
+        raise ScriptError("the rows of a matrix must have equal lengths")
+    return matrix
 
 
 def _matrix_product(a: tuple[Value, ...], b: tuple[Value, ...]) -> Value:
@@ -285,18 +285,18 @@ def _matrix_product(a: tuple[Value, ...], b: tuple[Value, ...]) -> Value:
 
 def _fit(columns: int, count: int) -> None:
     if columns != count:
-        raise ScriptError(f"a matrix of {columns} columns does not fit {count} rows")
+        raise ScriptError(f"a matrix of {columns} columns does not match {count} rows")
 
 
 def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return _bounded(sum(p * q for p, q in zip(a, b, strict=True)))
+    return _check_size(sum(p * q for p, q in zip(a, b, strict=True)))
 
 
 # --- comparisons
 
 
 def compare(operation: Callable[[float, float], bool], a: Value, b: Value) -> bool:
-    """Whether one number is less than another, and the like."""
+    """Compare two numbers by an operator."""
     return operation(number(a), number(b))
 
 
@@ -305,20 +305,20 @@ def compare(operation: Callable[[float, float], bool], a: Value, b: Value) -> bo
 
 def element(value: Value, place: Value) -> Value:
     """Return an element of a list, a pose or a string."""
-    found = array(value)
+    items = array(value)
     at = integer(place)
-    if not 0 <= at < len(found):
-        raise ScriptError(f"there is no element {at} in a list of {len(found)}")
-    return found[at]
+    if not 0 <= at < len(items):
+        raise ScriptError(f"there is no element {at} in a list of {len(items)}")
+    return items[at]
 
 
 def with_element(value: Value, place: Value, new: Value) -> Value:
-    """Return the list with another element. A list keeps its length."""
-    found = array(value)
+    """Return the list with one element replaced. The length does not change."""
+    items = array(value)
     at = integer(place)
-    if not 0 <= at < len(found):
-        raise ScriptError(f"there is no element {at} in a list of {len(found)}")
-    parts = _like(found, (*found[:at], new, *found[at + 1 :]))
+    if not 0 <= at < len(items):
+        raise ScriptError(f"there is no element {at} in a list of {len(items)}")
+    parts = _like(items, (*items[:at], new, *items[at + 1 :]))
     return checked(parts) if isinstance(new, (tuple, Struct)) else parts
 
 
@@ -330,7 +330,7 @@ def member(value: Value, name: str) -> Value:
 
 
 def with_member(value: Value, name: str, new: Value) -> Value:
-    """Return the struct with another value of an existing member."""
+    """Return the struct with the value of an existing member replaced."""
     member(value, name)
     assert isinstance(value, Struct), "it has a member"
     return checked(Struct({**value.members, name: new}))

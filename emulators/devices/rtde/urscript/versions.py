@@ -1,12 +1,14 @@
-"""First versions of functions. One that is missing here is taken to be in all versions from 3.0 and 5.0 (assumed).
+"""First versions that provide a function. A function that is missing here is in all versions from 3.0 and 5.0
+(assumed).
 
-Sources: conditions by version in `rtde_control.script` of ur_rtde 1.6.2 (its lines begin with `$5.4` and the like) and
-in `external_control.urscript` and `script_command_interface.cpp` of Universal Robots' C++ client library; of
-`get_inverse_kin_has_solution` the simulators 5.8.2 and 5.9.4, tried by the authors of a URCap (perceptronic-ps5); of
-interpreter mode the maker's article on it ("5.10 above, e-Series only"); of EtherNet/IP and of signals with several
-registers the maker's examples, URScript_Examples (which of the Modbus functions came with 5.14 is assumed). A
-version of one generation that no source tells of is that of the other one where both were released together, by the
-numbers of 3.x and 5.x: 3.11 with 5.4, 3.12 with 5.6, 3.13 with 5.8, 3.14 with 5.9, 3.15 with 5.10 (assumed).
+Sources: conditions by version in `rtde_control.script` of ur_rtde 1.6.2 (its lines begin with `$5.4` and the like)
+and in `external_control.urscript` and `script_command_interface.cpp` of Universal Robots' C++ client library. For
+`get_inverse_kin_has_solution`: the simulators 5.8.2 and 5.9.4, tried by the authors of a URCap (perceptronic-ps5).
+For interpreter mode: the maker's article on it ("5.10 above, e-Series only"). For EtherNet/IP and signals with
+several registers: the maker's examples, URScript_Examples (which of the Modbus functions came with 5.14 is
+assumed). Where no source states the version for one generation, it is the release of that generation at the same
+time as the release of the other: 3.11 with 5.4, 3.12 with 5.6, 3.13 with 5.8, 3.14 with 5.9, 3.15 with 5.10
+(assumed).
 """
 
 from collections.abc import Mapping
@@ -16,7 +18,7 @@ from protocol.devices.rtde.fields import NEVER, Number
 
 
 class Since(NamedTuple):
-    """First versions of a function."""
+    """First version of each generation that provides a function."""
 
     e_series: Number
     cb3: Number
