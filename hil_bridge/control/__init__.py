@@ -1,6 +1,4 @@
-"""The control room: controllers, stiffness estimate, frames, task, supervisor and figures of merit, all
-pure.
-"""
+"""Pure control code: controllers, stiffness estimate, frames, task, supervisor and figures of merit."""
 
 from hil_bridge.control.analysis.merit import FiguresOfMerit, ForceTrace, figures_of_merit
 from hil_bridge.control.analysis.tool_identification import ToolEstimate, ToolPose, identify_tool

@@ -1,4 +1,4 @@
-"""Checks of parameter models, one line of text each."""
+"""Checks of parameter models, with error messages of one line each."""
 
 import math
 from typing import Any
@@ -6,17 +6,17 @@ from typing import Any
 from protocol.marks import SettingError
 
 FORBID_EXTRA: dict[str, str] = {"extra": "forbid"}
-"""Tells pydantic to refuse keys that no field has."""
+"""Pydantic configuration that rejects unknown keys."""
 
 
 def check_reference(reference: float) -> None:
-    """Raise ValueError for a desired force that is not a finite number above 0."""
+    """Raise ValueError if the desired force is not a finite number above 0."""
     if not (math.isfinite(reference) and reference > 0.0):
         raise ValueError(f"the desired force must be above 0 N, got {reference}")
 
 
 def require_above_zero(model: Any, *names: str) -> None:
-    """Raise SettingError for the first of these attributes that is not a finite number above 0."""
+    """Raise SettingError for the first of the given attributes that is not a finite number above 0."""
     for name in names:
         value = getattr(model, name)
         if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
@@ -24,7 +24,7 @@ def require_above_zero(model: Any, *names: str) -> None:
 
 
 def require_not_negative(model: Any, *names: str) -> None:
-    """Raise SettingError for the first of these attributes that is not a finite number of at least 0."""
+    """Raise SettingError for the first of the given attributes that is not a finite number of at least 0."""
     for name in names:
         value = getattr(model, name)
         if not (isinstance(value, (int, float)) and math.isfinite(value) and value >= 0):
@@ -32,7 +32,7 @@ def require_not_negative(model: Any, *names: str) -> None:
 
 
 def require_shares_and_slope(model: Any) -> None:
-    """Raise SettingError where a share of an estimator of the normal is above 1, or its steepest angle not below 90."""
+    """Raise SettingError if a share of an estimator of the normal is above 1, or its steepest angle is 90° or more."""
     for name in ("learning_share", "smoothing_share"):
         if getattr(model, name) > 1.0:
             raise SettingError(name, f"must be at most 1, got {getattr(model, name)}")

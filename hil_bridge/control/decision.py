@@ -1,4 +1,4 @@
-"""The values of one cycle's decision: state, proposal and decision. Plain values."""
+"""State, proposal and decision of one cycle, as plain values."""
 
 from msgspec import Struct
 
@@ -13,33 +13,33 @@ from protocol.geometry import Quaternion, Vector
 
 
 class LoopState(Struct, frozen=True, gc=False):
-    """Everything that one decision leaves to the next."""
+    """State that one decision passes on to the next."""
 
     start: Vector
     """Reported position at the start point, base frame, m."""
     program: ProgramState
     supervisor: SupervisorState
     oscillation: OscillationState = OscillationState()
-    seen_at: float | None = None
-    """`now` of the sample before, s; None before the first."""
+    previous_at: float | None = None
+    """`now` of the previous sample, s; None before the first sample."""
     trail: Trail = ()
-    """Depths that were ordered lately."""
+    """Recently ordered depths."""
 
 
 class Proposal(Struct, frozen=True, gc=False):
-    """Command that program and controller ask for; the supervisor judges it."""
+    """Command that the program and the controller request, before the supervisor checks it."""
 
     contact: ContactSample
-    """The sample in the work frame."""
+    """Sample in the work frame."""
     intent: Intent
     failure: Reason | None
-    """Fault of the controller, with its package and place; None if there is none."""
+    """Failure of the controller, with its package and code location; None if there is no failure."""
     advice: Advice | None
-    """The oscillation detector's word; None where it has none."""
+    """Advice from the oscillation detector; None if there is none."""
     program: ProgramState
     oscillation: OscillationState
     trace: str = ""
-    """Traceback of the controller's fault; empty where it raised nothing."""
+    """Traceback of the controller's failure; empty if it raised no exception."""
 
 
 class Decision(Struct, frozen=True, gc=False):
@@ -48,23 +48,23 @@ class Decision(Struct, frozen=True, gc=False):
     depth: float
     """Reported position along the approach direction from the start point, m."""
     force: float
-    """The force that was controlled, N: along the approach direction, or along the estimated normal."""
+    """Controlled force, N: along the approach direction, or along the estimated normal."""
     target: Target
-    """Commanded depth and travel from the start point, m, after the supervisor's clamps."""
+    """Commanded depth and travel from the start point, m, after clamping by the supervisor."""
     position: Vector
-    """The same as a point in the base frame, m, not yet rounded to device words."""
+    """Commanded position in the base frame, m, before rounding to the robot's resolution."""
     intent: Intent
     verdict: Verdict
     ended: bool
-    """The run is over; nothing more is to be commanded after this."""
+    """Whether the run is over. No command may follow."""
     stands: bool = False
-    """The tool is to stand still at once, wherever it was ordered to."""
+    """Whether the tool must stop at once, regardless of its last order."""
     quaternion: Quaternion | None = None
-    """Commanded orientation, tool in base; None for that of the start."""
+    """Commanded orientation of the tool in the base frame; None for the orientation at the start."""
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why the supervisor clamped or stopped; empty when it allowed."""
+        """Reasons why the supervisor clamped the command or stopped; empty if it allowed the command."""
         match self.verdict:
             case Clamp(reasons=reasons):
                 return reasons

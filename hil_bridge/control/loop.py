@@ -1,6 +1,6 @@
-"""One cycle's decision as two pure functions: sample → program and controller → supervisor → target position.
+"""Decision of one cycle as two pure functions: sample → program and controller → supervisor → target position.
 
-The same functions make the decisions of a run and of its replay; a run looks at the clock between them.
+A run and its replay use the same functions. A run checks the clock between them.
 """
 
 import math
@@ -39,95 +39,102 @@ from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import RAISED, raise_if_interrupt
 from protocol.geometry import Vector
 
-# Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
+# Used in every cycle: before Python 3.12, access through the enum takes ten times as long.
 _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
 LONGEST_SAMPLES = 2.0
-"""Sample times that one sample counts for at most. Chosen: as far off as a control period may be."""
+"""Maximum duration that one sample counts for, in sample times. Chosen: the largest allowed ratio of control period
+to sample time.
+"""
 _NO_OSCILLATION = OscillationState()
 _ROUNDING = 1e-9
-"""Slack for arithmetic, m."""
+"""Tolerance for rounding errors, m."""
 
 
 class Route(Enum):
-    """How a proposal is judged."""
+    """Route by which a proposal is judged."""
 
     FAILURE = "failure"
     """A controller or step has failed."""
     RETRACTION = "retraction"
-    """The tool goes back: a retraction of the program, or of a step of ours."""
+    """The program or a built-in step retracts the tool."""
     OSCILLATION = "oscillation"
-    """The force oscillates at the lowest gain."""
+    """The force oscillates at the smallest gain."""
     ORDER = "order"
-    """Anything else: an order that may press or travel."""
+    """Any other order, which may press or travel."""
 
 
 _FAILURE, _RETRACTION, _OSCILLATION, _ORDER = Route
 
 
 class Case(Struct, frozen=True, gc=False):
-    """All that a proposal is judged by."""
+    """Input from which a proposal is judged."""
 
     route: Route
     state: LoopState
     sample: Sample
     proposal: Proposal
     guard: Supervisor
-    """The supervisor with the limits of the leg."""
+    """Supervisor with the limits of the current leg."""
     observation: Observation
 
 
 class Ruling(Struct, frozen=True, gc=False):
-    """A proposal with the supervisor's verdict."""
+    """Proposal with the supervisor's verdict."""
 
     program: ProgramState
     intent: Intent
     supervisor: SupervisorState
     verdict: Verdict
-    """The verdict on what was proposed."""
+    """Verdict on the proposal."""
     order: Verdict
-    """The verdict on what is ordered: on the retraction after a stop, else the same."""
+    """Verdict on the order: on the retraction after a stop, otherwise equal to `verdict`."""
 
 
 @dataclass(frozen=True, slots=True)
 class ControlLoop:
-    """Program and supervisor in the work frame of the program."""
+    """Control loop: program and supervisor in the work frame of the program."""
 
     program: Program
     supervisor: Supervisor
     detector: OscillationDetector | None = None
-    """Lowers the gain of a loop that swings, and at last ends the run; None lets it swing."""
+    """Detector that lowers the gain of an oscillating loop and finally ends the run; None to allow oscillation."""
     following: Following | None = None
-    """Watches whether the robot goes where it is ordered to; None for a robot whose servo is not known."""
+    """Check that the robot follows its orders; None if the servo of the robot is unknown."""
     sample_time: float = SAMPLE_MS * 1e-3
-    """Sample time that the controller is tuned for, s; the first sample counts as that long."""
+    """Sample time that the controller is tuned for, s. It is also the duration of the first sample."""
     guards: tuple[Supervisor, ...] = field(init=False, repr=False, compare=False)
-    """The supervisor with the limits of each leg."""
+    """Supervisors with the limits of each leg."""
 
     def __post_init__(self) -> None:
-        whole = self.supervisor
+        supervisor = self.supervisor
         guards = (
-            Supervisor(leg.limits, whole.speed, whole.witness, leg.works_aside or not leg.step.watches_way)
+            Supervisor(
+                leg.limits, supervisor.speed, supervisor.witness, leg.works_aside or not leg.step.watches_way
+            )
             for leg in self.program.row.legs
         )
         object.__setattr__(self, "guards", tuple(guards))
 
     def initial(self, start: Vector) -> LoopState:
-        """State at the start point, away from the surface; its reported position in the base frame, m."""
+        """Return the state at the start point, away from the surface. `start` is the reported position there, base
+        frame, m.
+        """
         return LoopState(start, self.program.initial(), self.supervisor.initial(start))
 
     def finish(self, state: LoopState, reason: Reason) -> LoopState:
-        """Retract from the next sample on, for a reason from outside the decision."""
+        """Return the state that retracts from the next sample on, for an external reason."""
         return replace(state, program=self.program.finish(state.program, reason))
 
     def step(self, state: LoopState, sample: Sample) -> tuple[LoopState, Decision]:
-        """One cycle: what is proposed, judged."""
+        """Return the decision of one cycle, which consists of a proposal and the verdict on it."""
         return self.judge(state, sample, self.propose(state, sample))
 
     def since(self, before: float | None, now: float) -> float:
-        """Time that a sample counts for when the one before was looked at then, both s on the run's clock.
+        """Return the duration that a sample counts for, s, given the time of the previous sample. Both times are in
+        s on the run's clock.
 
-        A sample that comes late counts for no more than `LONGEST_SAMPLES`: a computer that stood still must not make
-        the tool leap. Where the time is not known the sample time stands for it.
+        A late sample counts for at most `LONGEST_SAMPLES`, so that the tool does not leap after the computer was
+        unresponsive. If the time is unknown, the duration is the sample time.
         """
         passed = math.nan if before is None else now - before
         if 0.0 <= passed < LONGEST_SAMPLES * self.sample_time:
@@ -137,8 +144,8 @@ class ControlLoop:
         return 0.0 if passed < 0.0 else LONGEST_SAMPLES * self.sample_time
 
     def propose(self, state: LoopState, sample: Sample) -> Proposal:
-        """Return the intent of program and controller for a sample."""
-        before, dt = state.program, self.since(state.seen_at, sample.now)
+        """Return the proposal of the program and the controller for a sample."""
+        before, dt = state.program, self.since(state.previous_at, sample.now)
         if sample.doubt != before.step.stroke.doubt:
             stroke = replace(before.step.stroke, doubt=Doubt(sample.doubt))
             before = replace(before, step=replace(before.step, stroke=stroke))
@@ -161,13 +168,13 @@ class ControlLoop:
     # --- the verdict on a proposal
 
     def judge(self, state: LoopState, sample: Sample, proposal: Proposal) -> tuple[LoopState, Decision]:
-        """Return the supervisor's verdict on what was proposed for this sample, as the decision of the cycle.
+        """Return the decision of the cycle: the supervisor's verdict on the proposal for this sample.
 
-        A stop turns the proposal into a retraction. While retracting only the limits of motion apply, and that of the
-        force which the retraction itself makes.
+        A stop turns the proposal into a retraction. While retracting, only the motion limits and the limit of the
+        force that the retraction itself causes apply.
         """
         intent, advice = proposal.intent, proposal.advice
-        if proposal.failure is not None:  # of a step that follows a retraction, too
+        if proposal.failure is not None:  # also of a step after a retraction
             route = _FAILURE
         elif (intent.phase is _RETRACT or intent.phase is _END) and self._retracts(proposal):
             route = _RETRACTION
@@ -195,7 +202,7 @@ class ControlLoop:
         return self._conclude(case, ruling)
 
     def _supervise_retraction(self, case: Case) -> Ruling:
-        """Supervise a retraction: at a stop it ends, and the tool stands still."""
+        """Supervise a retraction. A stop ends the retraction, and the tool stops."""
         state, intent = case.state, case.proposal.intent
         supervisor, verdict = case.guard.retreat(
             state.supervisor, case.observation, self._request(state, intent)
@@ -205,7 +212,7 @@ class ControlLoop:
         return Ruling(case.proposal.program, intent, supervisor, verdict, verdict)
 
     def _supervise_order(self, case: Case) -> Ruling:
-        """Supervise an order that presses or travels: by the limits, and the watch over the robot's path."""
+        """Supervise an order that presses or travels, by checking the limits and the robot's path."""
         state, proposal, guard = case.state, case.proposal, case.guard
         request = self._request(state, proposal.intent, self._barrier(proposal, guard.limits))
         supervisor, verdict = guard.step(state.supervisor, case.observation, request)
@@ -220,14 +227,14 @@ class ControlLoop:
             supervisor, stop = guard.stop(supervisor, Reason(Cause.OFF_PATH, strayed))
             return Ruling(proposal.program, proposal.intent, supervisor, stop, stop)
         if proposal.advice is not None and proposal.advice.factor < 1.0:
-            lowered = Reason(Cause.GAIN, f"the force swings: gain lowered to {proposal.advice.factor:g}")
+            lowered = Reason(Cause.GAIN, f"the force oscillates: gain lowered to {proposal.advice.factor:g}")
             holds = verdict.holds if isinstance(verdict, Clamp) else ()
             verdict = Clamp(verdict.depth, verdict.position, (*holds, lowered))
         return Ruling(proposal.program, proposal.intent, supervisor, verdict, verdict)
 
     def _retract(self, case: Case, ruling: Ruling, reason: Reason) -> Ruling:
-        """Retract in place of what was proposed, from the state before this sample: the controller's answer to
-        it no longer matters.
+        """Retract instead of the proposal, from the state before this sample. The controller's response to the
+        sample is discarded.
         """
         state, proposal = case.state, case.proposal
         reason = proposal.failure or self.program.in_step(proposal.intent.leg, reason)
@@ -237,10 +244,10 @@ class ControlLoop:
         return Ruling(program, intent, supervisor, ruling.verdict, order)
 
     def _conclude(self, case: Case, ruling: Ruling) -> tuple[LoopState, Decision]:
-        """Return the decision of a ruling, and the state behind it."""
+        """Return the decision that follows from a ruling, and the next state."""
         state, sample, measurement = case.state, case.sample, case.proposal.contact.measurement
-        order, intent, before, held = ruling.order, ruling.intent, state.supervisor, False
-        stands = isinstance(order, Stop)
+        order, intent, before, is_over = ruling.order, ruling.intent, state.supervisor, False
+        must_stop = isinstance(order, Stop)
         last = before if isinstance(order, Stop) else order
         depth, position = last.depth, last.position
         if (
@@ -248,9 +255,11 @@ class ControlLoop:
             and intent.target.depth < before.depth <= depth
             and math.dist(before.position, position) <= _ROUNDING
         ):
-            # Held back at the border of the workspace, a retraction has come as far as it can.
-            held = not (isinstance(order, Clamp) and order.goes_on)
-            if held and intent.reason is None and intent.leg < len(self.program.row.legs) - 1:  # more to do
+            # A retraction that is held at the border of the workspace cannot continue.
+            is_over = not (isinstance(order, Clamp) and order.goes_on)
+            if (
+                is_over and intent.reason is None and intent.leg < len(self.program.row.legs) - 1
+            ):  # more steps follow
                 reason = explain_halt(ruling.verdict, case.observation)
                 intent = replace(intent, reason=reason, failed=True)
         trail: Trail = ()
@@ -262,7 +271,7 @@ class ControlLoop:
             program=ruling.program,
             supervisor=ruling.supervisor,
             oscillation=case.proposal.oscillation,
-            seen_at=sample.now,
+            previous_at=sample.now,
             trail=trail,
         )
         return after, Decision(
@@ -272,15 +281,15 @@ class ControlLoop:
             position=position,
             intent=intent,
             verdict=ruling.verdict,
-            ended=ruling.program.step.stroke.phase is _END or held or stands,
-            stands=stands,
+            ended=ruling.program.step.stroke.phase is _END or is_over or must_stop,
+            stands=must_stop,
             quaternion=ruling.supervisor.quaternion,
         )
 
     def _barrier(self, proposal: Proposal, limits: Limits) -> float:
-        """Depth, m, at which the force limit less its margin is predicted. The prediction takes the stiffness in hand,
-        the reported position and the force that belongs to it. What the robot has yet to do of its orders lies before
-        it.
+        """Return the depth at which the predicted force reaches the force limit less its margin, m. The prediction
+        uses the current stiffness, the reported position and the force at that position. Orders that the robot has
+        yet to carry out are added.
         """
         measurement = proposal.contact.measurement
         command = proposal.intent.command
@@ -295,10 +304,11 @@ class ControlLoop:
     def _decide(
         self, state: ProgramState, contact: ContactSample
     ) -> tuple[ProgramState, Intent, Failed | None]:
-        """Decide the program's step, and report a failure of its controller or step; None if there is none.
+        """Return the response of the program's step, and the failure of its controller or step (None if there is no
+        failure).
 
-        Both may come from a plug-in: every error that one raises, and an answer that is not of numbers or cannot
-        be meant, is its failure.
+        Both controller and step may come from a plug-in. Every exception that they raise counts as a failure, and
+        so does a response that is not numeric or is implausible.
         """
         measurement = contact.measurement
         try:
@@ -313,16 +323,16 @@ class ControlLoop:
         return state, self.program.hold(state, measurement), failed
 
     def _is_meant(self, command: Command, measurement: Measurement) -> bool:
-        """Whether a controller's answer is of numbers, and a place that it can mean."""
-        # neither holds for what is not a number; a sum with what is huge would lose where the tool is
-        limits, way = self.supervisor.limits, abs(command.position - measurement.commanded)
-        meant = way <= limits.correction_total_mm * 1e-3 or way <= farthest_answer(limits)
+        """Return whether the response of a controller is numeric and its position plausible."""
+        # false for NaN; adding a huge number would lose the tool's position to rounding
+        limits, distance = self.supervisor.limits, abs(command.position - measurement.commanded)
+        meant = distance <= limits.correction_total_mm * 1e-3 or distance <= farthest_answer(limits)
         numbers = math.isfinite(command.correction + command.across + command.turn)
         return meant and numbers and is_stiffness(command.stiffness)
 
     def _retracts(self, proposal: Proposal) -> bool:
-        """Whether an intent is the retraction that its phase tells. That of a step of a plug-in is watched as any
-        other intent: a stop brings a retraction of ours.
+        """Return whether an intent is really the retraction that its phase declares. A retraction ordered by a
+        plug-in's step is supervised like any other intent: a stop starts a built-in retraction.
         """
         return (
             proposal.program.course.reason is not None
@@ -330,8 +340,8 @@ class ControlLoop:
         )
 
     def _against(self, proposal: Proposal) -> float:
-        """Force against the way of the step that has begun with this sample, N. The sample was felt on the way of the
-        step before.
+        """Return the force against the direction of the step that has begun with this sample, N. The sample itself
+        was measured during the previous step.
         """
         leg = self.program.row.legs[proposal.intent.leg]
         if leg.way is None and leg.phase is Phase.MOVE:  # no path leads there
@@ -341,7 +351,9 @@ class ControlLoop:
     def _watch(
         self, state: OscillationState, measurement: Measurement, intent: Intent
     ) -> tuple[OscillationState, Advice | None]:
-        """Apply the oscillation detector to a sample of TRACK in contact; it restarts in every other phase."""
+        """Apply the oscillation detector to a sample of TRACK in contact. The detector restarts in every other
+        phase.
+        """
         if self.detector is None or intent.phase is not _TRACK:
             return _NO_OSCILLATION, None
         if intent.command is None or not intent.in_contact:
@@ -377,10 +389,10 @@ def _stop_failure(case: Case) -> Ruling:
 
 
 def _stop_oscillation(case: Case) -> Ruling:
-    """Stop the run because the force oscillates at the lowest gain."""
+    """Stop the run because the force oscillates at the smallest gain."""
     advice = case.proposal.advice
     assert advice is not None
-    text = f"the force continues swinging by ±{advice.amplitude:.1f} N at the lowest gain"
+    text = f"the force continues to oscillate by ±{advice.amplitude:.1f} N at the lowest gain"
     return _stopped(case, Reason(Cause.OSCILLATION, text))
 
 
@@ -390,9 +402,10 @@ def _stopped(case: Case, reason: Reason) -> Ruling:
 
 
 def _reason_to_end(case: Case, ruling: Ruling) -> Reason | None:
-    """Return why a retraction must take the place of what was proposed and not allowed; None while it need not.
+    """Return the reason why a retraction must replace a proposal that was not allowed; None if no retraction is
+    needed.
 
-    A retraction stays one. An approach that is held in place would last for ever.
+    A retraction stays a retraction. An approach that is held in position would never end.
     """
     intent, verdict = ruling.intent, ruling.verdict
     if case.route is _RETRACTION and intent.phase is _RETRACT:
@@ -403,8 +416,8 @@ def _reason_to_end(case: Case, ruling: Ruling) -> Reason | None:
         case Clamp(depth=depth, reasons=reasons) if (
             intent.phase is _APPROACH and depth <= case.state.supervisor.depth and not verdict.goes_on
         ):
-            held = "the touch" if intent.in_contact else "no contact found: the approach"
-            return Reason(Cause.HELD_APPROACH, f"{held} {', '.join(reasons)}")
+            subject = "the touch" if intent.in_contact else "no contact found: the approach"
+            return Reason(Cause.HELD_APPROACH, f"{subject} {', '.join(reasons)}")
         case Clamp() if intent.phase in (Phase.MOVE, Phase.SEEK) and verdict.is_for(Cause.WORKSPACE):
             return Reason(Cause.LEAVES_WORKSPACE, f"the {intent.phase} {LEAVES.text}")
         case _:
@@ -413,7 +426,7 @@ def _reason_to_end(case: Case, ruling: Ruling) -> Reason | None:
 
 def _observe(sample: Sample, proposal: Proposal, against: float) -> Observation:
     contact, measurement, intent = proposal.contact, proposal.contact.measurement, proposal.intent
-    if proposal.program.course.zero:  # a zero of the program's own hides no force either
+    if proposal.program.course.zero:  # the program's own zero must not hide a force either
         force = contact.force[0] if abs(contact.force[0]) > abs(sample.force) else sample.force
         sample = replace(sample, force=force, resultant=max(sample.resultant, math.hypot(*contact.force)))
     free = intent.phase in FREE_SPACE and not intent.in_contact

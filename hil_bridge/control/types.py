@@ -1,4 +1,4 @@
-"""Measurement and command: a controller's input and its answer. SI units; the coordinate is the approach direction.
+"""Measurement and command: input and output of a controller, in SI units along the approach direction.
 
 The approach direction is a unit vector pointing from the tool into the surface. Positions grow into the surface; forces
 are positive while the tool presses.
@@ -14,116 +14,120 @@ from hil_bridge.control.sample import Sample
 from hil_bridge.errors.failures import RAISED, raise_if_interrupt
 
 SAMPLE_MS = 180.0
-"""Sample time that a controller is taken to be tuned for when it declares none. Source: the paper's chain, whose cycle
-takes 172 … 187 ms on the computer link at 9600 baud.
+"""Sample time assumed for a controller that declares none, ms. Source: the paper's setup, whose cycle takes 172 …
+187 ms on the computer link at 9600 baud.
 """
 POSITION_STEP_MM = 0.125
-"""Step of a robot's position where no other is given. Source: the position words of the paper's robot, observed."""
+"""Default step of a robot's position, mm. Source: the position words of the paper's robot, observed."""
 
 
 STREAM_SAMPLES_MS = (2.0, 4.0, 12.0)
-"""Cycles of robots that stream, for which our controllers have tunings. Source: RTDE, EGM and RSI."""
+"""Cycle times of streaming robots for which the built-in controllers have tunings, ms. Source: RTDE, EGM and RSI."""
 FINE_STEP_MM = 0.01
-"""Step that a controller counts with on a robot that reports its position in fine steps. Chosen: with less, the noise
-of the force passes for a move.
+"""Position step that a controller assumes for a robot that reports its position in fine steps, mm. Chosen: with a
+smaller step, the noise of the force would count as a move.
 """
 
 
 class Tuning(NamedTuple):
-    """Parameters of a controller that fit one sample time."""
+    """Parameters of a controller for one sample time."""
 
     sample_ms: float
     parameters: Mapping[str, float]
-    """Those that differ from the defaults, by name."""
+    """Parameters that differ from the defaults, by name."""
 
 
 class Range(NamedTuple):
-    """Values of a parameter among which `hil-bridge tune` searches, both ends included; in the parameter's unit."""
+    """Range of a parameter that `hil-bridge tune` searches, including both ends, in the unit of the parameter."""
 
     low: float
     high: float
     by_factor: bool = False
-    """A factor is a step, as for gains: both ends are above 0."""
+    """Whether the search multiplies by a factor, as is usual for gains. Both ends are then above 0."""
 
 
 class Measurement(Struct, frozen=True, gc=False):
     """One sample of the force-controlled direction."""
 
     time: float
-    """When the force was sampled, s on the run's clock."""
+    """Time at which the force was sampled, s on the run's clock."""
     force: float
     """Contact force along the approach direction, N, positive while pressing."""
     position: float
     """Position that the robot controller reports, along the approach direction, m."""
     commanded: float
-    """Position commanded in the cycle before, after the supervisor's clamps, m."""
+    """Position commanded in the previous cycle, after clamping by the supervisor, m."""
     in_contact: bool = True
     """False before the first contact and after a contact loss."""
     paired_force: float | None = None
-    """Force that acted when the robot controller composed `position`, N: the other half of a force–position
-    pair. None where nothing older than `force` is known.
+    """Force that acted when the robot controller composed `position`, N: the other half of a force–position pair.
+    None if no force older than `force` is known.
     """
     travel: float = 0.0
-    """Reported position along the surface, of the same moment as `position`, m from the start point."""
+    """Reported position along the surface, at the same time as `position`, relative to the start point, m."""
     travel_next: float = 0.0
-    """Position along the surface that will be commanded together with the answer, m."""
+    """Position along the surface that will be commanded together with the controller's response, m."""
     free_position: float | None = None
-    """Reported position of the newest sample before the present contact, m; None where there was none."""
+    """Reported position in the newest sample before the current contact, m; None if there was no such sample."""
     advance: float = 1.0
-    """Share of a step along the travel direction that moves the tool by a whole step along the surface."""
+    """Share of a step along the travel direction that moves the tool by one full step along the surface."""
     saturated: bool = False
-    """An axis of the sensor is at the end of its range: the force may be anything above."""
+    """Whether an axis of the sensor is at the end of its range. If so, the force may have any larger value."""
     dt: float = SAMPLE_MS * 1e-3
-    """Time since the sample before, s, at most twice the controller's sample time; that time for the first sample."""
+    """Time since the previous sample, s, at most twice the controller's sample time. For the first sample it is the
+    sample time.
+    """
     against: float = 0.0
-    """Contact force against the way along the path, N; 0 on a way through free space without one."""
+    """Contact force against the motion along the path, N; 0 in free space if there is none."""
     sample: Sample | None = None
-    """The whole sample: wrench, pose, ages, states; None where a controller is tried without a run."""
+    """Complete sample with wrench, pose, ages and states; None if a controller is tried without a run."""
 
     @property
     def is_finite(self) -> bool:
-        """Whether forces and positions are numbers at all."""
-        # A sum is a number only if all its parts are, and no part is infinite.
+        """Whether all forces and positions are finite."""
+        # The sum is finite only if all its terms are.
         return math.isfinite(self.force + (self.paired_force or 0.0) + self.position + self.commanded)
 
     @property
     def force_at_position(self) -> float:
-        """Force that belongs to `position`, N: the paired one, else the newest."""
+        """Force that corresponds to `position`, N: the paired force if known, otherwise the newest force."""
         return self.force if self.paired_force is None else self.paired_force
 
 
 class Command(Struct, frozen=True, gc=False):
-    """A controller's answer for one sample."""
+    """Response of a controller to one sample."""
 
     position: float
-    """Position to command along the approach direction, m, not yet rounded to the robot's resolution."""
+    """Position to command along the approach direction, m, before rounding to the robot's resolution."""
     correction: float
-    """The part that the feedback law added, m, positive into the surface."""
+    """Correction that the feedback law added, m, positive into the surface."""
     stiffness: float | None = None
-    """Estimate of the contact stiffness, N/m, where the controller has one."""
+    """Estimate of the contact stiffness, N/m; None if the controller has none."""
     gain: float = 1.0
     """Factor that an adaptation applied to the feedback law's output."""
     held: bool = False
-    """True when the controller rests in its dead band: no position that the robot can take is nearer."""
+    """Whether the controller is in its dead band, so that no reachable position is nearer to the target."""
     explanation: dict[str, float] = {}
-    """Further numbers that explain the answer (quantised levels, …), by name, for the record."""
+    """Additional numbers that explain the response, by name, for the recording (quantised levels, for example)."""
     across: float = 0.0
-    """Way along the third direction of the work frame that this sample adds, m; no more than the travel's speed
-    (`task.speed_mm_s`) allows. A program, which leads the way itself, leaves it out.
+    """Displacement along the third direction of the work frame that this sample adds, m. It is limited to the speed
+    of the travel, `task.speed_mm_s`. It is ignored in a program, which sets the path itself.
     """
     turn: float = 0.0
-    """Turn of the tool that this sample adds, rad, about the third direction of the work frame: a positive one tips its
-    axis towards the travel. Looked at where the step's orientation is `led`, and never faster or farther than the
-    guard's limits allow.
+    """Rotation of the tool that this sample adds, rad, about the third direction of the work frame. A positive
+    rotation tilts the tool's axis towards the travel. It is used if the orientation of the step is `led`, and never
+    faster or farther than the supervisor's limits allow.
     """
 
 
 class ControllerFailed(Exception):
-    """A controller raised the error that is this one's cause, or answered with no command."""
+    """Failure of a controller: either an exception, which is its cause, or a response that is not a command."""
 
 
 def begin(controller: "Controller[Any]") -> Any:
-    """State of a controller before the first sample in contact. Raises ControllerFailed for all that it raises."""
+    """Return the state of a controller before the first sample in contact. Raises ControllerFailed for any
+    exception.
+    """
     try:
         return controller.initial()
     except RAISED as error:
@@ -134,13 +138,13 @@ def begin(controller: "Controller[Any]") -> Any:
 def ask(
     controller: "Controller[Any]", memory: Any, measurement: Measurement, reference: float
 ) -> tuple[Any, Command]:
-    """State and command of a controller's step, the command as of `as_command`. Raises ControllerFailed for all that
-    it raises, and for an answer that is none.
+    """Return the state and command from a controller's step, converted by `as_command`. Raises ControllerFailed for
+    any exception, and for an invalid response.
     """
     try:
         answer: Any = controller.step(memory, measurement, reference)
         if not (isinstance(answer, tuple) and len(answer) == 2):
-            raise TypeError(f"step answers {type(answer).__name__}, not a state and a command")
+            raise TypeError(f"step returned {type(answer).__name__}, not a state and a command")
         return answer[0], as_command(answer[1])
     except RAISED as error:
         raise_if_interrupt(error)
@@ -148,12 +152,12 @@ def ask(
 
 
 def as_command(answer: Any) -> Command:
-    """Return the answer of a controller as a command whose fields have the declared types.
+    """Return the response of a controller as a command whose fields have the declared types.
 
-    A controller of a plug-in may answer with types that only behave alike. Raises every error of the
-    conversion. The values of the explanation are not converted.
+    A controller of a plug-in may return types that merely behave alike. Raises every exception of the conversion.
+    The values of the explanation are not converted.
     """
-    exact = type(answer) is Command  # a name of its own, so that the fields' types count as open
+    exact = type(answer) is Command  # a separate name, so that type checkers treat the fields as untyped
     if (
         exact
         and type(answer.position) is float
@@ -180,9 +184,9 @@ def as_command(answer: Any) -> Command:
 
 
 def numeric_explanation(explanation: Mapping[Any, Any]) -> dict[str, float]:
-    """Return an explanation for the record, by name. A value that is not a number becomes NaN.
+    """Return an explanation for the recording, by name. A value that is not a number becomes NaN.
 
-    The explanation moves nothing, and a controller of a plug-in may have put any object into it.
+    The explanation does not affect the motion, and a controller of a plug-in may put any object into it.
     """
     return {
         name if type(name) is str else _name(name): value if type(value) is float else _number(value)
@@ -208,20 +212,23 @@ State = TypeVar("State")
 
 
 class Controller(Protocol[State]):
-    """A pure control law: same state, measurement and reference, same answer. No clock, no I/O.
+    """Pure control law: equal states, measurements and references give equal responses, without clock or I/O.
 
-    Gains may count per sample. A controller says for which sample time it is tuned by an attribute `sample_ms`, in ms.
-    One without it is taken for `SAMPLE_MS`; `controller.sample_ms` of a configuration goes before both. A run whose
-    control period differs from it by more than a factor of two is refused. `Measurement.dt` is the measured time, for a
-    controller that counts in seconds. One that turns the tool in a run without steps says so by `turns`, True.
+    Gains may be per sample. A controller declares the sample time that it is tuned for by an attribute `sample_ms`,
+    in ms. The default is `SAMPLE_MS`; `controller.sample_ms` in a configuration overrides both. A run whose control
+    period differs from this sample time by more than a factor of two is refused. `Measurement.dt` is the measured
+    time, for a controller with gains per second. A controller that turns the tool in a run without steps declares
+    this by the attribute `turns`, True.
     """
 
     @property
     def name(self) -> str:
-        """The name under which a configuration chooses it."""
+        """Name by which a configuration selects the controller."""
 
     def initial(self) -> State:
-        """State before the first sample in contact."""
+        """Return the state before the first sample in contact."""
 
     def step(self, state: State, measurement: Measurement, reference: float) -> tuple[State, Command]:
-        """One sample. `reference` is the desired force in N, positive while pressing."""
+        """Return the next state and the command for one sample. `reference` is the desired force in N, positive while
+        pressing.
+        """

@@ -1,1 +1,1 @@
-"""Runs: the composition of devices, the cycle of a run, its ways out, and its replay."""
+"""Runs: composition of devices, cycle of a run, end of a run, and replay."""

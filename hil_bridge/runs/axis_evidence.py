@@ -1,4 +1,4 @@
-"""Evidence on the force axes that no weight verified: what the moments and the touches of a run tell of them."""
+"""Evidence on the force axes that no weight has verified, from the moments and the touches of a run."""
 
 from collections.abc import Collection, Sequence
 
@@ -11,7 +11,7 @@ from protocol.geometry import Quaternion, Vector, Wrench
 
 
 def lever_of(config: Config) -> Lever | None:
-    """Return the vector from the sensor to the tool's end; None if the configuration does not contain it."""
+    """Return the vector from the sensor to the end of the tool; None if the configuration does not define it."""
     if config.sensor.url and config.tool.face_mm is None:
         return None
     end, position = face(config), metres(config.sensor.position_mm)
@@ -21,9 +21,7 @@ def lever_of(config: Config) -> Lever | None:
 
 
 def dead_axis_text(wrist: Wrist, approach: Vector, quaternion: Quaternion, dead: Collection[int]) -> str:
-    """Fault of a force axis that carries most of the controlled force, of those that do not change; empty while there
-    is none.
-    """
+    """Return a description of a dead force axis that carries most of the controlled force; empty if there is none."""
     if not dead:
         return ""
     names = " and ".join(AXES[k].lower() for k in main_axes(wrist, approach, quaternion) if k in dead)
@@ -31,43 +29,45 @@ def dead_axis_text(wrist: Wrist, approach: Vector, quaternion: Quaternion, dead:
 
 
 class AxisEvidence:
-    """The force axes of one run, from the check before it to where the tool was left."""
+    """Evidence on the force axes in one run, from the initial check to the final state."""
 
     def __init__(self, lever: Lever | None) -> None:
-        """`lever` leads from the sensor to the tool's end; None where that is not known."""
+        """Create the evidence. `lever` is the vector from the sensor to the end of the tool; None if unknown."""
         self.lever = lever
         self.along: Sequence[int] = ()
-        """Numbers of the force axes that nothing has verified, on which the approach lies."""
+        """Indices of the unverified force axes that have a major component of the approach."""
         self.across: Sequence[int] = ()
-        """The same for the directions across the approach."""
+        """Indices of the unverified force axes that have a major component of the directions across the approach."""
         self.tracked = False
-        """A touch has been tracked, and so tested where it was in doubt."""
+        """Whether a touch has been tracked, and therefore confirmed if it was in doubt."""
         self._confirmed = self._contradicted = False
 
     def hidden(self, wrist: WristAtOrientation, wrench: Wrench, force: float) -> float | None:
-        """Force across the approach that the moments show and the force axes do not, N; 0 where the tool's end is not
-        known, None where these axes are verified. `wrist` has the approach as its first direction, `force` is that
-        along it, N.
+        """Return the force across the approach that the moments show and the force axes do not, N; 0 if the
+        position of the tool's end is unknown; None if the axes across the approach are verified. The first
+        direction of `wrist` is the approach. `force` is the force along the approach, N.
         """
         if not self.across:
             return None
         if self.lever is None:
             return 0.0
         x, y, z = wrist.directions[0]
-        found = compare_moment(self.lever, wrench, (x, y, z), force)
-        self._confirmed = self._confirmed or found.confirmed
-        self._contradicted = self._contradicted or found.hidden > HIDDEN_N
-        return found.hidden
+        comparison = compare_moment(self.lever, wrench, (x, y, z), force)
+        self._confirmed = self._confirmed or comparison.confirmed
+        self._contradicted = self._contradicted or comparison.hidden > HIDDEN_N
+        return comparison.hidden
 
     def hidden_at_rest(self, wrist: WristAtOrientation, measured: Wrench, tolerance_n: float) -> float:
-        """Return the same for a stationary tool, from a measured wrench; 0 up to a tolerance."""
+        """Return the hidden force (see `hidden`) on a stationary tool, from a measured wrench, N; 0 within the
+        tolerance.
+        """
         wrench = wrist.contact_wrench(measured)
         hidden = self.hidden(wrist, wrench, wrist.force_along(0, wrench)) or 0.0
         return hidden if hidden > tolerance_n else 0.0
 
     def unverified(self, aside: bool) -> tuple[str, ...]:
-        """Names of the force axes along which something may press on the tool unseen. `aside`: it was left elsewhere
-        across the approach than it began.
+        """Return the names of the force axes along which a contact of the tool would go unnoticed. `aside` states
+        whether the tool's final position across the approach differs from the start.
         """
         axes = set() if self.tracked else set(self.along)
         if aside and (self._contradicted or not self._confirmed):

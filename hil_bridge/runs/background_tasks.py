@@ -8,10 +8,10 @@ from typing import Any
 
 @asynccontextmanager
 async def background_task(work: Coroutine[Any, Any, None], name: str) -> AsyncIterator[None]:
-    """Run `work` as a task of this name while the context is open; cancel it at the end.
+    """Run `work` as a task with the given name while the context is open, and cancel it on exit.
 
-    A failure of the work is raised at the end: an observer of a run must not end its movement, as a task group would.
-    An error from inside stays what it is, where a group would wrap it.
+    A failure of `work` is raised on exit: an observer of a run must not end its movement, as a task group would. An
+    exception from inside the context is raised unchanged; a task group would wrap it.
     """
     task = asyncio.create_task(work, name=name)
     try:

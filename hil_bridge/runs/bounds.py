@@ -1,4 +1,4 @@
-"""Bounds of the last gate, of what a run, the freeing of a tool and the turning of one may order."""
+"""Bounds of the gate, which is the last check of every order, for a run, for freeing a tool and for turning a tool."""
 
 import math
 
@@ -11,17 +11,19 @@ from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Vector
 
 DECIDES_S = 0.1
-"""Chosen: time that one decision may last longer than the next one; two orders come as much sooner one after the other.
-The guard reports a computer that stalls for longer.
+"""Largest difference between the durations of two consecutive decisions, s. It shortens the interval between two
+orders. Chosen. The supervisor reports a computer that stalls for longer.
 """
-WORDS = 2.0
-"""Steps of a robot's words between an order and its pose. Derived: two places that are each a step off."""
+RESOLUTION_STEPS = 2.0
+"""Largest distance between an order and the reported pose, in resolution steps of the robot. Derived: two
+positions, each off by one step.
+"""
 
 
 def run_bounds(config: Config, facts: RobotFacts, sample_time: float, turns: bool, start: Pose) -> Bounds:
-    """Bounds of a run that begins here, from the limits of its supervisor.
+    """Return the bounds of a run that begins at `start`, from the limits of its supervisor.
 
-    `sample_time` is the controller's, s. A program turns the tool where `turns` is true.
+    `sample_time` is the sample time of the controller, s. `turns` states whether a program turns the tool.
     """
     limits, lift = config.limits, config.task.zero_lift_mm * 1e-3
     return Bounds(
@@ -40,13 +42,13 @@ def run_bounds(config: Config, facts: RobotFacts, sample_time: float, turns: boo
 
 
 def check_depth(position: Vector, start: Pose, config: Config, depth: float) -> None:
-    """Raise GateStop for a place, m, that has not the depth below the start that was decided, m."""
+    """Raise GateStop if the depth of a position (m) below the start differs from the decided depth, m."""
     if stopped := contradiction(position, start.position, config.frame.approach, depth):
         raise GateStop(stopped)
 
 
 def free_bounds(config: Config, facts: RobotFacts, start: Pose) -> Bounds:
-    """Bounds of freeing a tool: away from where it stands, and no deeper."""
+    """Return the bounds for freeing a tool, which may move away from its position, and no deeper."""
     return Bounds(
         start,
         config.frame.approach,
@@ -60,7 +62,9 @@ def free_bounds(config: Config, facts: RobotFacts, start: Pose) -> Bounds:
 
 
 def return_bounds(config: Config, facts: RobotFacts, goal: Vector, start: Pose) -> Bounds:
-    """Bounds of a return to a place, m, from where the tool is: no deeper than that place."""
+    """Return the bounds for a return from the current position of the tool to another position, m, and no deeper
+    than it.
+    """
     limits = config.limits
     deeper = sum((b - a) * n for a, b, n in zip(start.position, goal, config.frame.approach, strict=True))
     return Bounds(
@@ -78,7 +82,9 @@ def return_bounds(config: Config, facts: RobotFacts, goal: Vector, start: Pose) 
 
 
 def turning_bounds(config: Config, facts: RobotFacts, angle: float, start: Pose) -> Bounds:
-    """Bounds of turning a tool by an angle, rad, away from where it stands. The robot has its own speed of turning."""
+    """Return the bounds for turning a tool by an angle, rad, from its current orientation. The angular speed is the
+    robot's own.
+    """
     limits = config.limits
     return Bounds(
         start=start,
@@ -93,7 +99,7 @@ def turning_bounds(config: Config, facts: RobotFacts, angle: float, start: Pose)
 
 
 def _slack(facts: RobotFacts) -> float:
-    return WORDS * (facts.order_step_m or 0.0) + SLACK_M
+    return RESOLUTION_STEPS * (facts.order_step_m or 0.0) + SLACK_M
 
 
 def _move(corner: Vector, by: float) -> Vector:

@@ -1,6 +1,6 @@
-"""Refusals of a run before anything moves, from its configuration and this computer alone.
+"""Checks of a run before any motion, which need only the configuration and this computer.
 
-`run` raises the first of these, `doctor` tells all of them: so that the one cannot pass what the other refuses.
+`run` raises the first problem, and `doctor` reports all of them, so that both agree.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -18,17 +18,17 @@ from hil_bridge.runs.zeroing import known_wrist
 
 
 class Start(NamedTuple):
-    """How a run would begin."""
+    """Conditions under which a run starts."""
 
     virtual: bool
-    """In virtual time."""
+    """Whether the run uses virtual time."""
     now: float = VIRTUAL_EPOCH
-    """When the emulated cell is powered up, s."""
+    """Time at which the emulated cell is powered up, s."""
 
 
 def check(setup: Setup, virtual: bool, now: float) -> Cell[Any, Any] | None:
-    """Raise the first of the problems as ConfigError. Gives the emulated cell, powered up `now`, s, for the run to use;
-    None where both devices are real.
+    """Raise the first problem as ConfigError. Return the emulated cell for the run, powered up at `now`, s; None if
+    both devices are real.
     """
     for check_one in CHECKS.values():
         check_one(setup, Start(virtual, now))
@@ -36,8 +36,8 @@ def check(setup: Setup, virtual: bool, now: float) -> Cell[Any, Any] | None:
 
 
 def problems(setup: Setup, virtual: bool) -> Iterator[tuple[str, ConfigError]]:
-    """Everything that keeps a run with this configuration from beginning, each by the name of the first check that
-    tells it.
+    """Return all problems that prevent a run with this configuration, by the name of the first check that reports
+    each.
     """
     texts: set[str] = set()
     for name, check_one in CHECKS.items():
@@ -50,7 +50,7 @@ def problems(setup: Setup, virtual: bool) -> Iterator[tuple[str, ConfigError]]:
 
 
 def check_wires(setup: Setup, start: Start) -> None:
-    """Raise ConfigError for URLs that make no cell together, or that virtual time cannot wait for."""
+    """Raise ConfigError if the URLs do not form a cell, or do not work in virtual time."""
     if start.virtual and not (setup.robot.is_emulated and setup.sensor.is_emulated):
         raise ConfigError(
             f"--virtual runs against the emulated cell alone; rehearse with --robot {setup.robot.kind.name} "
@@ -58,7 +58,7 @@ def check_wires(setup: Setup, start: Start) -> None:
         )
     if setup.sensor.is_emulated and not setup.robot.is_emulated:
         raise ConfigError(
-            "a robot without a sensor: the emulated sensor cannot feel what that robot touches; "
+            "a robot without a sensor: the emulated sensor cannot measure the contact of a real robot; "
             "give --sensor (sensor.url) too"
         )
 
@@ -81,14 +81,14 @@ def _tool(setup: Setup, start: Start) -> None:
 
 
 def _controller(setup: Setup, start: Start) -> None:
-    """Check the controller's parameters, and that it is tuned for the control period."""
+    """Check the controller's parameters, and whether it is tuned for the control period."""
     _ = setup.loop
 
 
 def _power_up(setup: Setup, start: Start) -> None:
-    """Power the emulated cell up, where a device is emulated.
+    """Power up the emulated cell, if a device is emulated.
 
-    Raises ConfigError for the files of the robot's kind, for what the cell holds, and for one that cannot be.
+    Raises ConfigError for invalid files of the robot's kind, invalid contents of the cell, or an invalid cell.
     """
     robot = setup.robot
     if robot.kind.check is not None:
@@ -98,9 +98,9 @@ def _power_up(setup: Setup, start: Start) -> None:
 
 
 def check_program(setup: Setup, start: Start | None = None) -> None:
-    """Raise ConfigError with the step's number for a program that cannot be carried out.
+    """Raise ConfigError, with the number of the step, for a program that cannot be carried out.
 
-    Where the robot is emulated, its start is known, and so whether it reaches the corners of each path.
+    The start of an emulated robot is known, so its reach is checked at the corners of each path.
     """
     program = setup.loop.program
     if not setup.robot.is_emulated:
@@ -133,4 +133,4 @@ CHECKS: Mapping[str, Callable[[Setup, Start], None]] = {
     "realtime": _thread,
     "tool": _tool,
 }
-"""Each raises ConfigError for a configuration that cannot be run."""
+"""Checks by name. Each check raises ConfigError for a configuration that cannot be run."""

@@ -1,6 +1,4 @@
-"""The composition root: which robot, which sensor, which surface and which wires are joined, by the kinds that a
-configuration names.
-"""
+"""Composition root, which connects robot, sensor, surface and links by the kinds that a configuration names."""
 
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -20,7 +18,7 @@ from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Serving, Wiring, Wrap, unwrapped
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.errors.failures import WrongAnswer, one_line, plugin_place, report_failure
+from hil_bridge.errors.failures import WrongAnswer, one_line, plugin_location, report_failure
 from hil_bridge.record import EventKind
 from hil_bridge.runs.faults.bus import BusFaults
 from hil_bridge.runs.setup import Setup
@@ -34,7 +32,7 @@ _MEMORY_CAN = "can+memory"
 
 @dataclass(frozen=True, slots=True)
 class ServedCell:
-    """An emulated cell and its devices, with the URLs at which they are reached; None for a device not served."""
+    """Emulated cell and its devices, with the URLs of the devices. A device that is not served is None."""
 
     cell: Cell[Any, Any]
     robot: Robot | None
@@ -42,12 +40,12 @@ class ServedCell:
     panel: str | None
     """URL of the emulated controller's panel, for operators."""
     operated: LocalPanel | None = None
-    """The same panel for this process; None for a kind without one, and if no robot is served."""
+    """Panel for use in this process; None if the kind has no panel, or if no robot is served."""
 
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """Robot and sensor of a run, started, and the emulated cell if there is one."""
+    """Started robot and sensor of a run, and the emulated cell if there is one."""
 
     robot: RobotLink
     sensor: ForceSensor
@@ -55,7 +53,7 @@ class Devices:
 
     @property
     def cell(self) -> Cell[Any, Any] | None:
-        """The emulated cell; None if both devices are real."""
+        """Emulated cell; None if both devices are real."""
         return None if self.served is None else self.served.cell
 
 
@@ -63,7 +61,7 @@ _Device = TypeVar("_Device", Robot, Sensor)
 
 
 def choose_port(device: _Device, virtual: bool) -> _Device:
-    """Return an emulated device with the URL at which it listens: its own, or the kind's default.
+    """Return an emulated device with the URL at which it listens: its own URL, or the default of its kind.
 
     Raises ConfigError.
     """
@@ -71,7 +69,7 @@ def choose_port(device: _Device, virtual: bool) -> _Device:
 
 
 def check_panel(setup: Setup, virtual: bool) -> None:
-    """Raise ConfigError for a panel where there is none, and for a URL that can be none."""
+    """Raise ConfigError for the panel of a robot that has no panel, or for an invalid URL."""
     url, real = setup.config.run.panel_url, not setup.robot.is_emulated
     if not url:
         return
@@ -85,13 +83,13 @@ def check_panel(setup: Setup, virtual: bool) -> None:
 
 
 def check_controls(kind: Any, option: str) -> None:
-    """Raise ConfigError where the emulated robot of a kind has no panel, which an option asks for."""
+    """Raise ConfigError if an option requires the panel of an emulated robot that has none."""
     if _emulation(kind).controls is None:
         raise ConfigError(f"an emulated {kind.name} has no panel; leave {option} out")
 
 
 def make_cell(setup: Setup, now: float) -> Cell[Any, Any]:
-    """Make the emulated cell of a setup, powered up `now`, s. Raises ConfigError for an impossible one."""
+    """Return the emulated cell of a setup, powered up at `now`, s. Raises ConfigError for an invalid cell."""
     config, surface = setup.config, setup.cell_surface
     parts = Parts(
         _make(setup.cell_robot),
@@ -102,7 +100,7 @@ def make_cell(setup: Setup, now: float) -> Cell[Any, Any]:
     try:
         return Cell(config.cell, now, config.run.seed, parts)
     except ValueError as error:
-        place = plugin_place(error)
+        place = plugin_location(error)
         raise ConfigError(f"cell: {one_line(str(error))}{place and f' ({place})'}") from error
 
 
@@ -111,7 +109,9 @@ def _make(device: Robot | Sensor) -> Any:
 
 
 def can_hold(setup: Setup, place: Vector, quaternion: Quaternion | None = None) -> bool:
-    """Whether the emulated robot can hold its tool there, base frame, m; None: in the orientation of the start."""
+    """Return whether the emulated robot can hold its tool at a position, base frame, m. An orientation of None
+    stands for the orientation at the start.
+    """
     config = setup.config
     turned = quaternion or config.cell.start_quaternion
     start = StartPose(place, turned, config.cell.tool.length_mm * 1e-3)
@@ -126,18 +126,18 @@ def can_hold(setup: Setup, place: Vector, quaternion: Quaternion | None = None) 
 async def open_devices(
     setup: Setup, clock: Clock, log: DeviceLog, wrap: Wrap = unwrapped, cell: Cell[Any, Any] | None = None
 ) -> AsyncIterator[Devices]:
-    """Robot and sensor of a configuration, started; what has no URL is emulated. Closed when the context is left.
+    """Start the robot and sensor of a configuration, and emulate devices without a URL. They are closed on exit
+    from the context.
 
-    `wrap` may put something between each wire and its client; `cell` is the emulated cell where a check has made it
-    already. Raises ConfigError for a URL, TransportUnavailable for
-    a wire.
+    `wrap` may insert a layer between each connection and its client. `cell` is the emulated cell if a check has
+    already created it. Raises ConfigError for an invalid URL, and TransportUnavailable if a connection fails.
     """
     check_panel(setup, clock.is_virtual)
     robot_wiring, sensor_wiring = (Wiring(name, clock, log, wrap) for name in ("robot", "sensor"))
     async with AsyncExitStack() as stack:
         served, chosen_robot, chosen_sensor = None, setup.robot, setup.sensor
         if chosen_robot.is_emulated or chosen_sensor.is_emulated:
-            emulated = emulated_cell(setup, clock, lambda cause: _tell_failed(cause, log), cell=cell)
+            emulated = emulated_cell(setup, clock, lambda cause: _report_failed(cause, log), cell=cell)
             served = await stack.enter_async_context(emulated)
             chosen_robot, chosen_sensor = served.robot or chosen_robot, served.sensor or chosen_sensor
         robot = await connect_robot(chosen_robot, robot_wiring)
@@ -149,8 +149,10 @@ async def open_devices(
         yield Devices(robot, sensor, served)
 
 
-def _tell_failed(cause: BaseException, log: DeviceLog) -> None:
-    """Tell that an emulated device can no longer be served: its wire has ended, or its code has failed."""
+def _report_failed(cause: BaseException, log: DeviceLog) -> None:
+    """Report that an emulated device can no longer be served, because its connection has ended or its code has
+    failed.
+    """
     if isinstance(cause, BridgeError):
         log.notice(EventKind.EMULATOR, repr(cause))
         return
@@ -158,16 +160,16 @@ def _tell_failed(cause: BaseException, log: DeviceLog) -> None:
 
 
 def follow_unmodelled(cell: Cell[Any, Any], listener: Callable[[NotModelled], object]) -> None:
-    """Tell the listener each thing that a client uses and a device of the cell does not model, once."""
+    """Report each feature that a client uses and a device of the cell does not model, once per feature."""
     for device in (cell.robot, cell.sensor):
         if isinstance(device, TaggingDevice):
             device.unmodelled.follow(listener)
 
 
 async def connect_robot(robot: Robot, wiring: Wiring) -> RobotLink:
-    """Connect the robot on its wire, without starting it.
+    """Connect the robot without starting it.
 
-    Raises ConfigError for the URL, TransportUnavailable for the wire.
+    Raises ConfigError for an invalid URL, and TransportUnavailable if the connection fails.
     """
     link: RobotLink = await robot.kind.connect(robot.url, robot.settings, wiring)
     if robot.kind.name in ROBOTS.own:
@@ -178,9 +180,9 @@ async def connect_robot(robot: Robot, wiring: Wiring) -> RobotLink:
 
 
 async def connect_sensor(sensor: Sensor, wiring: Wiring) -> ForceSensor:
-    """Connect the sensor on its wire, without starting it: the kind names the device in between.
+    """Connect the sensor without starting it. Its kind names the device in between.
 
-    Raises ConfigError for the URL, TransportUnavailable for the wire.
+    Raises ConfigError for an invalid URL, and TransportUnavailable if the connection fails.
     """
     answer: Any = await sensor.kind.connect(sensor.url, sensor.settings, wiring)
     if not (isinstance(answer, tuple) and len(answer) == 2):
@@ -191,9 +193,9 @@ async def connect_sensor(sensor: Sensor, wiring: Wiring) -> ForceSensor:
 
 @asynccontextmanager
 async def _serve_panel(panel: LocalPanel, url: str, clock: Clock) -> AsyncIterator[str]:
-    """Let the panel listen on a URL; where it is asked.
+    """Serve the panel on a URL, if requested.
 
-    Raises ConfigError for the URL, TransportUnavailable for the port.
+    Raises ConfigError for an invalid URL, and TransportUnavailable if the port is unavailable.
     """
     server = PanelServer(panel.perform, clock)
     address = await server.listen(url)
@@ -204,7 +206,7 @@ async def _serve_panel(panel: LocalPanel, url: str, clock: Clock) -> AsyncIterat
 
 
 def _operate(cell: Cell[Any, Any], kind: str, controls: Controls, serving: Serving) -> LocalPanel:
-    """Serve the panel of the cell's robot. Each act wakes the cell's devices."""
+    """Serve the panel of the cell's robot. Each action wakes the devices of the cell."""
     panel = Panel(cell.robot, controls, cell.ledger)
 
     def perform(request: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -228,11 +230,11 @@ async def emulated_cell(
     say: Callable[[str], None] = lambda text: None,
     cell: Cell[Any, Any] | None = None,
 ) -> AsyncIterator[ServedCell]:
-    """Serve the cell's devices where the setup lets them listen, until the context is left.
+    """Serve the devices of the cell at the URLs of the setup until exit from the context.
 
-    `on_failure` is told when a device can no longer be served, `say` a line for every connection that ends badly.
-    `cell` is the cell where it has been made already. Raises ConfigError for a URL and for a cell that cannot be,
-    TransportUnavailable for a wire.
+    `on_failure` is called when a device can no longer be served, and `say` with one line for every connection that
+    ends abnormally. `cell` is the cell if it has already been created. Raises ConfigError for an invalid URL or
+    cell, and TransportUnavailable if a connection fails.
     """
     clock = device_clock(clock)
     cell = cell or make_cell(setup, clock.now())
@@ -265,7 +267,7 @@ async def _serve(device: _Device, emulator: Any, serving: Serving) -> _Device:
 
 
 def _serve_bus_faults(sensor: Sensor, cell: Cell[Any, Any], serving: Serving, seed: int) -> None:
-    """Let the sensor's CAN bus have faults, where it is one in memory."""
+    """Support faults of the sensor's CAN bus if the bus is in memory."""
     wire = sensor.kind.parse(sensor.url, sensor.settings)
     if wire.scheme == _MEMORY_CAN:
         bus = BusFaults(memory_can_bus(wire.target, serving.clock), serving.clock, seed)
@@ -274,7 +276,7 @@ def _serve_bus_faults(sensor: Sensor, cell: Cell[Any, Any], serving: Serving, se
 
 
 def _follow_faults(cell: Cell[Any, Any], serving: Serving) -> None:
-    """Wake the devices when a fault begins or ends, and end faults at their times."""
+    """Wake the devices when a fault begins or ends, and end faults at their scheduled times."""
     changes, stack = cell.ledger.on_change, serving.stack
     end = _FaultEnd(cell, serving.clock)
     stack.callback(changes.clear)
@@ -284,7 +286,7 @@ def _follow_faults(cell: Cell[Any, Any], serving: Serving) -> None:
 
 
 class _FaultEnd:
-    """Ends the faults of a cell at their times."""
+    """Timer that ends the faults of an emulated cell."""
 
     def __init__(self, cell: Cell[Any, Any], clock: Clock) -> None:
         self._ledger = cell.ledger
@@ -292,20 +294,20 @@ class _FaultEnd:
         self._timer: Timer | None = None
 
     def arm(self) -> None:
-        """Wait for the next end."""
+        """Wait for the next fault to end."""
         self.cancel()
         if (at := self._ledger.next_deadline()) is not None:
             self._timer = self._clock.call_at(at, lambda: self._ledger.handle_deadline(at))
 
     def cancel(self) -> None:
-        """Return at once."""
+        """Cancel the timer."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
 
 def _emulation(kind: Any) -> Any:
-    """Emulation of a kind of device. Raises ConfigError for a kind without one."""
+    """Return the emulation of a kind of device. Raises ConfigError for a kind that has no emulation."""
     emulation: RobotEmulation[Any, Any] | SensorEmulation[Any, Any] | None = kind.emulation
     if emulation is None:
         raise ConfigError(f"{kind.name} has no emulator; give the URL of a real one")

@@ -1,7 +1,8 @@
-"""One run of the closed loop: connect, check, zero, then cycle by cycle report → force → decision → move → record.
+"""One run of the closed loop: connect, check and zero, then in each cycle report → force → decision → motion →
+recording.
 
-The shell around the pure `ControlLoop`: it stamps the hops, hands data one way along them, and waits for
-nothing but the robot.
+This is the shell around the pure `ControlLoop`: it timestamps the stages, passes data in one direction, and waits
+only for the robot.
 """
 
 import asyncio
@@ -13,12 +14,12 @@ from msgspec.structs import replace
 from hil_bridge.control import LoopState, Phase
 from hil_bridge.control.course.intent import CONNECT, TARE
 from hil_bridge.control.program.leg import Leg
-from hil_bridge.control.program.reach import ways_across
+from hil_bridge.control.program.reach import directions_across
 from hil_bridge.devices.robots.seam import Motion, MotionLimits, RobotLink, RobotReport
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import BridgeError, Cause, DeviceError, Reason
 from hil_bridge.errors.cancelling import is_interrupt
-from hil_bridge.errors.failures import explain_exception, failure_event, of_others
+from hil_bridge.errors.failures import explain_exception, failure_event, involves_plugin
 from hil_bridge.record import EventKind, Outcome
 from hil_bridge.runs.bounds import check_depth, run_bounds
 from hil_bridge.runs.cycle_record import Course, cycle_record
@@ -26,7 +27,7 @@ from hil_bridge.runs.ending import Act, Ending, Stimulus
 from hil_bridge.runs.journal import Journal
 from hil_bridge.runs.pace import cycle_starts
 from hil_bridge.runs.result import RunResult
-from hil_bridge.runs.retreat import ARRIVED_M, FallbackRetraction, FinalState, stand_still
+from hil_bridge.runs.retreat import ARRIVED_M, FallbackRetraction, FinalState, cancel_orders
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.sampling import Sampler
 from hil_bridge.runs.setup import Setup
@@ -39,22 +40,22 @@ from protocol.geometry import Pose, Quaternion, Vector
 from protocol.wrench import WrenchFrame
 
 UNKNOWN_SERVO = (
-    "the robot's servo is not known: it is not held against its orders, and no bound of the force is known"
+    "the robot's servo is unknown: its motion is not compared with its orders, and the force has no bound"
 )
 
 
 class Run:
-    """A run over a robot link and a force sensor that have been started; call it once."""
+    """Run with a started robot link and force sensor. Call it once."""
 
     def __init__(
         self, setup: Setup, robot: RobotLink, sensor: ForceSensor, log: RunLog, ending: Ending
     ) -> None:
-        """Raise ConfigError for a configuration that cannot be run."""
+        """Create a run. Raises ConfigError for an invalid configuration."""
         self._config = config = setup.config
         self._clock = clock = log.clock
         self._robot, self._sensor, self._log = robot, sensor, log
         self.ending = ending
-        """End of the run, shared with what may end it from outside."""
+        """End of the run, shared with everything that may end the run from outside."""
         self._loop = setup.loop_for(robot.facts)
         self._journal = Journal(clock, log, ending, robot.facts.cycle_s or math.inf)
         self._zeroing = Zeroing(config, clock, robot, sensor, self._journal.check)
@@ -65,48 +66,55 @@ class Run:
         self._fallback = FallbackRetraction(config, clock, robot, sensor, self._loop)
         self._start: RobotReport
         self._orientation: Quaternion
-        """Orientation of the last accepted order; that of the start if no program turns the tool."""
+        """Orientation in the last accepted order; the orientation at the start if no program turns the tool."""
         self._state: LoopState | None = None
         self._held = False
         self._pause = 0.0
 
     @property
     def legs(self) -> tuple[Leg, ...]:
-        """Steps of a program, each pass counted; empty without one."""
+        """Steps of the program, counting all passes; empty without a program."""
         return self._steps.legs
 
     @property
     def moving(self) -> bool:
-        """Whether a movement sequence is under way: only `interrupt` may end it, not cancellation."""
+        """Whether a movement sequence is in progress. Only `interrupt` may end it, not cancellation."""
         return self.ending.is_moving
 
     def interrupt(self, by: Cause = Cause.INTERRUPTED) -> Act:
-        """Retract from the next cycle on, and end; `by` is the row of the table of causes. The first one stays. Return
-        what this leads to: a run that has not moved is ended by cancelling its task.
+        """Retract from the next cycle on, and then end the run. `by` is the cause from the table of causes. The
+        first cause is kept.
+
+        Returns the effect: a run that has not moved is ended by cancelling its task.
         """
         return self.ending.ask(by)
 
     def fail(self, reason: Reason | None) -> None:
-        """Retract from the next cycle on, and end, because of a failure outside the cycles; None: no failure."""
+        """Retract from the next cycle on, and then end the run, because of a failure outside the cycles. None
+        stands for no failure.
+        """
         if reason is not None:
-            self.ending.fail_beside(reason)
+            self.ending.fail_outside_cycles(reason)
 
     def hold(self) -> bool:
-        """Hold the tool in its place while it tracks, its force controlled, or let it continue; whether it is held."""
+        """Hold the tool at its position while it tracks, with its force controlled, or let it continue. Return
+        whether the tool is held.
+        """
         self._held = not self._held and self._journal.phase == Phase.TRACK
         return self._held
 
-    def stand_still(self, seconds: float) -> None:
-        """Make the next decision last `seconds` longer: a computer that stalls, in virtual time."""
+    def stall(self, seconds: float) -> None:
+        """Delay the next decision by `seconds`, which simulates a stalled computer in virtual time."""
         self._pause = seconds
 
     async def __call__(self) -> RunResult:
-        """Carry out the complete run. Raises BridgeError when a device fails before the movement has begun.
+        """Carry out the complete run. Raises BridgeError if a device fails before the movement has begun.
 
-        Once the tool moves, every end but this task's own cancellation is a result, and each of them tries to retract.
+        Once the tool moves, every end except cancellation of this task returns a result, and the run always tries
+        to retract.
         """
         try:
-            return await self._whole()
+            return await self._carry_out()
         except BridgeError as error:
             self._journal.trace(error)
             error.late_s = self._journal.late_s
@@ -118,19 +126,19 @@ class Run:
         finally:
             self._journal.heart.stop()
 
-    async def _whole(self) -> RunResult:
+    async def _carry_out(self) -> RunResult:
         start = await self._make_ready()
         self._orientation = start.pose.quaternion
         self.ending.begin_movement()
-        moved, answers, commanded = False, True, start.pose.position
+        has_moved, answers, commanded = False, True, start.pose.position
         cancelled: asyncio.CancelledError | None = None
         self._journal.heart.take()  # a pause before this movement does not count as a gap
         try:
             async with self._robot.motion(self._limits(start)) as motion:
                 try:
-                    await self._guarded(motion, start)
+                    await self._run_guarded(motion, start)
                 finally:
-                    moved, commanded, answers = self._read_end(motion, commanded)
+                    has_moved, commanded, answers = self._read_end(motion, commanded)
         except BridgeError as error:
             self._journal.blame(error.reason(Cause.ROBOT_FAILED))
         except asyncio.CancelledError as error:
@@ -138,9 +146,9 @@ class Run:
         finally:
             self.ending.end_movement()
         ending = self.ending
-        if ending.asked and ending.outcome is Outcome.COMPLETED:  # since the last cycle
-            ending.end_as_asked()
-        rest = await self._left(start, commanded, answers) if moved else None
+        if ending.requested and ending.outcome is Outcome.COMPLETED:  # requested after the last cycle
+            ending.end_as_requested()
+        rest = await self._left(start, commanded, answers) if has_moved else None
         if self._state is not None and ending.outcome is not Outcome.COMPLETED:
             self._steps.cut(self._state.program, ending.reason, self._journal.stopped_at)
         self._journal.enter("end")
@@ -153,19 +161,21 @@ class Run:
         return ending.result
 
     async def _make_ready(self) -> RobotReport:
-        """Bring up the devices and check what can be checked before anything moves; the robot's report."""
+        """Bring up the devices and make all checks that need no motion. Return the robot's report."""
         self._journal.enter(CONNECT)
         self._journal.heart.start()
         start = await bring_up(self._robot, self._sensor)
         self._sampler.sensor_is_ready()
-        self._loop.initial(start.pose.position)  # refuses a start outside the workspace
+        self._loop.initial(start.pose.position)  # raises for a start outside the workspace
         check_start(self._config, self._loop, start)
         self._journal.enter(TARE)
-        await self._zeroing.weigh(start, ways_across(self._loop.program))
+        await self._zeroing.weigh(start, directions_across(self._loop.program))
         return start
 
     def _read_end(self, motion: Motion, start: Vector) -> tuple[bool, Vector, bool]:
-        """Whether the movement took a point, the last one, and whether the robot answers, as far as it tells that."""
+        """Return whether the movement accepted any point, the last ordered point, and whether the robot responds,
+        as far as known.
+        """
         try:
             return motion.ordered, motion.commanded or start, not motion.abandoned
         except BridgeError as error:
@@ -174,22 +184,24 @@ class Run:
             return True, start, False
 
     def _limits(self, start: RobotReport) -> MotionLimits:
-        """Limits of the movement from here: a stream holds when no decision comes for longer than one may last."""
+        """Return the limits of the movement from the start. A stream holds its position if no decision comes for
+        longer than the maximum duration of a decision.
+        """
         robot, limits, run = self._config.robot, self._config.limits, self._config.run
         hold_after, gain = (limits.cycle_deadline_ms + run.period_ms) * 1e-3, robot.acceleration_mm_s2 * 1e-3
         loop = self._loop
         bounds = run_bounds(self._config, self._robot.facts, loop.sample_time, loop.program.turns, start.pose)
         return MotionLimits(robot.velocity_mm_s * 1e-3, hold_after, acceleration=gain, bounds=bounds)
 
-    async def _guarded(self, motion: Motion, start: RobotReport) -> None:
-        """All between the start and the end of the movement sequence. Whatever ends it, the tool is retracted as far
-        as the robot takes orders.
+    async def _run_guarded(self, motion: Motion, start: RobotReport) -> None:
+        """Run everything between the start and the end of the movement sequence. Regardless of what ends it, the
+        tool is retracted as far as the robot accepts orders.
         """
         journal = self._journal
         try:
-            zero = await self._zeroing.take(motion, start, lambda: self.ending.asked is not None)
+            zero = await self._zeroing.take(motion, start, lambda: self.ending.requested is not None)
             if zero is None:
-                self.ending.end_as_asked()
+                self.ending.end_as_requested()
                 return
             self._start = zero.start
             if self._robot.facts.servo is None:
@@ -208,11 +220,11 @@ class Run:
                 journal.event(*failure_event(error))
                 journal.blame(self._in_step(explain_exception(error)))
             await self._retract(motion)
-            if asked or not (isinstance(error, (Exception, SystemExit)) or of_others(error)):
+            if asked or not (isinstance(error, (Exception, SystemExit)) or involves_plugin(error)):
                 raise
 
     def _in_step(self, reason: Reason) -> Reason:
-        """Why the run stops, with the step of a program in which it does."""
+        """Return the reason why the run stops, with the step of the program in which it stops."""
         return reason if self._state is None else self._loop.program.where(self._state.program, reason)
 
     async def _retract(self, motion: Motion) -> None:
@@ -223,13 +235,13 @@ class Run:
         await self._fallback.retract(motion, self._state, self._orientation, self._journal.blame)
 
     async def _left(self, start: RobotReport, commanded: Vector, answers: bool) -> FinalState:
-        """Where the tool was left; a tool that is left pressing has not completed."""
+        """Return the final state of the tool. A run that leaves the tool pressing has not completed."""
         state, sensor = self._state, self._sensor
         origin = (start if state is None else self._start).pose.position
         zero = () if state is None else state.program.course.zero
         if zero and sensor.peaks is not None:
             sensor.peaks.rezero(zero)
-        if state is None:  # it has come no farther than the way to the zero
+        if state is None:  # the run did not get beyond the zero
             sensor.peaks = self._zeroing.judge_at_rest()
         depth, force = await self._fallback.rest(origin, commanded, answers)
         hidden = 0.0
@@ -274,14 +286,14 @@ class Run:
             self.ending.reason = self._loop.program.completed(self._state.program)
 
     async def _cycle(self, motion: Motion, cycle: int, started_at: float) -> bool:
-        """One cycle: report, decision, order, record; return whether the run is over with it."""
+        """Run one cycle: report, decision, order and recording. Return whether the run is over."""
         state, clock = self._state, self._clock
         assert state is not None
         report = await self._robot.report(soon=True)
         frame, decoded_at = self._frame(), self._sensor.decoded_at
         sample = self._sampler.take(report, frame, self._orientation, self._held)
-        asked = self._answer_asked()
-        before = state if asked is None else self._loop.finish(state, asked)
+        request = self._handle_request()
+        before = state if request is None else self._loop.finish(state, request)
         proposal = self._loop.propose(before, sample)
         if self._pause:
             pause, self._pause = self._pause, 0.0
@@ -303,13 +315,13 @@ class Run:
             remedy = "; ".join(filter(None, (failed.remedy, self._sensor.stands)))
             self._journal.blame(replace(failed, remedy=remedy))
         if decision.stands:
-            sent = await stand_still(motion)
+            sent = await cancel_orders(motion)
         else:
             orientation = decision.quaternion or self._orientation
             check_depth(decision.position, self._start.pose, self._config, decision.target.depth)
-            unpaced = not self._config.run.period_ms  # then an order is always followed by another at once
+            unpaced = not self._config.run.period_ms  # the next order then always follows at once
             sent = await motion.to(Pose(decision.position, orientation), soon=unpaced)
-            self._orientation = orientation  # a refused order does not turn the retreat
+            self._orientation = orientation  # a refused order does not affect the retraction's orientation
         self._state = after
         course = Course(
             cycle=cycle,
@@ -320,7 +332,7 @@ class Run:
             answered_at=clock.now(),
             sensor_counter=frame.counter,
             start=self._start.pose.position,
-            asked=asked,
+            asked=request,
             step=self._steps.number(decision.intent.leg),
             correction=decision.target.depth - state.supervisor.depth,
             sent_at=sent.begun_at,
@@ -330,12 +342,14 @@ class Run:
         self._steps.ended(after.program)
         return decision.ended
 
-    def _answer_asked(self) -> Reason | None:
-        """Take an end that was asked for, or a failure beside the cycles, with this cycle; why the program must end."""
+    def _handle_request(self) -> Reason | None:
+        """Handle a request to end, or a failure outside the cycles, in this cycle. Return the reason why the
+        program must end; None if it continues.
+        """
         ending = self.ending
-        if ending.asked and ending.outcome is Outcome.COMPLETED:
-            ending.end_as_asked()
-            return Reason(ending.asked, "interrupted")
+        if ending.requested and ending.outcome is Outcome.COMPLETED:
+            ending.end_as_requested()
+            return Reason(ending.requested, "interrupted")
         if ending.failed is None:
             return None
         failed = ending.failed

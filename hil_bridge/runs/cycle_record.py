@@ -11,7 +11,7 @@ from protocol.geometry import Vector
 
 
 class Course(NamedTuple):
-    """Values of a cycle that only its course provides, by the names of the record."""
+    """Values of a cycle that come from its course. The fields have the names of the record's fields."""
 
     cycle: int
     started_at: float

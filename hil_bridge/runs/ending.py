@@ -1,7 +1,7 @@
-"""End of a run: one table of the effect of each stimulus in each state, and the first cause. Pure.
+"""End of a run: a table of the effect of each stimulus in each state, and the first cause. Pure.
 
-Every way to end a run goes through `Ending`: signals, keys, the page, a program, the guard, a device, a plug-in, an
-output that fails, an exception that nothing takes, and the cancellation of the task.
+Every end of a run goes through `Ending`: signals, keys, the page, a program, the supervisor, a device, a plug-in,
+an output that fails, an unhandled exception, and the cancellation of the task.
 """
 
 import asyncio
@@ -16,36 +16,36 @@ from hil_bridge.record import Outcome
 from hil_bridge.runs.result import RunResult
 
 FOLLOWED_MAX = 5
-"""Chosen: most causes that are kept after the first one."""
+"""Maximum number of causes that are kept after the first. Chosen."""
 
 
 class RunState(StrEnum):
     """State of a run."""
 
     OPENING = "opening"
-    """Devices connect, the sensor is checked: no order has been given."""
+    """Devices connect and the sensor is checked. No order has been sent."""
     CLOSING = "closing"
-    """It ends before any order: open devices are closed."""
+    """The run ends before any order, and open devices are closed."""
     MOVING = "moving"
-    """A movement sequence is under way."""
+    """A movement sequence is in progress."""
     LEAVING = "leaving"
-    """It retracts because an end was requested."""
+    """The tool retracts because an end was requested."""
     STOPPING = "stopping"
-    """It retracts because something is wrong."""
+    """The tool retracts because of a failure."""
     ENDED = "ended"
-    """The movement has ended: the tool comes to a standstill, outputs are written."""
+    """The movement has ended. The tool stops, and outputs are written."""
 
 
 class Stimulus(StrEnum):
     """Stimulus that may end a run."""
 
     ASKED = "asked"
-    """By a signal, a key, the page or a program."""
+    """Request by a signal, a key, the page or a program."""
     ASKED_AGAIN = "a further signal"
     HUNG_UP_AGAIN = "a further SIGHUP"
-    """A shell that closes sends two."""
+    """Second SIGHUP, because a shell that closes sends two."""
     FAILED = "a failure"
-    """Of guard, device, plug-in or output, or an unhandled exception."""
+    """Failure of the supervisor, a device, a plug-in or an output, or an unhandled exception."""
     CANCELLED = "the task is cancelled"
 
 
@@ -65,7 +65,7 @@ class Transition(NamedTuple):
     act: Act
     state: RunState
     outcome: Outcome | None = None
-    """Outcome of the run from here on; None: unchanged."""
+    """Outcome of the run from now on; None to leave it unchanged."""
 
 
 _S, _T, _A = RunState, Stimulus, Act
@@ -103,53 +103,53 @@ TRANSITIONS: Mapping[tuple[RunState, Stimulus], Transition] = {
     (_S.ENDED, _T.FAILED): Transition(_A.NOTE, _S.ENDED, _STOPPED),
     (_S.ENDED, _T.CANCELLED): Transition(_A.CONTINUE, _S.ENDED),
 }
-"""Every stimulus in every state. A request to end keeps its cause, a failure takes its place, and the first failure
-stays. Nothing shortens a retraction. `docs/explanation/safety.md` prints this table.
+"""Effect of every stimulus in every state. A request to end keeps its cause, a failure replaces the request, and
+the first failure is kept. Nothing shortens a retraction. `docs/explanation/safety.md` prints this table.
 """
 
 
 class Ending:
-    """End of one run: its state, the request for it, and the causes so far."""
+    """End of one run: its state, the request to end, and the causes so far."""
 
     def __init__(self) -> None:
         self.state = RunState.OPENING
         self.outcome = Outcome.COMPLETED
         self.reason: Reason | None = None
-        """The first failure, else the request; None while the run continues."""
+        """First failure, or otherwise the request to end; None while the run continues."""
         self.followed: list[Reason] = []
-        """Failures after the first one."""
-        self.asked: Cause | None = None
-        """Source of the request to end; None without one."""
+        """Failures after the first."""
+        self.requested: Cause | None = None
+        """Source of the request to end; None if there is no request."""
         self.failed: Reason | None = None
         """Failure outside the cycles that no cycle has handled yet."""
         self.result: RunResult | None = None
-        """Result of a run that has ended, also where its task was cancelled while the tool moved."""
+        """Result of a run that has ended, even if its task was cancelled while the tool moved."""
 
     @property
     def is_moving(self) -> bool:
-        """Whether a movement sequence is under way."""
+        """Whether a movement sequence is in progress."""
         return self.state in (RunState.MOVING, RunState.LEAVING, RunState.STOPPING)
 
     def begin_movement(self) -> None:
-        """Begin a movement sequence. Earlier requests still hold."""
-        self.state = RunState.MOVING if self.asked is None else RunState.LEAVING
+        """Begin a movement sequence. Earlier requests remain valid."""
+        self.state = RunState.MOVING if self.requested is None else RunState.LEAVING
 
     def end_movement(self) -> None:
         """End the movement sequence."""
         self.state = RunState.ENDED
 
     def ask(self, cause: Cause, stimulus: Stimulus = Stimulus.ASKED) -> Act:
-        """Request the end, and return the effect; the first cause stays. It only sets flags, so that a signal
-        handler may call it.
+        """Request the end, and return the effect. The first cause is kept. The method only sets flags, so that a
+        signal handler may call it.
         """
         act, self.state, _ = TRANSITIONS[self.state, stimulus]
         if act in (Act.CLOSE, Act.RETRACT):
-            self.asked = self.asked or cause
+            self.requested = self.requested or cause
         return act
 
-    def fail_beside(self, reason: Reason) -> Act:
-        """Accept a failure outside the cycles, and return its effect. The next cycle handles it; before the first
-        one it is up to the caller to close.
+    def fail_outside_cycles(self, reason: Reason) -> Act:
+        """Accept a failure outside the cycles, and return its effect. The next cycle handles the failure; before
+        the first cycle, the caller must close the run.
         """
         self.failed = self.failed or reason
         return TRANSITIONS[self.state, Stimulus.FAILED].act
@@ -158,10 +158,10 @@ class Ending:
         """End the run before any order."""
         self.state = RunState.CLOSING
 
-    def end_as_asked(self) -> Reason:
-        """Make the request the reason of the end; return it."""
-        assert self.asked is not None
-        self.outcome, self.reason = Outcome.INTERRUPTED, Reason(self.asked)
+    def end_as_requested(self) -> Reason:
+        """Make the request the reason of the end, and return the reason."""
+        assert self.requested is not None
+        self.outcome, self.reason = Outcome.INTERRUPTED, Reason(self.requested)
         return self.reason
 
     @property
@@ -176,7 +176,7 @@ class Ending:
         self.outcome = transition.outcome or self.outcome
 
     def follow(self, reason: Reason) -> bool:
-        """Keep a failure after the first one; return whether its fact is new."""
+        """Keep a failure after the first, and return whether its cause is new."""
         known = any(each is not None and each.text == reason.text for each in (self.reason, *self.followed))
         if known or len(self.followed) >= FOLLOWED_MAX:
             return False
@@ -184,23 +184,26 @@ class Ending:
         return True
 
     def result_before(self, error: BaseException, stray: BaseException | None) -> RunResult:
-        """Return the result of a run that ended before its movement, if an operator asked for that.
+        """Return the result of a run that an operator ended before its movement.
 
-        `stray` is the exception that left a callback of the loop before, if any. Raises what else ended it.
+        `stray` is the exception that previously escaped from a loop callback, if any. If anything else ended the
+        run, its exception is raised.
         """
         if stray is not None:
             reason = explain_exception(stray)
             raise DeviceError(reason.text, remedy=reason.remedy, cause=reason.cause) from stray
         if not isinstance(error, asyncio.CancelledError):
             raise error
-        if self.asked is None:
+        if self.requested is None:
             text = "the run was cancelled before the movement began"
             raise DeviceError(text, cause=Cause.CANCELLED) from error
-        return RunResult(Outcome.INTERRUPTED, Reason(self.asked, "before the movement began"))
+        return RunResult(Outcome.INTERRUPTED, Reason(self.requested, "before the movement began"))
 
 
 def result_after(result: RunResult, error: BaseException) -> RunResult:
-    """Return the result of a run whose movement had ended when this was raised: how the tool was left stays known."""
+    """Return the result of a run whose movement had ended when `error` was raised. The final state of the tool
+    remains known.
+    """
     stimulus = Stimulus.CANCELLED if isinstance(error, asyncio.CancelledError) else Stimulus.FAILED
     act, _, outcome = TRANSITIONS[RunState.ENDED, stimulus]
     if act is not Act.NOTE:

@@ -1,4 +1,4 @@
-"""The bound of the true force for one configuration and the facts of its devices."""
+"""Bound of the true force, from a configuration and the facts of its devices."""
 
 from hil_bridge.control.course.reaction import bound_n
 from hil_bridge.control.types import SAMPLE_MS
@@ -8,21 +8,21 @@ from hil_bridge.runs.reaction_times import reaction
 from hil_bridge.settings.configuration import Config
 
 ANSWERED_SHARE = 1.2
-"""Cycle of an asked robot over the time of its characters on the line. Derived: 187 ms, the longest of the paper's
-chain, over 156 ms.
+"""Ratio of a polled robot's cycle to the transmission time of its characters. Derived: 187 ms, the longest cycle of
+the paper's setup, over 156 ms.
 """
 
 
 def usual_cycle_s(config: Config, robot: RobotFacts) -> float:
-    """Return the longest usual cycle: the run's period, or that of the robot if its own is longer, s."""
+    """Return the longest usual cycle, s: the period of the run, or the cycle of the robot if that is longer."""
     floor = (robot.line_floor_s or 0.0) * ANSWERED_SHARE
     return max(config.run.period_ms * 1e-3, robot.cycle_s or 0.0, floor) or SAMPLE_MS * 1e-3
 
 
 def deepest_speed(config: Config, robot: RobotFacts, cycle_s: float) -> float:
-    """Fastest speed at which a run may order its tool into what it does not know, m/s.
+    """Return the largest speed at which a run may order its tool into unexplored space, m/s.
 
-    A robot that moves in whole steps is given whole ones, so that a cycle's way may be rounded up by half of one.
+    For a robot that moves in discrete position steps, the distance of a cycle may be rounded up by half a step.
     """
     approach, correction = config.task.approach_speed_mm_s * 1e-3, config.limits.correction_mm_s * 1e-3
     rounded = 0.0 if robot.order_step_m is None else robot.order_step_m / 2.0 / cycle_s
@@ -32,15 +32,15 @@ def deepest_speed(config: Config, robot: RobotFacts, cycle_s: float) -> float:
 def force_bound_n(
     config: Config, devices: Devices, stiffness_n_m: float, cycle_s: float | None = None
 ) -> float:
-    """Largest true force along the approach of a run whose tool alone moves, N.
+    """Return the largest true force along the approach in a run in which only the tool moves, N.
 
-    `stiffness_n_m` is that of the hardest thing touched. `cycle_s` is the longest cycle of the run, s, by default the
-    longest that is usual. Infinite where the servo of the robot is not known. Raises ConfigError where the facts of
-    the sensor are not.
+    `stiffness_n_m` is the stiffness of the hardest object that is touched. `cycle_s` is the longest cycle of the
+    run, s; by default, the longest usual cycle. The bound is infinite if the servo of the robot is unknown. Raises
+    ConfigError if the facts of the sensor are unknown.
     """
     robot, sensor = devices.robot, devices.sensor.facts
     if sensor is None:
-        raise ConfigError("the facts of the sensor are not known: no bound of the force follows")
+        raise ConfigError("the facts of the sensor are not known, so there is no bound of the force")
     cycle = cycle_s or usual_cycle_s(config, robot)
     return bound_n(
         config.limits.force_limit_n,

@@ -1,4 +1,4 @@
-"""Lateness of a process that emulates devices, whose clients then observe late or missing packets."""
+"""Lateness of a process that emulates devices, whose clients observe it as late or missing packets."""
 
 from collections.abc import Callable
 
@@ -7,17 +7,17 @@ from hil_bridge.clock.heartbeat import RECENT_S
 
 
 class Lateness:
-    """Counts the seconds in which the process was late; reports the first one and each new maximum."""
+    """Counter of the seconds in which the process was late. It reports the first such second and each new maximum."""
 
-    def __init__(self, cycle_s: float, tell: Callable[[str], None]) -> None:
-        """`cycle_s` is the cycle of the emulated robot, s; infinite if it has none."""
+    def __init__(self, cycle_s: float, report: Callable[[str], None]) -> None:
+        """Create the counter. `cycle_s` is the cycle time of the emulated robot, s; infinite if it has no cycle."""
         self._cycle = cycle_s
-        self._tell = tell
+        self._report = report
         self._seconds = self._late = 0
         self._longest = 0.0
 
     async def watch(self, clock: Clock) -> None:
-        """Check once a second until cancelled."""
+        """Check the lateness once a second until the task is cancelled."""
         heart = Heartbeat(clock)
         heart.start()
         try:
@@ -28,15 +28,15 @@ class Lateness:
             heart.stop()
 
     def add(self, late_s: float) -> None:
-        """Count a second in which the process was late by up to so much, s; 0 for one in which it was in time."""
+        """Add one second in which the process was late by up to `late_s`, s; 0 if it was on time."""
         self._seconds += 1
         self._late += late_s > 0.0
         if late_s > self._longest:
             self._longest = late_s
-            self._tell(f"this process was late by up to {late_s * 1e3:.0f} ms, and its devices with it")
+            self._report(f"this process was late by up to {late_s * 1e3:.0f} ms, and its devices with it")
 
     def describe(self) -> str:
-        """Summary in one line; empty for a process that was on time."""
+        """Return a one-line summary; empty if the process was on time."""
         if not self._late:
             return ""
         often = f"late in {self._late} of {self._seconds} s, by up to {self._longest * 1e3:.0f} ms"

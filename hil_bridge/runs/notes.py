@@ -1,4 +1,4 @@
-"""Facts for the end of a run: its cycles, steps, faults and tracebacks, and texts for its views."""
+"""Facts for the end of a run: cycles, steps, faults, tracebacks, and texts for its views."""
 
 from hil_bridge.record import CycleRecord, EventKind, EventRecord, StepRecord
 from hil_bridge.runs.watchers import Listener
@@ -6,22 +6,22 @@ from protocol.faults import FaultStage
 
 
 class Notes(Listener):
-    """A watcher that keeps a few facts of a run."""
+    """Watcher that keeps a few facts of a run."""
 
     def __init__(self) -> None:
         super().__init__({CycleRecord: self._cycle, EventRecord: self._event, StepRecord: self._step})
         self.cycles = 0
-        """Cycles so far; a record without any has no figures."""
+        """Number of cycles so far. A record without cycles has no figures."""
         self.steps: list[StepRecord] = []
         """Steps of a program that have ended."""
         self.faults: list[str] = []
-        """Description of the outcome of each injected fault."""
+        """Descriptions of the outcome of each injected fault."""
         self.bugs: list[str] = []
         """Tracebacks that the run reported."""
         self.traces: list[str] = []
-        """Tracebacks of failures of plug-ins."""
+        """Tracebacks of failures in plug-ins."""
         self.checked = self.warning = ""
-        """Remarks on the sensor, and on trouble, for a page."""
+        """Remarks on the sensor and descriptions of problems, for a page."""
 
     def _cycle(self, record: CycleRecord) -> None:
         self.cycles += 1

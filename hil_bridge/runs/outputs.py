@@ -1,4 +1,4 @@
-"""Outputs of a run: their place, whether they can go there, and the part that is printed at the end."""
+"""Outputs of a run: their paths, the check that they can be written, and the figures that are printed at the end."""
 
 import os
 import re
@@ -15,62 +15,66 @@ from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.record import Recording
 from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.record.analysis.steps import step_lines
-from hil_bridge.record.analysis.summary import Summary, summarise, wanted_force
-from hil_bridge.record.files import check_place, check_record_place
+from hil_bridge.record.analysis.summary import Summary, summarise, target_force_text
+from hil_bridge.record.files import check_place, check_record_path
 from hil_bridge.record.reader import dated
 
 if TYPE_CHECKING:
     from hil_bridge.record import RunEnd
 
 RUNS = Path("runs")
-"""Folder in which every run has one of its own."""
+"""Folder that contains one subfolder per run."""
 RECORD, SUMMARY = "run.mcap", "summary.json"
-"""Their names in that folder."""
+"""File names of recording and summary in the folder of a run."""
 UNNAMED = "default"
-"""Stands in a folder's name for the configuration when there is none."""
+"""Text that replaces the configuration's name in a folder's name if there is no name."""
 FREE_BYTES_MIN = 50_000_000
-"""Free space without which no recording is begun. Chosen: half an hour of a 1 kHz sensor takes as much."""
+"""Minimum free space to start a recording, bytes. Chosen: half an hour with a 1 kHz sensor takes this much."""
 _STAMP = re.compile(r"^\d{4}-\d\d-\d\d-\d{4}-\d\d-")
-"""Date and time before the name of such a folder."""
+"""Pattern of the date and time at the start of a run folder's name."""
 _NAME_LENGTH = 80
-"""Characters of a configuration's name that a folder is named by. Chosen: file systems take 255 in all."""
+"""Maximum number of characters of a configuration's name in a folder's name. Chosen: file systems allow 255 in
+total.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """Files that a run leaves; None for what is not wanted."""
+    """Output files of a run. A file that is not requested is None."""
 
     record: Path | None = None
     summary: Path | None = None
     report: Path | None = None
-    """Folder of the page."""
+    """Folder of the report."""
     overwrite: bool = False
-    """Files that are there already may be replaced."""
+    """Whether existing files may be overwritten."""
     own_folder: bool = False
-    """A run without a named record goes into a new folder under `RUNS`, and its summary too unless it is named."""
-    report_beside: bool = False
-    """The report goes into the folder of the record."""
+    """Whether a run without a named recording is written to a new folder under `RUNS`. Its summary is written there
+    too, unless the summary is named.
+    """
+    report_with_record: bool = False
+    """Whether the report is written into the folder of the recording."""
     temporary: bool = False
-    """The record goes when the run has ended."""
+    """Whether the recording is deleted after the run."""
 
 
 def settle_outputs(outputs: Outputs, config_file: Path | None) -> Outputs:
-    """Return the outputs with every path named and its folder made, before the robot moves.
+    """Return the outputs with all paths resolved and their folders created, before the robot moves.
 
-    Raises ConfigError for what cannot be written afterwards, and for what is there already. `config_file`, or the
-    recording that is resumed, is never written over, and no two outputs go into one file.
+    Raises ConfigError for a path that cannot be written later, or for an existing file. `config_file`, or the
+    recording that is resumed, is never overwritten, and no two outputs use the same file.
     """
-    beside = None if outputs.record is None else outputs.record.parent
-    if outputs.report_beside and beside is None and not outputs.own_folder:
+    record_folder = None if outputs.record is None else outputs.record.parent
+    if outputs.report_with_record and record_folder is None and not outputs.own_folder:
         raise ConfigError(
             "--report without a folder uses that of the recording, but nothing is recorded; give --report a folder"
         )
-    if outputs.report_beside and beside is not None:
-        outputs = replace(outputs, report=beside)
+    if outputs.report_with_record and record_folder is not None:
+        outputs = replace(outputs, report=record_folder)
     _make_folders(outputs)
     _check_apart(outputs, config_file)
     if outputs.record is not None:
-        check_record_place(outputs.record, outputs.overwrite)
+        check_record_path(outputs.record, outputs.overwrite)
     for file in (outputs.summary, *_report_files(outputs)):
         if file is not None:
             check_place(file, outputs.overwrite)
@@ -80,15 +84,17 @@ def settle_outputs(outputs: Outputs, config_file: Path | None) -> Outputs:
             outputs,
             record=folder / RECORD,
             summary=outputs.summary or folder / SUMMARY,
-            report=folder if outputs.report_beside else outputs.report,
+            report=folder if outputs.report_with_record else outputs.report,
         )
-    _check_space(Path(tempfile.gettempdir()) if beside is None else beside)
+    _check_space(Path(tempfile.gettempdir()) if record_folder is None else record_folder)
     return outputs
 
 
 @contextmanager
 def record_path(outputs: Outputs) -> Iterator[Path]:
-    """Where the run is recorded; in a temporary folder if it is not kept, for the figures come from it."""
+    """Return the path of the recording. A recording that is not kept is in a temporary folder, because the figures
+    are computed from it.
+    """
     if outputs.record is not None:
         yield outputs.record
         return
@@ -99,8 +105,8 @@ def record_path(outputs: Outputs) -> Iterator[Path]:
 def write_outputs(
     outputs: Outputs, recorded: Callable[[], Recording], end: "RunEnd"
 ) -> tuple[list[str], list[BridgeError]]:
-    """Write what is wanted beside the record: the lines to print, and what could not be written. `recorded` gives the
-    recording, or raises BridgeError.
+    """Write the requested outputs other than the recording. Return the lines to print and the failures. `recorded`
+    returns the recording, or raises BridgeError.
     """
     lines: list[str] = []
     troubles: list[BridgeError] = []
@@ -132,12 +138,12 @@ def write_outputs(
 
 
 def figures(summary: Summary) -> list[str]:
-    """Return the figures to be shown at once, a line each."""
+    """Return the figures to print first, one per line."""
     tracked, figures = summary.phases_s.get("track", 0.0), summary.figures
     steps = step_lines(summary.steps)
     if not figures:
         return steps
-    rows = [("tracked", f"{tracked:.1f} s at {wanted_force(summary)} with {summary.controller}")]
+    rows = [("tracked", f"{tracked:.1f} s at {target_force_text(summary)} with {summary.controller}")]
     if summary.force_mean_steady_n is not None:
         rows.append(
             (
@@ -145,9 +151,9 @@ def figures(summary: Summary) -> list[str]:
                 f"{summary.force_mean_steady_n:.2f} N mean, {figures['steady_peak_to_peak_n']:.2f} N peak to peak",
             )
         )
-    elif (swing := figures["steady_peak_to_peak_n"]) is not None:
+    elif (peak_to_peak := figures["steady_peak_to_peak_n"]) is not None:
         mean = figures["steady_mean_error_n"]
-        rows.append(("steady error", f"{mean:+.2f} N mean, {swing:.2f} N peak to peak"))
+        rows.append(("steady error", f"{mean:+.2f} N mean, {peak_to_peak:.2f} N peak to peak"))
     rise = figures["rise_samples"]
     risen = (
         "not reached" if rise is None else f"{rise:.0f} sample{'s' * (rise != 1)}, {figures['rise_s']:.2f} s"
@@ -195,21 +201,23 @@ def _make(folder: Path) -> None:
 
 
 def _check_apart(outputs: Outputs, config_file: Path | None) -> None:
-    """Raise ConfigError where an output would be written over another, or over the file that the run comes from."""
-    taken = {} if config_file is None else {config_file.resolve(): _kind(config_file)}
-    wanted = [("--record", outputs.record), ("--summary", outputs.summary)]
-    wanted += [("--report", file) for file in _report_files(outputs)]
-    for option, file in wanted:
+    """Raise ConfigError if an output would overwrite another output, or the file from which the run was started."""
+    in_use = {} if config_file is None else {config_file.resolve(): _kind(config_file)}
+    requested = [("--record", outputs.record), ("--summary", outputs.summary)]
+    requested += [("--report", file) for file in _report_files(outputs)]
+    for option, file in requested:
         if file is None:
             continue
         place = file.resolve()
-        if place in taken:
-            raise ConfigError(f"{option} {file} would overwrite {taken[place]}; name another file")
-        taken[place] = option
+        if place in in_use:
+            raise ConfigError(f"{option} {file} would overwrite {in_use[place]}; name another file")
+        in_use[place] = option
 
 
 def _name(source: Path | None) -> str:
-    """Name of a folder: that of the configuration, or the folder of the recording that is resumed."""
+    """Return the name for the folder of a run: the name of the configuration, or of the folder with the recording
+    that is resumed.
+    """
     if source is None:
         return UNNAMED
     return _STAMP.sub("", source.resolve().parent.name) if source.name == RECORD else source.stem
@@ -220,13 +228,13 @@ def _kind(source: Path) -> str:
 
 
 def _own_folder(name: str) -> Path:
-    """Make a new folder for a run that begins now, with a counter after its name if it exists. Raises ConfigError."""
+    """Create a folder for a run that starts now. If the name exists, a counter is appended. Raises ConfigError."""
     _make(RUNS)
     _check_space(RUNS)
-    wanted = f"{wall_time():%Y-%m-%d-%H%M-%S}-{name[:_NAME_LENGTH]}"
+    base_name = f"{wall_time():%Y-%m-%d-%H%M-%S}-{name[:_NAME_LENGTH]}"
     number = 1
     while True:
-        folder = RUNS / (wanted if number == 1 else f"{wanted}-{number}")
+        folder = RUNS / (base_name if number == 1 else f"{base_name}-{number}")
         try:
             folder.mkdir()
         except FileExistsError:
@@ -240,13 +248,13 @@ def _own_folder(name: str) -> Path:
 
 
 def _check_space(folder: Path) -> None:
-    """Raise ConfigError when the disk of a folder is nearly full."""
+    """Raise ConfigError if the disk that contains a folder is nearly full."""
     try:
         free = shutil.disk_usage(folder).free
     except OSError as error:
         raise ConfigError(f"cannot write into {folder}: {error.strerror}; name another place") from error
     if free < FREE_BYTES_MIN:
         raise ConfigError(
-            f"cannot record into {folder}: {free / 1e6:.0f} MB are free there, {FREE_BYTES_MIN / 1e6:.0f} MB are the "
-            "least; make room, or name another place with --record"
+            f"cannot record into {folder}: {free / 1e6:.0f} MB are free, but at least "
+            f"{FREE_BYTES_MIN / 1e6:.0f} MB are needed; free some space, or name another folder with --record"
         )

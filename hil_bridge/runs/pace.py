@@ -1,9 +1,9 @@
-"""The pace of a run: its control period, the controller's tuning for it, and the loop that they make.
+"""Pace of a run: its control period, the controller's tuning for it, and the resulting loop.
 
-A robot that is asked answers as fast as its line goes, and controllers are tuned for that. A robot that streams has a
-cycle, of a few milliseconds. A controller that has a tuning for this cycle decides in every one, but no faster than the
-sensor tells a new force. A controller that has none keeps the sample time that it was made for. Both in whole cycles of
-the robot.
+A polled robot responds as fast as its link allows, and controllers are tuned for that. A streaming robot has a
+cycle of a few milliseconds. A controller with a tuning for this cycle decides in every cycle, but no faster than
+the sensor delivers a new force. A controller without such a tuning keeps the sample time that it was made for. Both
+use a whole number of robot cycles.
 """
 
 import math
@@ -33,20 +33,21 @@ from protocol.geometry import Vector
 
 
 def set_pace(config: Config, robot: RobotFacts, frame_s: float) -> Config:
-    """Return the configuration with period, sample time, tuning and rise of the travel, for record and replay.
+    """Return the configuration with period, sample time, tuning and rise of the travel filled in, for recording and
+    replay.
 
-    `robot` is what is known of the robot, `frame_s` the time between two frames of the sensor, 0 where it is not known.
-    It stays as it is for a robot without a cycle of its own, and where it gives `controller.sample_ms` itself.
-    Parameters that it gives take precedence over those of a tuning. Raises ConfigError for an unknown
-    controller and for one that declares no sample time.
+    `robot` holds the known facts of the robot. `frame_s` is the time between two frames of the sensor, or 0 if
+    unknown. The configuration is unchanged if the robot has no cycle of its own, or if the configuration sets
+    `controller.sample_ms` itself. Parameters in the configuration take precedence over parameters of a tuning.
+    Raises ConfigError for an unknown controller, or for a controller that declares no sample time.
     """
     cycle_s = robot.cycle_s
     if cycle_s is None or config.controller.sample_ms is not None:
         return config
     cycle_ms = cycle_s * 1e3
     shortest_ms = math.ceil(frame_s * 1e3 / cycle_ms - 1e-6) * cycle_ms
-    given = _find_given(config)
-    kind: Any = controller_kind(config.controller.name) if given is None else given
+    passed_controller = _object_controller(config)
+    kind: Any = controller_kind(config.controller.name) if passed_controller is None else passed_controller
     made_for = Tuning(sample_time(kind) * 1e3, {})
     period_ms = config.run.period_ms or max(cycle_ms, shortest_ms)
     fits = [tuning for tuning in (made_for, *_tunings(kind)) if _off(tuning, period_ms) <= PERIOD_FACTOR]
@@ -72,11 +73,12 @@ def set_pace(config: Config, robot: RobotFacts, frame_s: float) -> Config:
 
 
 def describe_pace(config: Config, paced: Config, cycle_s: float | None) -> str:
-    """One line for the user where a controller without a sample time decides far more rarely than it could; else empty.
+    """Return one line for the user if a controller without a sample time decides far less often than it could;
+    otherwise an empty text.
 
-    `config` is as given, `paced` as of `set_pace`.
+    `config` is the original configuration, and `paced` is the result of `set_pace`.
     """
-    kind: Any = _find_given(config) or controller_kind(config.controller.name)
+    kind: Any = _object_controller(config) or controller_kind(config.controller.name)
     declares = getattr(kind, "sample_ms", None) is not None or config.controller.sample_ms is not None
     if cycle_s is None or declares or config.run.period_ms:
         return ""
@@ -90,19 +92,19 @@ def describe_pace(config: Config, paced: Config, cycle_s: float | None) -> str:
     )
 
 
-def _find_given(config: Config) -> Controller[Any] | None:
-    """Return the controller that a program gave as an object."""
+def _object_controller(config: Config) -> Controller[Any] | None:
+    """Return the controller that a program passed as an object."""
     return config.controller.controller if isinstance(config.controller, GivenController) else None
 
 
 def _tunings(kind: Any) -> tuple[Tuning, ...]:
-    """Tunings that a controller declares; one of a plug-in may declare anything."""
+    """Return the tunings that a controller declares. A controller of a plug-in may declare anything."""
     declared = getattr(kind, "tunings", ())
     return tuple(tuning for tuning in declared if isinstance(tuning, Tuning))
 
 
 def _servo_parameters(kind: Any, robot: RobotFacts) -> dict[str, float]:
-    """Return the servo of a robot with a noisy reported position, for a controller that has these parameters."""
+    """Return the servo parameters of a robot whose reported position is noisy, for a controller that accepts them."""
     if robot.servo is None or not robot.position_noise_m:
         return {}
     known = {"servo_lag_ms": robot.servo.lag_s * 1e3, "servo_damping": robot.servo.damping_ratio}
@@ -110,16 +112,16 @@ def _servo_parameters(kind: Any, robot: RobotFacts) -> dict[str, float]:
 
 
 def _off(tuning: Tuning, period_ms: float) -> float:
-    """Factor between a tuning's sample time and the period, at least 1."""
+    """Return the ratio between a tuning's sample time and the period, in the direction that gives at least 1."""
     return max(tuning.sample_ms / period_ms, period_ms / tuning.sample_ms)
 
 
 def control_loop(config: Config, robot: RobotFacts) -> ControlLoop:
-    """All that decides in a run with this configuration; `robot` is what is known of the robot.
+    """Return the control loop of a run with this configuration. `robot` holds the known facts of the robot.
 
-    Raises ConfigError for an unfit parameter, and for a controller that is tuned for another control period.
+    Raises ConfigError for an invalid parameter, or for a controller that is tuned for another control period.
     """
-    controller = _find_given(config)
+    controller = _object_controller(config)
     if controller is None:
         controller = make_controller(config.controller.name, **config.controller.parameters)
     tuned = sample_time(controller, config.controller.sample_ms)
@@ -130,7 +132,7 @@ def control_loop(config: Config, robot: RobotFacts) -> ControlLoop:
             f"{tuned * 1e3:g} ms, twice oscillation.peaks: set it to {samples * tuned * 1e3:g} or more"
         )
     if not (config.run.period_ms or robot.cycle_s or robot.line_floor_s):
-        raise ConfigError(f"a {robot.kind} tells no cycle time of its own: set run.period_ms")
+        raise ConfigError(f"a {robot.kind} reports no cycle time of its own: set run.period_ms")
     check_period(config.run.period_ms * 1e-3 or robot.cycle_s, controller, config.controller.sample_ms)
     line_ms = (robot.line_floor_s or 0.0) * ANSWERED_SHARE * 1e3
     if config.controller.sample_ms is not None and line_ms > config.controller.sample_ms * PERIOD_FACTOR:
@@ -164,9 +166,9 @@ def control_loop(config: Config, robot: RobotFacts) -> ControlLoop:
 
 
 def program(config: Config, stroke: Stroke) -> Program:
-    """Return the program of a run; `stroke` has the run's own parameters.
+    """Return the program of a run. `stroke` has the parameters of the run.
 
-    Raises ConfigError with the number of the first step that cannot be.
+    Raises ConfigError with the number of the first invalid step.
     """
     frame, point, written = config.frame, config.task.resume, bool(config.task.step)
     origin = None if frame.origin_mm is None else metres(frame.origin_mm)
@@ -212,7 +214,7 @@ def program(config: Config, stroke: Stroke) -> Program:
 
 
 def face(config: Config) -> Face:
-    """Return the tool's end: that of the configuration, or of the emulated cell."""
+    """Return the end face of the tool, from the configuration or the emulated cell."""
     centre, radius = config.tool.face_mm, config.tool.face_radius_mm
     if not config.sensor.url:
         own = config.cell.tool
@@ -226,7 +228,7 @@ def face(config: Config) -> Face:
 
 
 def metres(vector_mm: Vector) -> Vector:
-    """Convert a vector from mm to m."""
+    """Return a vector converted from mm to m."""
     x, y, z = vector_mm
     return x * 1e-3, y * 1e-3, z * 1e-3
 
@@ -234,9 +236,10 @@ def metres(vector_mm: Vector) -> Vector:
 async def cycle_starts(
     clock: Clock, period: float, tell: Callable[[str, str], object]
 ) -> AsyncIterator[tuple[int, float]]:
-    """Return number and begin of each cycle: as fast as the robot reports, or at whole multiples of a period, s.
+    """Yield the number and start time of each cycle, as fast as the robot reports, or at multiples of a period, s.
 
-    After an overrun the cycles missed are skipped, never caught up; `tell` is given the kind and text of an event.
+    After an overrun, missed cycles are skipped and never caught up. `tell` is called with the kind and text of an
+    event.
     """
     anchor, place, cycle = clock.now(), 0, 0
     while True:
@@ -244,14 +247,14 @@ async def cycle_starts(
         cycle += 1
         if not period:
             continue
-        next_place = max(place + 1, math.ceil((clock.now() - anchor) / period))
-        if (skipped := next_place - place - 1) > 0:
+        next_index = max(place + 1, math.ceil((clock.now() - anchor) / period))
+        if (skipped := next_index - place - 1) > 0:
             tell(EventKind.OVERRUN, f"{skipped} cycles of {period * 1e3:g} ms skipped")
-        place = next_place
+        place = next_index
         await clock.sleep_until(anchor + place * period)
 
 
 _RISE_S = 1.2
-"""`task.travel_rise_s` on a slope that is not known, s. Chosen: on EGM, a slope of 0.126 and 50 kN/m the
-force then goes 8 to 10 % too high; with 0.8 s 10 to 12 %, with 2 s no less.
+"""`task.travel_rise_s` on an unknown slope, s. Chosen: with EGM, a slope of 0.126 and 50 kN/m, the force overshoots
+by 8 to 10 % with this value, by 10 to 12 % with 0.8 s, and by no less with 2 s.
 """

@@ -1,4 +1,4 @@
-"""The page of a run in the browser: every record goes to its feed, and now and then what no record tells."""
+"""Page of a run in the browser. Its feed receives every record, and periodically the state that no record contains."""
 
 import asyncio
 from collections.abc import AsyncIterator, Collection, Mapping
@@ -20,36 +20,36 @@ from hil_bridge.show.web.feed import Feed
 
 
 class Page:
-    """A watcher that feeds the page. Nothing of the run waits for it."""
+    """Watcher that sends data to the page. The run never waits for it."""
 
     takes: Collection[type] = RECORDS
 
     def __init__(self, feed: Feed, notes: Notes, record: str) -> None:
-        """`record` names the recording that is kept; empty for none."""
+        """Create the watcher. `record` is the name of the recording if it is kept; otherwise empty."""
         self._feed, self._notes, self._record = feed, notes, record
         self._run: Running | None = None
 
     def put(self, record: Record) -> None:
-        """Take a record."""
+        """Accept a record."""
         self._feed.put(record)
         if type(record) is CycleRecord:
             self._feed.cycle(record)
 
     def devices(self, facts: Mapping[str, str]) -> None:
-        """Note that the devices are ready."""
+        """Mark the devices as ready."""
         self._feed.devices(facts)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Ignore an attachment: a page shows none."""
+        """Ignore an attachment, because a page does not show it."""
 
     def pause(self, seconds: float) -> None:
-        """Do nothing in a pause: a thread of its own sends the page."""
+        """Do nothing, because a separate thread sends the page."""
 
     def close(self, end: Mapping[str, str]) -> None:
-        """Leave the end to the session, which may know another than the record's."""
+        """Do nothing, because the session reports the end and may know more than the log."""
 
     def begin(self, run: Running) -> None:
-        """Note that the devices of the run are open."""
+        """Mark the devices of the run as open."""
         self._run = run
         scene = scene_of(run.setup, run.facts, run.run.legs, self._record)
         self._feed.begin(scene, run.clock.wall_ns(0.0))
@@ -64,7 +64,7 @@ class Page:
         """Serve the page while the run continues."""
         feed, clock = self._feed, log.clock
         feed.listen(
-            lambda: stopping.end_by_hand(Cause.PAGE, "asked for the end on the page in the browser"),
+            lambda: stopping.end_by_hand(Cause.PAGE, "requested the end on the page in the browser"),
             lambda text: log.notice(EventKind.WEB, f"{text}; the run continues"),
         )
         feed.begin(scene_of(setup, setup.facts, (), self._record), clock.wall_ns(0.0))
@@ -80,6 +80,6 @@ class Page:
             yield
 
     def end(self, end: RunEnd) -> None:
-        """Note that the run is over."""
+        """Mark the run as over."""
         self._feed.end(end)
         self._feed.close()

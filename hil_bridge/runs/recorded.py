@@ -1,4 +1,4 @@
-"""Recording for programs and notebooks, with arrays, figures, plots and its report."""
+"""Recording for programs and notebooks, with arrays, figures, plots and a report."""
 
 from dataclasses import fields
 from functools import cached_property
@@ -22,17 +22,18 @@ _TIME = "time"
 
 
 class Arrays(Columns):
-    """The control cycles of a run as arrays, by the names of `CycleRecord`, and those of its other records.
+    """Control cycles of a run as arrays, by the field names of `CycleRecord`, and the arrays of its other records.
 
-    The array `time` (n,) has the times at which the force was sampled, s since the begin of the run, as in charts.
+    The array `time`, shape (n,), holds the times at which the force was sampled, in s since the start of the run,
+    as in charts.
     """
 
     def __init__(self, recording: reader.Recording) -> None:
         super().__init__(recording.cycles, CycleRecord)
         self.truths = Columns(recording.truths, TruthRecord)
-        """Ground truth of the cycles."""
+        """Records of the ground truth in each cycle."""
         self.sensors = Columns(recording.sensors, SensorRecord)
-        """Frames of the sensor, as the device counts."""
+        """Records of the sensor's frames, in counts."""
         self.events = Columns(recording.events, EventRecord)
         self.steps = Columns(recording.steps, StepRecord)
         self._began = start_time(recording)
@@ -47,12 +48,12 @@ class Arrays(Columns):
 
 
 class Recording(reader.Recording):
-    """Records of a run, with arrays, figures, plots and the report."""
+    """Recording of a run, with arrays, figures, plots and the report."""
 
     @classmethod
-    def of(cls, found: reader.Recording) -> "Recording":
-        """Return a recording of the same records."""
-        return cls(**{field.name: getattr(found, field.name) for field in fields(found)})
+    def of(cls, recording: reader.Recording) -> "Recording":
+        """Return a recording with the given records."""
+        return cls(**{field.name: getattr(recording, field.name) for field in fields(recording)})
 
     def __repr__(self) -> str:
         if self.foreign is not None:
@@ -67,22 +68,24 @@ class Recording(reader.Recording):
 
     @cached_property
     def arrays(self) -> Arrays:
-        """The cycles as arrays by field: `arrays.force` is (n,), `arrays.position` (n, 3); NaN for what is not known.
+        """Cycles as arrays by field: `arrays.force` has shape (n,), `arrays.position` has shape (n, 3). Unknown
+        values are NaN.
 
-        `arrays.truths`, `.sensors`, `.events` and `.steps` are those of the other records. `arrays.time` begins at 0.
+        `arrays.truths`, `.sensors`, `.events` and `.steps` hold the other records. `arrays.time` begins at 0.
         """
         return Arrays(self)
 
     @cached_property
     def figures(self) -> Summary:
-        """Figures of merit, durations, counters, latency. Raises ConfigError for a run without any cycle."""
+        """Figures of merit, durations, counters and latency. Raises ConfigError for a run without any cycle."""
         self._need_cycles("figures")
         return summarise(self)
 
     def plot(self, *charts: str) -> "Figure":
-        """Return a matplotlib figure with the charts of the report, all or those of these ids, as `plot("force")`.
+        """Return a matplotlib figure with the charts of the report. The ids select charts, as in `plot("force")`;
+        without ids, all charts are drawn.
 
-        Raises ConfigError for an id that is none, for a run without any cycle, and where matplotlib is not installed.
+        Raises ConfigError for an unknown id, for a run without any cycle, or if matplotlib is not installed.
         """
         from hil_bridge.show.report.plots import plot
 
@@ -90,10 +93,10 @@ class Recording(reader.Recording):
         return plot(self, charts)
 
     def report(self, directory: Path | str, *, overwrite: bool = False) -> Path:
-        """Write the report of the run into a directory; the answer is its page.
+        """Write the report of the run into a directory, and return the path of its page.
 
-        Raises ConfigError where it cannot be written or, without `overwrite`, is there already, and for a run without
-        any cycle.
+        Raises ConfigError for a run without any cycle, or if the report cannot be written, or if it already exists
+        and `overwrite` is not set.
         """
         from hil_bridge.show.report.page import write_report
 
@@ -105,10 +108,10 @@ class Recording(reader.Recording):
 
 
 def read(path: Path | str, bag: BagChoices | None = None) -> Recording:
-    """Read the recording in a file, or a bag of ROS 2 as a recording: a folder, or its MCAP file alone.
+    """Read a recording from a file, or from a ROS 2 bag, which may be a folder or only its MCAP file.
 
-    A bag needs the extra `ros`. It has a sample for each wrench in place of a cycle; what it does not tell, as
-    decisions and verdicts, is NaN or empty. `bag` says which topics are taken, and what is taken for granted of them.
-    Raises ConfigError for a file that cannot be used.
+    A bag needs the extra `ros`. It contains a sample for each wrench instead of a cycle. Missing data, such as
+    decisions and verdicts, is NaN or empty. `bag` selects the topics and sets assumptions about them. Raises
+    ConfigError for a file that cannot be used.
     """
     return Recording.of(read_any(Path(path), bag))

@@ -1,7 +1,7 @@
-"""Deciding again what a recording tells: the same controller and supervisor must give the same commands, bit for bit.
+"""Replay of a recording's decisions: the same controller and supervisor must give the same commands, bit for bit.
 
-With another controller or other limits, it tells what would have been commanded. Each cycle starts from the real
-command before it, since the measurements belong to that.
+With another controller or other limits, a replay shows the commands that they would have given. Each cycle starts
+from the recorded previous command, because the measurements depend on it.
 """
 
 from collections.abc import Iterator, Mapping
@@ -29,14 +29,14 @@ from protocol.geometry import Vector
 
 @dataclass(frozen=True, slots=True)
 class ReplayedCycle:
-    """A cycle as it was, and as it is decided again."""
+    """Recorded cycle and its replay."""
 
     record: CycleRecord
     decision: Decision
 
     @property
     def differences(self) -> dict[str, tuple[object, object]]:
-        """Differences by name: recorded, replayed."""
+        """Differences by name, as pairs of the recorded and the replayed value."""
         record, decision = self.record, self.decision
         pairs: dict[str, tuple[object, object]] = {
             "target": (record.target, decision.position),
@@ -54,25 +54,25 @@ class ReplayedCycle:
 def recorded_config(
     recording: Recording, changes: Mapping[str, Any], controller: Controller[Any] | None = None
 ) -> Config:
-    """Return the configuration of a recorded run, overlaid with these tables.
+    """Return the configuration of a recorded run, overlaid with the given tables.
 
-    `controller` takes the place of one that a program gave as an object, of which a recording tells the name alone.
-    Raises ConfigError when the recording holds none of this version, its controller is not installed here, or for a
-    change that is wrong.
+    `controller` replaces a controller that a program passed as an object, because the recording contains only its
+    name. Raises ConfigError if the recording contains no configuration of this version, if its controller is not
+    installed here, or if a change is invalid.
     """
     try:
         recorded = parse_json(recording.metadata.get("config", ""))
     except ValueError as error:
-        raise ConfigError("the recording holds no configuration: it cannot be replayed") from error
+        raise ConfigError("the recording contains no configuration: it cannot be replayed") from error
     if not isinstance(recorded, dict):
-        raise ConfigError("the recording holds no configuration: it cannot be replayed")
+        raise ConfigError("the recording contains no configuration: it cannot be replayed")
     named, other = recorded.get("controller"), False
     name = named.get("name") if isinstance(named, dict) else None
     if controller is not None and isinstance(named, dict):
         recorded["controller"] = {"sample_ms": named.get("sample_ms")}
     match changes.get("controller"):
-        case {"name": wanted} if wanted != name:
-            recorded["controller"], other = {}, True  # the parameters belong to the one that was recorded
+        case {"name": new_name} if new_name != name:
+            recorded["controller"], other = {}, True  # the parameters belong to the recorded controller
     _check_controller(recorded, recording.metadata.get(PACKAGE_NAME, ""))
     _check_steps(recorded, recording.metadata.get(STEP_PACKAGES, "{}"))
     try:
@@ -93,20 +93,25 @@ def recorded_config(
 
 
 def _check_controller(recorded: Mapping[str, Any], package: str) -> None:
-    """Raise ConfigError for a controller that is not installed here. `package` offered it when it was recorded."""
+    """Raise ConfigError for a controller that is not installed here. `package` is the package that provided it when
+    the run was recorded.
+    """
     section = recorded.get("controller")
     name = section.get("name") if isinstance(section, dict) else None
     if isinstance(name, str) and name not in controller_names():
         raise ConfigError(
             f"the recording was made with the controller {name[:80]!r}, which is not installed here: install "
-            f"{package[:80] or 'the package that offers it'}, or ask another by `hil-bridge replay --controller NAME`"
+            f"{package[:80] or 'the package that provides it'}, or choose another by "
+            "`hil-bridge replay --controller NAME`"
         )
 
 
 def _check_steps(recorded: Mapping[str, Any], packages: str) -> None:
-    """Raise ConfigError for a step that is not installed here. `packages` offered them then, as JSON."""
+    """Raise ConfigError for a step that is not installed here. `packages` holds the packages that provided the
+    steps when the run was recorded, as JSON.
+    """
     unknown = next(
-        (word for word in _words(recorded.get("task")) if word not in {*step_words(), "repeat"}), ""
+        (word for word in _step_words(recorded.get("task")) if word not in {*step_words(), "repeat"}), ""
     )
     if not unknown:
         return
@@ -115,14 +120,14 @@ def _check_steps(recorded: Mapping[str, Any], packages: str) -> None:
     except ValueError:
         named = None
     package = named.get(unknown) if isinstance(named, dict) else None
-    install = package[:80] if isinstance(package, str) and package else "the package that offers it"
+    install = package[:80] if isinstance(package, str) and package else "the package that provides it"
     raise ConfigError(
         f"the recording was made with the step {unknown[:80]!r}, which is not installed here: install {install}"
     )
 
 
-def _words(table: Any) -> Iterator[str]:
-    """Words of the steps in the recorded settings of a task, those of a repeat too."""
+def _step_words(table: Any) -> Iterator[str]:
+    """Return the words of the steps in the recorded settings of a task, including those of a repeat."""
     for step in _steps(table):
         for each in (step, *_steps(step)):
             if isinstance(word := each.get("do"), str):
@@ -141,16 +146,20 @@ def changes_of(path: Path | None, controller: str | None) -> dict[str, Any]:
         changes = read_values(path)
         with_program(changes, str(path))
     if controller is not None:
-        wanted = changes.get("controller", {})
-        changes["controller"] = {**wanted, "name": controller} if isinstance(wanted, dict) else wanted
+        controller_changes = changes.get("controller", {})
+        changes["controller"] = (
+            {**controller_changes, "name": controller}
+            if isinstance(controller_changes, dict)
+            else controller_changes
+        )
     return changes
 
 
 def replay(recording: Recording, config: Config, forced: bool) -> Iterator[ReplayedCycle]:
-    """Decide every recorded cycle again.
+    """Replay the decision of every recorded cycle.
 
-    `forced` begins each cycle from what was commanded before it in reality, not in the replay. Raises ConfigError
-    for a cycle whose inputs are not there.
+    With `forced`, each cycle begins from the recorded previous command, otherwise from the replayed one. Raises
+    ConfigError for a cycle whose inputs are missing.
     """
     cycles, loop = recording.cycles, Setup(config).loop
     if not cycles:

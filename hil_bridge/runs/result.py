@@ -15,26 +15,28 @@ class RunResult:
 
     outcome: Outcome
     reason: Reason | None = None
-    """Why it ended; None for a program that ran to its end. Without a text if it ended as intended."""
+    """Reason of the end; None for a program that ran to its end. The reason has no text if the run ended as
+    intended.
+    """
     left: str = ""
-    """Description of where the tool was left; empty if it never moved."""
+    """Description of the tool's final state; empty if the tool never moved."""
     followed: tuple[Reason, ...] = ()
-    """Causes after the first one."""
+    """Causes after the first."""
     rest: FinalState | None = None
-    """The same place as values; None if it never moved."""
+    """Final state of the tool as values; None if the tool never moved."""
 
     @property
     def cause(self) -> Cause | None:
-        """Row of the table of causes; None for a run that completed."""
+        """Cause from the table of causes; None for a run that completed."""
         return None if self.reason is None else self.reason.cause
 
     @property
     def text(self) -> str:
-        """The cause as one line of text; empty without one."""
+        """Cause as one line of text; empty if there is no cause."""
         return "" if self.reason is None else str(self.reason)
 
     @property
     def exit_code(self) -> int:
-        """Exit code for this result, by the table of causes."""
+        """Exit code for this result, from the table of causes."""
         code = None if self.cause is None else ROWS[self.cause].exit_code
         return COMPLETED if code is None else code

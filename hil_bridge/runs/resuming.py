@@ -1,4 +1,6 @@
-"""From the recording of a program that was cut: where it can continue. Never by itself: an operator asks for it."""
+"""Point at which an interrupted program can continue, from its recording. A program never resumes by itself; an
+operator requests it.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -16,13 +18,15 @@ from hil_bridge.settings.configuration import Config
 from protocol.geometry import normalise
 
 _BAND_SHARE = 0.1
-"""Chosen: as far as the force may be off, of the wanted one, where a step has no criterion."""
+"""Largest error of the force for a step without a criterion, as a share of the desired force. Chosen."""
 
 
 def resume_config(recording: Recording, changes: dict[str, Any], overlap_mm: float = OVERLAP_MM) -> Config:
-    """Return the configuration of a recorded run with these changes, and the point at which its program continues.
+    """Return the configuration of a recorded run with the given changes, and the point at which its program
+    continues.
 
-    Raises ConfigError for a run without a program, one that was not cut, and one whose program cannot be compiled.
+    Raises ConfigError for a run without a program, for a run that was not interrupted, or if its program cannot be
+    compiled.
     """
     config = recorded_config(recording, changes)
     if not config.task.step:
@@ -30,23 +34,23 @@ def resume_config(recording: Recording, changes: dict[str, Any], overlap_mm: flo
     if recording.end.get("outcome") == "completed":
         raise ConfigError("the recorded run completed: there is nothing to resume")
     point = _point(Setup(config).loop.program, recording, config, overlap_mm)
-    # a fault on purpose belonged to the first run
+    # injected faults belonged to the first run
     return config.model_copy(update={"task": replace(config.task, resume=point), "faults": ()})
 
 
 def _point(program: Program, recording: Recording, config: Config, overlap_mm: float) -> ResumePoint:
-    """Return the place where it was cut, and a little before."""
+    """Return the point from which the program continues, a little before the interruption."""
     cycles, before = recording.cycles, config.task.resume
     number = max((cycle.step for cycle in cycles), default=0) - 1
     if number < 0:
-        raise ConfigError("the recording does not say which step was under way: start the program again")
+        raise ConfigError("the recording does not say which step was in progress: start the program again")
     if before is not None and number < FIRST:
-        return before  # it never came back to the step
+        return before  # it never returned to the step
     leg, own = program.row.legs[number], [cycle for cycle in cycles if cycle.step == number + 1]
     cut = own[0]
     number_first = cycles.index(cut)
     origin = (0.0, 0.0) if not number_first else _place(cycles[number_first - 1])
-    way = _way_done(leg, own, origin, overlap_mm)
+    way = _length_done(leg, own, origin, overlap_mm)
     x, y = leg.way.at(way) if leg.way is not None else (0.0, 0.0)
     start = before.start_m if before is not None else _start(recording)
     if leg.step.phase is Phase.RETRACT and number + 1 < len(program.row.legs):
@@ -65,8 +69,8 @@ def _point(program: Program, recording: Recording, config: Config, overlap_mm: f
     )
 
 
-def _way_done(leg: Leg, own: list[CycleRecord], origin: tuple[float, float], overlap_mm: float) -> float:
-    """Way of a step from which it continues, m."""
+def _length_done(leg: Leg, own: list[CycleRecord], origin: tuple[float, float], overlap_mm: float) -> float:
+    """Return the path length from which an interrupted step continues, m."""
     samples = [
         (
             (cycle.travel_commanded - origin[0], cycle.across_commanded - origin[1]),
@@ -80,7 +84,7 @@ def _way_done(leg: Leg, own: list[CycleRecord], origin: tuple[float, float], ove
 
 
 def _in_frame(program: Program, cycle: CycleRecord) -> tuple[float, float]:
-    """Return the start point in the work frame, m."""
+    """Return the start point of the run in the work frame, m."""
     frame = program.frame
     if frame.origin is None:
         return 0.0, 0.0
@@ -105,10 +109,10 @@ def _quaternion(recording: Recording) -> tuple[float, float, float, float]:
 
 
 def describe_resume(config: Config) -> str:
-    """Where it continues, in one line."""
+    """Return one line that describes where the program continues."""
     program = Setup(config).loop.program
     point = config.task.resume
     assert point is not None
     leg = program.row.legs[FIRST]
-    where = "from its begin" if leg.way is None else f"{point.way_mm:.1f} mm along its path"
-    return f"resuming step {leg.label} {where}; before it a move, a zero and an approach"
+    where = "from its start" if leg.way is None else f"{point.way_mm:.1f} mm along its path"
+    return f"resuming step {leg.label} {where}; first a move, a zero and an approach"

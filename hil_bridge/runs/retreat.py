@@ -1,7 +1,7 @@
-"""Retreat without decisions: back to the depth of the start by orders alone, and the final state of the tool.
+"""Retraction without decisions: back to the depth of the start by orders alone, and the final state of the tool.
 
-A run that can still decide retracts by its own cycles. This module serves when it cannot: an order was refused, the
-link was cut, or a bug ended it.
+A run that can still decide retracts in its own cycles. This module is for a run that can no longer decide: an order
+was refused, the link was cut, or an internal error ended it.
 """
 
 import math
@@ -19,71 +19,73 @@ from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Quaternion, Vector
 
 TRY_AGAIN_S = 0.3
-"""Chosen: pause before a refused order is repeated."""
+"""Pause before a refused order is repeated, s. Chosen."""
 UNKNOWN = (math.nan, math.nan, math.nan)
-"""Position of a robot that does not report one."""
+"""Position of a robot that does not report its position."""
 ARRIVED_M = 0.3e-3
-"""Chosen: distance from the last order at which the robot counts as arrived, m."""
+"""Distance from the last order at which the robot counts as arrived, m. Chosen."""
 ARRIVAL_S = 3.0
-"""Chosen: longest wait for that."""
+"""Time limit for the robot to arrive at its last order, s. Chosen."""
 UNSEEN_S = 1.0
-"""Chosen: wait for the standstill of a robot that does not report its position."""
+"""Time to wait for a robot to stop if it does not report its position, s. Chosen."""
 TIME_CONSTANTS = 7.0
-"""Time constants of the sensor's filter to wait at the end. Derived: less than 0.1 % then remains."""
+"""Number of time constants of the sensor's filter to wait at the end. Derived: less than 0.1 % then remains."""
 REST_S = 0.05
-"""Chosen: additional wait for the standstill of a servo."""
+"""Additional time to wait for a servo to stop, s. Chosen."""
 HASTE = 2.0
-"""Chosen: factor on `task.retract_speed_mm_s` for a run that can decide no more. An order
-alone takes about half of a cycle, and each goes as far as in a cycle.
+"""Factor on `task.retract_speed_mm_s` for a run that can no longer decide. Chosen: a single order takes about half
+of a cycle, and moves the tool as far as one cycle does.
 """
 SOONEST_S = 0.02
-"""Chosen: least time between two such orders, for a robot that accepts them at once."""
+"""Shortest time between two orders of such a retraction, for a robot that accepts orders at once, s. Chosen."""
 FRAME_S = 1.0
-"""Chosen: longest wait for a frame of that moment."""
+"""Time limit for a frame that was measured after the sensor's filter had settled, s. Chosen."""
 
 
-async def stand_still(motion: Motion) -> Sent:
-    """Cancel the robot's orders. If it does not accept that, the last order remains in force."""
+async def cancel_orders(motion: Motion) -> Sent:
+    """Cancel the robot's orders. If the robot does not accept this, the last order remains active."""
     with suppress(BridgeError):
         return await motion.halt()
     return Sent(math.nan)
 
 
-def in_words(force: float, saturated: bool) -> str:
-    """Format a force, N; NaN stands for an unknown one."""
+def force_text(force: float, saturated: bool) -> str:
+    """Return a force (N) as text. NaN stands for an unknown force."""
     if not math.isfinite(force):
         return "an unknown force"
     return f"at least {force:.1f} N at the end of the sensor's range" if saturated else f"{force:.1f} N"
 
 
-def not_away(depth: float, force: str) -> Reason:
-    """Return the reason for a tool that is not back, from its depth below the start, m, and its force as text."""
+def not_retracted_reason(depth: float, force: str) -> Reason:
+    """Return the reason why a tool has not retracted, from its depth below the start, m, and its force as text."""
     if math.isfinite(depth):
         text = f"the robot reports the tool {depth * 1e3:.1f} mm from the start, with {force}"
         return Reason(Cause.NOT_AWAY, text)
-    return Reason(Cause.PLACE_UNKNOWN, f"the robot does not tell where the tool was left, with {force}")
+    return Reason(Cause.PLACE_UNKNOWN, f"the robot does not report where the tool was left, with {force}")
 
 
 @dataclass(frozen=True, slots=True)
 class FinalState:
-    """Final depth of the tool and force on it, as far as known."""
+    """Final state of a run: depth of the tool and force on it, as far as known."""
 
     depth: float
     """Reported position along the approach direction from the start point, m; NaN if unknown."""
     force: float
-    """Length of the contact force, N; NaN if unknown."""
+    """Magnitude of the contact force, N; NaN if unknown."""
     tolerance: float
-    """Force up to which the tool counts as free, N."""
+    """Largest force at which the tool counts as free, N."""
     saturated: bool = False
-    """The sensor was at the end of its range, so the force may be larger."""
+    """Whether the sensor was at the end of its range, so that the force may be larger."""
     own_force: float = math.nan
-    """Length of the force measured by the robot itself, N, if it differs by more than usual; else NaN."""
+    """Magnitude of the force measured by the robot itself, N, if it differs from the sensor's force by more than
+    usual; otherwise NaN.
+    """
     hidden: float = 0.0
     """Force across the approach that the moments show and the force axes do not, N."""
     unverified: tuple[str, ...] = ()
-    """Force axes that were not verified in this run, on which something may press."""
+    """Force axes that were not verified in this run, along which a contact would go unnoticed."""
     because: str = ""
-    """Why it was not retracted."""
+    """Reason why the tool was not retracted."""
 
     @property
     def is_away(self) -> bool:
@@ -92,7 +94,7 @@ class FinalState:
 
     @property
     def is_pressing(self) -> bool:
-        """Whether the tool may press on something."""
+        """Whether the tool may be pressing on something."""
         return self.saturated or not self.force <= self.tolerance or self.hidden > 0.0
 
     @property
@@ -102,25 +104,28 @@ class FinalState:
 
     @property
     def failure(self) -> Reason | None:
-        """Why a run with this final state has failed; None if it has not."""
-        force = in_words(self.force, self.saturated)
+        """Reason why a run with this final state has failed; None if it has not failed."""
+        force = force_text(self.force, self.saturated)
         if not self.is_away:
-            return not_away(self.depth, force)
+            return not_retracted_reason(self.depth, force)
         if self.is_pressing and not math.isfinite(self.force):
-            return Reason(Cause.LEFT_UNKNOWN, "the sensor tells no force after the retraction")
+            return Reason(Cause.LEFT_UNKNOWN, "the sensor reports no force after the retraction")
         if self.is_pressing:
             text = (
                 f"{force} after the retraction: the tool touches something, or the sensor's zero has changed"
             )
             return Reason(Cause.LEFT_PRESSING, text)
         if math.isfinite(self.own_force):
-            text = f"the force sensor tells {force} after the retraction, the robot itself feels {self.own_force:.0f} N"
+            text = (
+                f"the force sensor reports {force} after the retraction, "
+                f"the robot itself measures {self.own_force:.0f} N"
+            )
             return Reason(Cause.LEFT_DISAGREEING, text)
         return None
 
     @property
     def values(self) -> dict[str, bool | float | list[str] | None]:
-        """The same as plain values, for the record; None for an unknown value."""
+        """Final state as plain values, for the recording; None for an unknown value."""
         depth = self.depth if math.isfinite(self.depth) else None
         known = math.isfinite(self.force) and not self.saturated and not self.hidden
         return {
@@ -132,10 +137,10 @@ class FinalState:
 
     @property
     def place(self) -> str:
-        """Description of the final state."""
-        force = in_words(self.force, self.saturated) if math.isfinite(self.force) else "force unknown"
+        """Description of the final state of the tool."""
+        force = force_text(self.force, self.saturated) if math.isfinite(self.force) else "force unknown"
         if math.isfinite(self.own_force):
-            force += f" (the robot itself feels {self.own_force:.0f} N)"
+            force += f" (the robot itself measures {self.own_force:.0f} N)"
         if self.hidden:
             force += f" (the moments show {self.hidden:.0f} N across the approach)"
         if self.unverified:
@@ -147,13 +152,13 @@ class FinalState:
 
     @property
     def text(self) -> str:
-        """Last line of a run: the final state, and the remedy if the tool is not retracted."""
+        """Last line of a run: the final state, and the remedy if the tool has not been retracted."""
         because = f", because {self.because}; hil-bridge free lifts it off"
         return f"{self.place}{'' if self.retracted else because}"
 
 
 class FallbackRetraction:
-    """Retracts the tool of a run that can decide no more."""
+    """Retraction of the tool in a run that can no longer decide."""
 
     def __init__(
         self, config: Config, clock: Clock, robot: RobotLink, sensor: ForceSensor, loop: ControlLoop
@@ -169,11 +174,13 @@ class FallbackRetraction:
         orientation: Quaternion,
         blame: Callable[[Reason], None],
     ) -> None:
-        """Order the tool back to the depth of the start, where it has been, as long as the robot accepts orders.
+        """Order the tool back to the depth of the start, where it has already been, as long as the robot accepts
+        orders.
 
-        Orders that are refused or not answered are given again for `limits.retract_patience_s`. `blame` is given what
-        prevents it. At least one order is given where the robot may yet take one that the state does not know: it may
-        be deeper, and the movement ends at the last one. Raises nothing but what cancels the task.
+        Orders that are refused or not answered are repeated for `limits.retract_patience_s`. `blame` is called with
+        the reason that prevents the retraction. At least one order is sent if the robot may still carry out an
+        order that the state does not contain: the tool may be deeper, and the movement ends at the last order.
+        Raises nothing except when the task is cancelled.
         """
         limits, loop = self._config.limits, self._loop
         speed_mm_s, took = HASTE * loop.program.parameters.retract_speed_mm_s, loop.sample_time / HASTE
@@ -184,15 +191,15 @@ class FallbackRetraction:
         if state.program.in_contact:  # a surface may have risen above the start
             goal = min(goal, supervisor.depth - self._config.task.retract_mm * 1e-3)
         while supervisor.depth > goal or in_flight:
-            begun, way = self._clock.now(), loop.program.stroke.way(speed_mm_s, took)
-            depth = min(max(supervisor.depth - way, goal), supervisor.depth)
+            begun, distance = self._clock.now(), loop.program.stroke.way(speed_mm_s, took)
+            depth = min(max(supervisor.depth - distance, goal), supervisor.depth)
             request = self._request(supervisor.depth, supervisor.position, depth)
             after, verdict = self._supervisor.retreat(
                 supervisor, self._observe(state, supervisor.depth), request
             )
             if isinstance(verdict, Stop):
                 blame(verdict.reason)
-                await stand_still(motion)
+                await cancel_orders(motion)
                 return
             try:
                 await motion.to(Pose(verdict.position, orientation))
@@ -206,7 +213,7 @@ class FallbackRetraction:
                 await self._clock.sleep_until(self._clock.now() + TRY_AGAIN_S)
                 continue
             if verdict.depth >= supervisor.depth and not (isinstance(verdict, Clamp) and verdict.goes_on):
-                return  # held back at the border of the workspace
+                return  # held at the border of the workspace
             supervisor, in_flight = after, False
             if self._clock.now() < begun + SOONEST_S:
                 await self._clock.sleep_until(begun + SOONEST_S)
@@ -219,7 +226,7 @@ class FallbackRetraction:
         return Request(depth, (x, y, z), approach)
 
     def _observe(self, state: LoopState, depth: float) -> Observation:
-        """Observation from the sensor alone, without a status of the robot, which was ordered to this depth, m."""
+        """Return an observation from the sensor alone, without a robot report. `depth` is the ordered depth, m."""
         sensor, newest, now = self._sensor, self._sensor.newest, self._clock.now()
         force = resultant = math.nan
         fault = None
@@ -242,13 +249,13 @@ class FallbackRetraction:
         return Observation(sample, depth, pressing=state.program.in_contact)
 
     async def rest(self, start: Vector, commanded: Vector, answers: bool) -> tuple[float, float]:
-        """Wait until the robot has come to rest at the last order; its depth from the start, m, and the force, N.
+        """Wait until the robot has stopped at the last order. Return its depth from the start, m, and the force, N.
 
-        A robot that is asked goes to an order that it has taken, also where it does not answer any more. One that did
-        not answer the last order, and a streamed one, may never have been given it. NaN for what cannot be known.
+        A polled robot moves to an order that it has accepted, even if it no longer responds. A robot that did not
+        answer the last order may never have received it, and neither may a streaming robot. Unknown values are NaN.
         """
-        taken = answers and self._robot.facts.pacing is Pacing.ASKED
-        depth = self._depth(start, commanded) if taken else math.nan
+        may_move = answers and self._robot.facts.pacing is Pacing.ASKED
+        depth = self._depth(start, commanded) if may_move else math.nan
         patience = self._clock.now() + ARRIVAL_S
         try:
             if not answers:
@@ -258,8 +265,8 @@ class FallbackRetraction:
                 depth = self._depth(start, position)
                 if math.dist(position, commanded) <= ARRIVED_M or self._clock.now() > patience:
                     break
-            settled = await self._settle()
-            # one that was stopped on its way passes the last order, and comes to rest behind it
+            settled_at = await self._settle()
+            # a robot that was stopped in motion overshoots the last order, and stops beyond it
             while self._clock.now() <= patience:
                 before, position = position, (await self._robot.report()).pose.position
                 depth = self._depth(start, position)
@@ -268,23 +275,23 @@ class FallbackRetraction:
                 await self._clock.sleep_until(self._clock.now() + REST_S)
         except BridgeError:
             await self._clock.sleep_until(self._clock.now() + UNSEEN_S)
-            settled = await self._settle()
-        while math.isnan(force := self._force(settled)) and self._clock.now() < settled + FRAME_S:
+            settled_at = await self._settle()
+        while math.isnan(force := self._force(settled_at)) and self._clock.now() < settled_at + FRAME_S:
             await self._clock.sleep_until(self._clock.now() + REST_S)
         return depth, force
 
     async def _settle(self) -> float:
-        """Wait until the filter has settled at a stationary tool; return the time, s."""
-        settled = self._clock.now() + REST_S + TIME_CONSTANTS * self._sensor.delay
-        await self._clock.sleep_until(settled)
-        return settled
+        """Wait until the filter has settled while the tool is stationary. Return the time, s."""
+        settled_at = self._clock.now() + REST_S + TIME_CONSTANTS * self._sensor.delay
+        await self._clock.sleep_until(settled_at)
+        return settled_at
 
     def _depth(self, start: Vector, position: Vector) -> float:
         offsets = zip(position, start, self._config.frame.approach, strict=True)
         return sum((p - s) * n for p, s, n in offsets)
 
     def _force(self, since: float) -> float:
-        """Return the length of the contact force in a sufficiently fresh frame, N; NaN without one."""
+        """Return the magnitude of the contact force from a sufficiently fresh frame, N; NaN if there is none."""
         newest, peaks = self._sensor.newest, self._sensor.peaks
         try:
             self._sensor.check()
@@ -296,7 +303,7 @@ class FallbackRetraction:
 
 
 def _is_in_flight(motion: Motion, known: Vector) -> bool:
-    """Return whether the newest order, which the robot may have taken or not, is another than this position."""
+    """Return whether the newest order, accepted by the robot or not, differs from the given position."""
     try:
         return motion.commanded not in (None, known)
     except BridgeError:

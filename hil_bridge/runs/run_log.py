@@ -1,4 +1,6 @@
-"""Everything that a run and its devices tell, on its way to the watchers: cycles, events, frames, wires, the truth."""
+"""Log of all reports from a run and its devices to the watchers: cycles, events, frames, link traffic and ground
+truth.
+"""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -29,14 +31,16 @@ from hil_bridge.transports import Direction
 from protocol.wrench import WrenchFrame
 
 PACKAGE_NAME = "controller_package"
-"""In the metadata of a recording: the package that offered the controller, with its version."""
+"""Key in the metadata of a recording for the package that provided the controller, with its version."""
 STEP_PACKAGES = "step_packages"
-"""In the metadata of a recording: packages that offered steps, with their versions, by the steps' words, in JSON."""
+"""Key in the metadata of a recording for the packages that provided steps, with their versions, by the steps'
+words, in JSON.
+"""
 
 
 def metadata_of(config: Config, virtual: bool) -> dict[str, str]:
-    """Facts that are known before the run, for its record. Of a run in virtual time they are the same on every host,
-    so that its recording is.
+    """Return the facts that are known before the run, for its recording. For a run in virtual time they are the
+    same on every host, so that its recording is the same as well.
     """
     where = (
         {"time": "virtual"}
@@ -44,8 +48,8 @@ def metadata_of(config: Config, virtual: bool) -> dict[str, str]:
         else {"time": "real", "host": gethostname(), "platform": f"Python {python_version()}, {platform()}"}
     )
     package = controller_package(config.controller.name)
-    words = {step.do for _, step, _ in unroll(config.task.step)}
-    steps = {word: owner for word in words if (owner := step_package(word))}
+    kinds = {step.do for _, step, _ in unroll(config.task.step)}
+    steps = {word: owner for word in kinds if (owner := step_package(word))}
     return (
         where
         | ({PACKAGE_NAME: package} if package else {})
@@ -60,47 +64,47 @@ def metadata_of(config: Config, virtual: bool) -> dict[str, str]:
 
 
 class RunLog:
-    """The log of one run and of its devices, for any number of watchers. It knows neither the run nor the devices.
+    """Log of one run and its devices, for any number of watchers. It does not depend on the run or the devices.
 
-    An exception of a watcher is raised once all of them have been told.
+    An exception of a watcher is raised after all watchers have received the record.
     """
 
     def __init__(self, clock: Clock, watchers: Sequence[Watcher]) -> None:
         self.clock = clock
         self._watchers: list[Watcher] = []
         self._takers: dict[type, list[Callable[[Any], object]]] = {}
-        """Functions by the type of record that they take."""
+        """Functions that accept a record, by the type of the record."""
         for watcher in watchers:
             self.join(watcher)
         self.verbose = self.wants(LinkRecord)
-        """Setting of a `DeviceLog`: a record of the link holds its every event."""
+        """Setting of a `DeviceLog`: whether a recording of the link contains every event."""
         self._wires = {
             "robot": LinkLog(lambda at, pieces: self.put(at, LinkRecord(at, pieces))),
             "sensor": LinkLog(lambda at, pieces: self.put(at, WireRecord(at, "sensor", pieces))),
         }
-        self._taken = {"robot": self.wants(LinkRecord), "sensor": self.wants(WireRecord)}
-        """Whether any watcher takes the traffic of a device's wire."""
+        self._traffic_accepted = {"robot": self.wants(LinkRecord), "sensor": self.wants(WireRecord)}
+        """Whether any watcher accepts the traffic of a device's link."""
         self.byte_time_s = 0.0
-        """Time of a byte on the robot's line; 0 where it is too short to matter."""
+        """Transmission time of one byte on the robot's line, s; 0 if negligible."""
 
     def join(self, watcher: Watcher) -> None:
-        """Tell this watcher too, after those that are there."""
+        """Add a watcher, after the existing ones."""
         self._watchers.append(watcher)
         for kind in watcher.takes:
             self._takers.setdefault(kind, []).append(watcher.put)
 
     def wants(self, kind: type) -> bool:
-        """Whether any watcher takes records of this type."""
+        """Return whether any watcher accepts records of this type."""
         return kind in self._takers
 
     def put(self, at: float, record: Record) -> None:
-        """Tell of something of this time, and before it what the wires hold for too long by then."""
+        """Pass on a record, preceded by the link data that is due up to its time."""
         for wire in self._wires.values():
             wire.age(at)
         self.hand_over(record)
 
     def hand_over(self, record: Record) -> None:
-        """Tell of something now."""
+        """Pass on a record at once."""
         failure: Exception | None = None
         for take in self._takers.get(type(record), ()):
             try:
@@ -111,12 +115,12 @@ class RunLog:
             raise failure
 
     def devices(self, facts: Mapping[str, str]) -> None:
-        """Log that the devices are ready, and what is known of them."""
+        """Log that the devices are ready, with their known facts."""
         for watcher in self._watchers:
             watcher.devices(facts)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Something that belongs to the record as a whole."""
+        """Log an attachment, which belongs to the entire recording."""
         for watcher in self._watchers:
             watcher.attach(name, media_type, data)
 
@@ -138,33 +142,33 @@ class RunLog:
 
     def frame(self, frame: WrenchFrame) -> None:
         """Log a complete frame of the sensor."""
-        self._wires["robot"].age(frame.at)  # while the robot is silent, frames alone come
+        self._wires["robot"].age(frame.at)  # while the robot is silent, only frames arrive
         if SensorRecord in self._takers:
             self.hand_over(SensorRecord(frame.at, frame.sequence, frame.values))
 
     def notice(self, kind: str, text: str) -> None:
-        """Log a notice of a device, or of the run's environment."""
+        """Log a notice from a device, or from the environment of the run."""
         self.tell(kind, text)
 
     def tell(self, kind: str, text: str, **values: Any) -> None:
-        """Something beside the cycles happens now; `values` are further fields of its record."""
+        """Log an event outside the cycles now. `values` holds additional fields of its record."""
         self.event(EventRecord(self.clock.now(), kind, text, **values))
 
     def traffic(self, device: str, direction: Direction, data: Any) -> None:
-        """Log data that have just gone over a device's wire."""
-        if self._taken[device]:
+        """Log data that has just been transferred on a device's link."""
+        if self._traffic_accepted[device]:
             self._wires[device].take(self.clock.now(), direction, data)
         if device == "robot" and direction is Direction.SENT and len(data) > 1:
             for watcher in self._watchers:
                 watcher.pause(len(data) * self.byte_time_s)
 
     def link_event(self, device: str, text: str) -> None:
-        """Something happened on a device's link."""
-        if self._taken[device]:
+        """Log an event on a device's link."""
+        if self._traffic_accepted[device]:
             self._wires[device].note(self.clock.now(), text)
 
     def close(self, end: RunEnd) -> None:
-        """Hand over what waits, then the end. Harmless when called again. Raises the first error of a watcher."""
+        """Pass on pending records, and then the end. Idempotent. Raises the first error of a watcher."""
         for wire in self._wires.values():
             wire.flush()
         failure: BridgeError | None = None

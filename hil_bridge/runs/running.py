@@ -19,7 +19,7 @@ from hil_bridge.control.course.intent import TARE
 from hil_bridge.devices.facts import Devices, Pacing, RobotFacts, Sensor
 from hil_bridge.devices.wiring import Wrap, unwrapped
 from hil_bridge.errors.causes import Cause, Reason
-from hil_bridge.errors.failures import RAISED, of_others, raise_if_interrupt, report_failure
+from hil_bridge.errors.failures import RAISED, involves_plugin, raise_if_interrupt, report_failure
 from hil_bridge.record import CycleRecord, EventKind, EventRecord, RunEnd, TruthRecord
 from hil_bridge.record.removed_map import MEDIA_TYPE, REMOVED_NAME
 from hil_bridge.runs import compose
@@ -35,38 +35,38 @@ from protocol.unmodelled import NotModelled
 
 
 class Running:
-    """A run over its open devices; call it once. Code that acts on a run holds this, watchers do not."""
+    """Run with its open devices. Call it once. Code that acts on a run uses this class; watchers do not."""
 
     def __init__(self, setup: Setup, log: RunLog, devices: compose.Devices, ending: Ending) -> None:
         self.setup, self.log, self.devices = setup, log, devices
         self.robot, self.sensor, self.cell = devices.robot, devices.sensor, devices.cell
         self.clock: Clock = log.clock
         self.facts: RobotFacts = setup.identified(devices.robot.facts)
-        """Facts of the robot, with the line of its URL."""
+        """Facts of the robot, including the line from its URL."""
         self.run = Run(setup, devices.robot, devices.sensor, log, ending)
 
     async def __call__(self) -> RunResult:
-        """Run to the end. Raises BridgeError when a device fails before the movement has begun."""
+        """Run to the end. Raises BridgeError if a device fails before the movement has begun."""
         return await self.run()
 
-    def hear(self, record: EventRecord) -> None:
-        """Tell of the devices once they are ready; end the run when the emulated cell has failed."""
+    def on_record(self, record: EventRecord) -> None:
+        """Report the devices once they are ready, and end the run if the emulated cell has failed."""
         if record.kind == EventKind.PHASE and record.text == TARE:
             sensor = Sensor(self.setup.sensor.kind.name, self.sensor.facts)
             self.log.devices(Devices(self.facts, sensor).as_metadata())
         elif record.kind == EventKind.FAILED:
             self.run.fail(Reason(Cause.CELL_FAILED, record.text))
 
-    def stand_still(self, seconds: float) -> None:
-        """Halt, as a fault of the computer."""
+    def stall(self, seconds: float) -> None:
+        """Suspend the process, to simulate a stalled computer."""
         if self.clock.is_virtual:
-            self.run.stand_still(seconds)
+            self.run.stall(seconds)
         else:
             time.sleep(seconds)
 
 
 class _Truth:
-    """The truth of the emulated cell for the log; code of plug-ins may be involved."""
+    """Source of the emulated cell's ground truth for the log. Code of plug-ins may be involved."""
 
     def __init__(self, running: Running, cell: Cell[Any, Any]) -> None:
         streamed = running.setup.facts.pacing is Pacing.STREAMED
@@ -76,24 +76,24 @@ class _Truth:
         )
 
     def cycle(self, record: CycleRecord) -> None:
-        """Note that a cycle has ended."""
+        """Handle the end of a cycle."""
         self._ask(lambda truth: truth.cycle(record))
 
     def close(self) -> None:
-        """Note that the run is over."""
+        """Query the remaining truth at the end of the run."""
         self._ask(GroundTruth.close)
         if self._truth is not None and (removed := self._truth.removed_map()) is not None:
             self._log.attach(REMOVED_NAME, MEDIA_TYPE, removed.as_json())
 
     def _ask(self, ask: Callable[[GroundTruth], object]) -> None:
-        """Query the truth; never again after a failure."""
+        """Query the ground truth. After a failure, it is never queried again."""
         if self._truth is None:
             return
         try:
             ask(self._truth)
         except RAISED as error:
             raise_if_interrupt(error)
-            if not of_others(error):
+            if not involves_plugin(error):
                 raise
             self._truth = None
             report_failure("the truth of the emulated cell", error, self._log.notice)
@@ -107,28 +107,28 @@ async def running(
     wrap: Wrap = unwrapped,
     ending: Ending | None = None,
 ) -> AsyncIterator[Running]:
-    """Return a run over open devices, not begun; the devices are closed when the context exits.
+    """Open the devices and return a run that has not started. The devices are closed on exit from the context.
 
-    `cell` is the emulated cell where a check has made it, `wrap` may put something between each wire and its client.
-    `ending` is shared with what may end the run from outside. Faults of the configuration are injected, and the truth
-    of an emulated cell is recorded where a watcher takes it. The owner of the log closes it. Raises as
-    `compose.open_devices`.
+    `cell` is the emulated cell if a check has already created it. `wrap` may insert a layer between each connection
+    and its client. `ending` is shared with everything that may end the run from outside. Faults in the
+    configuration are injected, and the ground truth of an emulated cell is recorded if a watcher accepts it. The
+    owner of the log closes it. Raises the same exceptions as `compose.open_devices`.
     """
     run: Running | None = None
     failed: list[EventRecord] = []
 
-    def hear(record: EventRecord) -> None:
+    def on_record(record: EventRecord) -> None:
         if run is not None:
-            run.hear(record)
+            run.on_record(record)
         elif record.kind == EventKind.FAILED:  # while the devices are opened
             failed.append(record)
 
-    log.join(Listener({EventRecord: hear}))
+    log.join(Listener({EventRecord: on_record}))
     async with AsyncExitStack() as after, compose.open_devices(setup, log.clock, log, wrap, cell) as devices:
         run = Running(setup, log, devices, ending or Ending())
         log.byte_time_s = run.facts.byte_time_s or 0.0
         for record in failed:
-            run.hear(record)
+            run.on_record(record)
         if devices.cell is not None:
             _join_cell(run, devices.cell, after)
         if setup.remark:
@@ -137,9 +137,9 @@ async def running(
 
 
 def _join_cell(run: Running, cell: Cell[Any, Any], after: AsyncExitStack) -> None:
-    """Let the faults happen, and the truth be told where a watcher takes it; both end with the stack."""
+    """Inject faults, and report the ground truth if a watcher accepts it. Both end with the stack."""
     log = run.log
-    faults = FaultSchedule(run.setup.config.faults, cell, log.clock, log.event, run.stand_still)
+    faults = FaultSchedule(run.setup.config.faults, cell, log.clock, log.event, run.stall)
     if log.wants(TruthRecord):
         truth = _Truth(run, cell)
         log.join(Listener({CycleRecord: truth.cycle}))
@@ -154,7 +154,7 @@ def _join_cell(run: Running, cell: Cell[Any, Any], after: AsyncExitStack) -> Non
 
 
 def run_end(result: RunResult, run: Running | None, facts: RobotFacts) -> RunEnd:
-    """Return the end of a run, for the record; `facts` are those of a robot that was never connected."""
+    """Return the end of a run, for the recording. `facts` holds the facts of a robot that was never connected."""
     sensor = None if run is None else run.sensor
     return RunEnd(
         outcome=result.outcome,

@@ -1,4 +1,4 @@
-"""The sample of a cycle, from the robot's report and the newest frame of the sensor."""
+"""Sample of a cycle, from the robot's report and the newest frame of the sensor."""
 
 import math
 
@@ -16,13 +16,13 @@ from protocol.geometry import Quaternion, angle_between
 from protocol.wrench import WrenchFrame
 
 TURNED_RAD = math.radians(0.05)
-"""Chosen: turn of a tool that a program turns, below which its wrist counts as the same: 0.01 N of 10 N."""
+"""Rotation of the tool below which its wrist counts as unchanged, rad. Chosen: it changes a force of 10 N by 0.01 N."""
 _APPROACH, _TRAVEL, _ACROSS = 0, 1, 2
-"""Directions in which the contact force is taken, by their place in `WristAtOrientation.directions`."""
+"""Directions in which the contact force is measured, as indices into `WristAtOrientation.directions`."""
 
 
 class Sampler:
-    """Makes the samples of one run."""
+    """Source of the samples of one run."""
 
     def __init__(
         self, config: Config, clock: Clock, zeroing: Zeroing, sensor: ForceSensor, journal: Journal
@@ -32,38 +32,40 @@ class Sampler:
         self._journal = journal
         self._directions = frame.approach, frame.travel, frame.across
         self._turns = False
-        """A program turns the tool."""
+        """Whether a program turns the tool."""
         self._wrist = wrist(config)
         self._tare: Quaternion | None = None
-        """Orientation at which the sensor was zeroed; None where its own zero is not used."""
+        """Orientation at which the sensor was zeroed; None if the sensor's own zero is not used."""
         self._at_orientation: tuple[Quaternion, WristAtOrientation] | None = None
         self._filter_delay = math.nan
         self._due_after = math.inf
-        """Age of the newest frame from which the next one is late, s."""
+        """Age of the newest frame above which the next frame is late, s."""
         self._start: Quaternion
         self.peaks: Peaks | None = None
-        """After the last order that the robot took; None before the first cycle."""
+        """Peaks since the last order that the robot accepted; None before the first cycle."""
 
     def expect_turns(self) -> None:
-        """Note that a program turns the tool: the weight of a known tool counts at each orientation."""
+        """Prepare for a program that turns the tool. The weight of a known tool is then computed for each
+        orientation.
+        """
         self._turns = True
         self._wrist = known_wrist(self._config) or self._wrist
 
     def sensor_is_ready(self) -> None:
-        """Take the delay and the pace of a sensor that has become ready."""
+        """Store the delay and the frame period of a sensor that has become ready."""
         self._filter_delay = self._sensor.delay
         self._due_after = usual_gap(self._sensor.facts)
 
     def begin(self, zero: Zero, tare: Quaternion) -> None:
-        """Begin at this zero; `tare` is the orientation in which the sensor was zeroed."""
+        """Begin with the given zero. `tare` is the orientation at which the sensor was zeroed."""
         self._start = zero.start.pose.quaternion
         self._tare = tare if self._config.sensor.tare else None
         at_start = self.wrist_at(self._start)
         self._sensor.peaks = self.peaks = Peaks(at_start, self._sensor.facts.scales, zero.contact)
 
     def take(self, report: RobotReport, frame: WrenchFrame, ordered: Quaternion, held: bool) -> Sample:
-        """Return the newest of everything, now that the robot has reported its pose. `ordered` is the orientation of
-        the last order; `held` tells whether an operator holds the tool.
+        """Return the sample of the newest data, after the robot has reported its pose. `ordered` is the orientation
+        in the last order. `held` is True while an operator holds the tool.
         """
         sensor, (position, quaternion), fault = self._sensor, report.pose, fault_reason(report)
         try:
@@ -74,7 +76,7 @@ class Sampler:
         assert sensor.peaks is not None
         peak_force, peak_resultant, peak_moment, saturated = sensor.peaks.take()
         if orientation_fault(quaternion):
-            quaternion = self._start  # the fault says so
+            quaternion = self._start  # reported by the fault
         now = self._clock.now()
         wrist = self.wrist_at(quaternion)
         wrench = wrist.contact_wrench(sensor.wrench(frame))
@@ -119,7 +121,7 @@ class Sampler:
         return self._zeroing.axes.hidden_at_rest(at, self._sensor.wrench(newest), tolerance)
 
     def wrist_at(self, quaternion: Quaternion) -> WristAtOrientation:
-        """Return the wrist at this orientation, made again only when the tool has turned."""
+        """Return the wrist at the given orientation. It is recomputed only if the tool has turned."""
         if self._at_orientation is None or self._has_turned(self._at_orientation[0], quaternion):
             at = self._wrist.at_orientation(quaternion, self._tare, *self._directions)
             self._at_orientation = quaternion, at
@@ -128,6 +130,6 @@ class Sampler:
         return self._at_orientation[1]
 
     def _has_turned(self, known: Quaternion, quaternion: Quaternion) -> bool:
-        """Return whether the wrist is to be made again: while a program turns the tool, not for every hair."""
+        """Return whether the wrist must be recomputed. While a program turns the tool, tiny changes are ignored."""
         near = self._turns and angle_between(known, quaternion) <= TURNED_RAD
         return known != quaternion and not near

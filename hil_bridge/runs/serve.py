@@ -1,4 +1,4 @@
-"""The emulated devices alone, served until an operator stops them."""
+"""Emulated devices without a run, served until an operator stops them."""
 
 import asyncio
 import json
@@ -21,18 +21,19 @@ from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.devices import Robot
 from hil_bridge.show.terminal import REFRESH_SECONDS
 from hil_bridge.show.web.feed import PANEL_PAGE, Feed, WebOptions
-from protocol.unmodelled import NotModelled, relied_on
+from protocol.unmodelled import NotModelled, describe_unmodelled
 
-_LOOK_S = 0.05
-"""Chosen: time between two looks at whether the robot may move."""
+_CHECK_S = 0.05
+"""Interval between two checks whether the robot may move, s. Chosen."""
 _FREE_S = 1.0
-"""Chosen: a robot that could move for so long stops again."""
+"""Time for which a robot must have been able to move before the same reason is logged again, s. Chosen."""
 
 
 def serve(setup: Setup, as_json: bool, web_port: int | None = None) -> None:
-    """Serve the emulated devices of a setup and print where, until SIGINT or SIGTERM.
+    """Serve the emulated devices of a setup and print their URLs, until SIGINT or SIGTERM.
 
-    `web_port` is that of a page with the robot's panel, 0 for one that is free; None for no page. Raises ConfigError.
+    `web_port` is the port of a page with the robot's panel, 0 for a free port, or None for no page. Raises
+    ConfigError.
     """
     realtime, panel_url = setup.config.realtime, setup.listen.panel
     if panel_url:
@@ -73,7 +74,7 @@ async def _serve(setup: Setup, as_json: bool, executor: ThreadPoolExecutor | Non
         causes.append(cause)
         stopped.set()
 
-    with suppress(NotImplementedError):  # no signal handlers in loops of other platforms
+    with suppress(NotImplementedError):  # other platforms do not support signal handlers in loops
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, stopped.set)
     try:
@@ -113,30 +114,31 @@ async def _serve(setup: Setup, as_json: bool, executor: ThreadPoolExecutor | Non
     finally:
         clock.close()
         if things:
-            _log(relied_on(things))
+            _log(describe_unmodelled(things))
 
 
 async def _show_panel(feed: Feed | None) -> None:
-    """Tell the page the state of the panel again and again."""
+    """Send the state of the panel to the page periodically."""
     while feed is not None:
         feed.show_panel()
         await asyncio.sleep(REFRESH_SECONDS)
 
 
 async def report_hindrances(served: ServedCell, clock: Clock, log: Callable[[str], object]) -> None:
-    """Log each reason that keeps the emulated robot from moving; the same again only after it could move for a while.
+    """Log each reason that keeps the emulated robot from moving. A reason is repeated only after the robot could
+    move for a while.
 
-    A controller without a client begins and times out again and again.
+    A controller without a client starts and times out periodically.
     """
-    # a robot that is asked answers its client with what stops it
+    # a polled robot reports to its client what stops it
     if not 0.0 < _cycle_of(served.robot) < math.inf:
         return
     logged, free_s = set[str](), 0.0
     while True:
-        await asyncio.sleep(_LOOK_S)
+        await asyncio.sleep(_CHECK_S)
         hindrance = served.cell.robot.hindrance(clock.now())
         if hindrance is None:
-            free_s += _LOOK_S
+            free_s += _CHECK_S
             continue
         if free_s > _FREE_S:
             logged.clear()
@@ -151,21 +153,23 @@ def _log(text: str) -> None:
 
 
 def _cycle_of(robot: Robot | None) -> float:
-    """Cycle of an emulated robot, s: 0 without a robot, infinite for one that has none."""
+    """Return the cycle time of an emulated robot, s: 0 without a robot, infinite for a robot without a cycle."""
     if robot is None:
         return 0.0
     return robot.kind.facts(robot.url, robot.settings).cycle_s or math.inf
 
 
 def _where(served: ServedCell) -> dict[str, str]:
-    """URLs of what is served, by its name."""
+    """Return the URLs of the served devices, by name."""
     devices = {"robot": served.robot, "sensor": served.sensor}
     where = {name: device.named_url for name, device in devices.items() if device is not None}
     return where if served.panel is None else {**where, "panel": served.panel}
 
 
 def client_of(where: Mapping[str, str], can_probe: bool) -> str:
-    """Return a command that talks to the served devices; no run accepts a robot without a sensor."""
+    """Return a command that connects to the served devices. No run accepts a robot without a sensor, so the command
+    for a robot alone probes it or asks for a sensor.
+    """
     match where:
         case {"robot": robot, "sensor": sensor, "tool-mass-kg": mass}:
             return f"hil-bridge run --robot '{robot}' --sensor '{sensor}' --tool-mass-kg {mass}"

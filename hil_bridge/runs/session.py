@@ -1,4 +1,4 @@
-"""One run from the command line: its watchers, its outputs, and how it ended."""
+"""One run from the command line: its watchers, its outputs, and the report of its end."""
 
 import asyncio
 import signal
@@ -12,7 +12,7 @@ from typing import Any
 from emulators.cell import Cell
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, run_real_on, run_virtual_on
 from hil_bridge.clock.realtime import collect_generation_1, real_time_loop
-from hil_bridge.console.debugging import debug_wanted, describe_bug
+from hil_bridge.console.debugging import describe_bug, is_debug_requested
 from hil_bridge.console.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.errors import BridgeError, Cause
 from hil_bridge.errors.cause_row import CRITERION, INTERRUPTED
@@ -39,27 +39,29 @@ from hil_bridge.runs.watchers import Listener, Watcher
 from hil_bridge.settings.configuration import Config
 from hil_bridge.show.web.feed import Feed
 
-TELL_SECONDS = 5.0
-"""Longest wait for a blocked output when a signal other than from the keyboard ended the run. Chosen."""
+OUTPUT_TIMEOUT_S = 5.0
+"""Time limit for a blocked output if a signal other than from the keyboard ended the run, s. Chosen."""
 KEPT_RECORDS = 500_000
-"""Records of a run in virtual time that stay in memory for its figures. Chosen: an hour with a stream of 100 Hz, some
-300 MB; of a longer run they are read from its file.
+"""Maximum number of records that a run in virtual time keeps in memory for its figures. Chosen: an hour with a
+stream of 100 Hz, about 300 MB. For a longer run, the records are read from its file.
 """
-_UNDER_WAY_S = 0.005
-"""Chosen: after the end of a cycle; a status order takes ten times as long on a 9600-baud line."""
+_STATUS_DELAY_S = 0.005
+"""Delay of a garbage collection after the end of a cycle, s. Chosen: a status order takes ten times as long on a
+9600-baud line.
+"""
 _COLLECT_EVERY = 64
-"""Cycles between two collections. Chosen: only what is still in use costs one time, and that is as much however
-rarely it comes.
+"""Number of cycles between two garbage collections. Chosen: the cost depends only on the objects in use, regardless
+of how rare the collections are.
 """
 
 
 def execute(
     config: Config, virtual: bool, outputs: Outputs, view: bool | Views, config_file: Path | None = None
 ) -> int:
-    """Run once, leave the outputs, print the figures; the exit code. `config_file` is never written over. `view` says
-    where the run is shown; True is the terminal alone.
+    """Run once, write the outputs, print the figures and return the exit code.
 
-    Raises BridgeError when a device fails before the movement has begun, or a file cannot be written.
+    `config_file` is never overwritten. `view` selects where the run is shown; True stands for the terminal alone.
+    Raises BridgeError if a device fails before the movement has begun, or if a file cannot be written.
     """
     setup = Setup(config)
     cell = check(
@@ -67,14 +69,14 @@ def execute(
     )  # before a recording is replaced
     signals = Signals()
     views = view if isinstance(view, Views) else Views(view)
-    with signals.hearing(), open_feed(views, virtual) as feed:
+    with signals.installed(), open_feed(views, virtual) as feed:
         outputs = settle_outputs(outputs, config_file)
         with record_path(outputs) as path, Terminal() as terminal:
             if outputs.own_folder and not virtual:
                 terminal.out.say(f"recording into {path.parent}")
             kept = replace(outputs, record=path, temporary=outputs.record is None)
             session = Session(setup, kept, terminal, signals)
-            session.view_wanted, session.feed, session.cell = views.terminal, feed, cell
+            session.show_view, session.feed, session.cell = views.terminal, feed, cell
             awake_s = setup.config.realtime.busy_poll_ms * 1e-3
             try:
                 main, stray = session.main, session.take_stray
@@ -90,20 +92,20 @@ def execute(
 
 
 def _leave_outputs(session: "Session", outputs: Outputs) -> None:
-    """Write the wanted outputs of a run that ended before its movement, and print where they are.
+    """Write the requested outputs of a run that ended before its movement, and print their paths.
 
-    The error that ended it goes first: trouble with a file is left out.
+    The error that ended the run takes precedence, so a file that cannot be written is not reported.
     """
     if session.end is not None:
         lines, _ = write_outputs(outputs, session.recording, session.end)
-        session.terminal.say_last([], lines, TELL_SECONDS)
+        session.terminal.print_last([], lines, OUTPUT_TIMEOUT_S)
 
 
 def _finish(session: "Session", result: RunResult, outputs: Outputs) -> int:
-    """Write the wanted outputs, then print how the run ended; returns the exit code.
+    """Write the requested outputs, print how the run ended, and return the exit code.
 
-    All files are written before the first line is printed, since the reader of the output may have gone. A signal
-    keeps the run from its report. A second one keeps it from waiting for a terminal that takes no more.
+    All files are written before the first line is printed, because the reader of the output may already have closed
+    it. After a signal, no report is written. After a second signal, a blocked terminal is not waited for.
     """
     signals, notes = session.signals, session.notes
     code = result.exit_code
@@ -118,20 +120,20 @@ def _finish(session: "Session", result: RunResult, outputs: Outputs) -> int:
         errors.append(str(session.record_error))
         code = code or session.record_error.exit_code
     by_hand = signals.first in (None, signal.SIGINT, signal.SIGTSTP)
-    patience = None if by_hand else TELL_SECONDS
+    patience = None if by_hand else OUTPUT_TIMEOUT_S
     record = [] if outputs.record is None else [f"record: {outputs.record}"]
     if session.hurried:
         lines += record
         patience = LEAVE_SECONDS
     elif notes.cycles:
         try:
-            with signals.leading_to(unless_hung_up):
+            with signals.reacting_with(unless_hung_up):
                 more, troubles = write_outputs(outputs, session.recording, session.end)
             lines += more or record
             errors += map(str, troubles)
             code = code or max((trouble.exit_code for trouble in troubles), default=0)
         except KeyboardInterrupt:
-            lines += [*record, "interrupted before all that was wanted had been written"]
+            lines += [*record, "interrupted before all requested outputs were written"]
             code, patience = INTERRUPTED, LEAVE_SECONDS
     else:
         lines += record
@@ -139,58 +141,60 @@ def _finish(session: "Session", result: RunResult, outputs: Outputs) -> int:
     if left:
         lines.append(f"left: {left}")
     if result.outcome is Outcome.STOPPED and notes.traces:
-        errors[0] += "" if debug_wanted() else "; --debug shows the traceback"
-        errors = [*(text.rstrip() for text in notes.traces if debug_wanted()), *errors]
+        errors[0] += "" if is_debug_requested() else "; --debug shows the traceback"
+        errors = [*(text.rstrip() for text in notes.traces if is_debug_requested()), *errors]
     bugs = [describe_bug("; ".join([last_line(text), *record]), text) for text in notes.bugs]
-    session.terminal.say_last([*bugs, *(f"hil-bridge: {text}" for text in errors)], lines, patience)
+    session.terminal.print_last([*bugs, *(f"hil-bridge: {text}" for text in errors)], lines, patience)
     return code
 
 
 class Session:
-    """Joins a run of the command line with its watchers, inside its event loop, and closes everything in order."""
+    """Run from the command line with its watchers, inside its event loop. It closes everything in order."""
 
     def __init__(self, setup: Setup, outputs: Outputs, terminal: Terminal, signals: Signals) -> None:
-        """Prepare a session; `outputs` names a record, kept or temporary."""
+        """Prepare a session. `outputs` names a recording, kept or temporary."""
         assert outputs.record is not None
         self._setup, self._outputs, self._path = setup, outputs, outputs.record
         self.terminal, self.signals, self.notes = terminal, signals, Notes()
-        self.view_wanted = False
+        self.show_view = False
         self.feed: Feed | None = None
-        """Feeds the page in the browser."""
+        """Feed of the page in the browser."""
         self.cell: Cell[Any, Any] | None = None
-        """The emulated cell, as the check has powered it up."""
+        """Emulated cell, as powered up by the checks."""
         self.end = RunEnd(Outcome.STOPPED)
-        """Metadata of the end for the record."""
+        """Metadata of the end, for the recording."""
         self.record_error: BridgeError | None = None
-        """Why the record is incomplete."""
+        """Reason why the recording is incomplete; None if it is complete."""
         self._stopping: Stopping | None = None
         self._kept: KeptRecords | None = None
-        """Records from which the figures of a run in virtual time are made."""
+        """Records from which the figures of a run in virtual time are computed."""
 
     @property
     def hurried(self) -> bool:
-        """Another signal came after the movement had ended: the process must end at once."""
+        """Whether another signal came after the movement had ended, so that the process must end at once."""
         return self._stopping is not None and self._stopping.hurried
 
     def take_stray(self, error: BaseException) -> bool:
-        """See `Stopping`."""
+        """Handle an exception from a loop callback. See `Stopping`."""
         return self._stopping is not None and self._stopping.take_stray(error)
 
     def recording(self) -> Recording:
-        """Return the recording of the run: from memory if it is complete, else from its file. Raises ConfigError."""
+        """Return the recording of the run, from memory if it is complete there, otherwise from its file. Raises
+        ConfigError.
+        """
         if self._kept is not None and self._kept.is_whole and self.record_error is None:
             return self._kept.recording()
         return read(self._path)
 
     async def main(self) -> RunResult:
-        """Open everything, run, close everything; the record is complete in any case."""
+        """Open everything, run, and close everything. The recording is completed in any case."""
         clock, setup = Clock.running(), self._setup
         map_buffers()
         metadata = metadata_of(setup.config, clock.is_virtual)
         writing = VIRTUAL if clock.is_virtual else REAL_TIME
         recorder = Recorder(self._path, clock.wall_ns, metadata, writing, self._outputs.overwrite)
         record = "" if self._outputs.temporary else format_path(self._path)
-        view = TerminalView(self.terminal, self.view_wanted, clock.is_virtual)
+        view = TerminalView(self.terminal, self.show_view, clock.is_virtual)
         page = None if self.feed is None else Page(self.feed, self.notes, record)
         watchers: list[Watcher] = [recorder, self.notes, view, *([] if page is None else [page])]
         if clock.is_virtual:
@@ -199,7 +203,7 @@ class Session:
         log = RunLog(clock, watchers)
         stopping = self._stopping = Stopping(self.signals, log)
         log.join(Listener({CycleRecord: _collector(clock)}))
-        log.join(Listener({CycleRecord: lambda _: self._look_at(recorder, log, view)}))
+        log.join(Listener({CycleRecord: lambda _: self._check_recorder(recorder, log, view)}))
         run: Running | None = None
 
         async def with_devices() -> RunResult:
@@ -224,7 +228,7 @@ class Session:
                         if page is not None:
                             await stack.enter_async_context(page.serving(setup, log, stopping, self.terminal))
                         result = await with_devices()
-                except (asyncio.CancelledError, Exception) as error:  # all has been closed on the way here
+                except (asyncio.CancelledError, Exception) as error:  # everything is closed by now
                     result = stopping.ended_by(error, self.notes.bugs)
                 self.end = run_end(result, run, setup.facts)
                 self._close(log)
@@ -241,25 +245,25 @@ class Session:
             clock.close()
 
     def _close(self, log: RunLog) -> None:
-        """Finish the record. Idempotent."""
+        """Finish the recording. Idempotent."""
         try:
             log.close(self.end)
         except BridgeError as error:
             self.record_error = error
 
-    def _look_at(self, recorder: Recorder, log: RunLog, view: TerminalView) -> None:
-        """Report trouble of the recorder at once. The run continues, since nothing in it depends on its record."""
+    def _check_recorder(self, recorder: Recorder, log: RunLog, view: TerminalView) -> None:
+        """Report a failure of the recorder at once. The run continues, because it does not depend on its recording."""
         if not recorder.trouble or self.notes.warning:
             return
         text = f"the recording {self._path} {recorder.trouble}"
         self.notes.warning = text
         log.notice(EventKind.RECORDER, text)
         self.terminal.err.say(f"hil-bridge: {text}; the run continues")
-        view.warn(f"the recording {recorder.trouble}")  # where a line is short
+        view.warn(f"the recording {recorder.trouble}")  # short line
 
 
 def _collector(clock: Clock) -> Callable[[CycleRecord], object]:
-    """Return a function that collects garbage from time to time."""
+    """Return a function that collects garbage once every few cycles."""
 
     def collect(record: CycleRecord) -> None:
         if (record.cycle + 1) % _COLLECT_EVERY:
@@ -267,7 +271,7 @@ def _collector(clock: Clock) -> Callable[[CycleRecord], object]:
         if clock.is_virtual:
             collect_generation_1()
         else:
-            # By then the next order is on the line, and the run only waits for its answer.
-            clock.call_at(clock.now() + _UNDER_WAY_S, collect_generation_1)
+            # The next order is then on the line, and the run only waits for its answer.
+            clock.call_at(clock.now() + _STATUS_DELAY_S, collect_generation_1)
 
     return collect

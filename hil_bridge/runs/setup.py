@@ -1,4 +1,4 @@
-"""Resolution of a configuration, in one place and once: devices, facts, pace, loop."""
+"""Resolution of a configuration to devices, facts, pace and loop, in a single module and only once."""
 
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -28,63 +28,66 @@ _OF_THE_LINK = ("hops", "routine", "errors", "traffic")
 
 
 class Listen(NamedTuple):
-    """URLs at which the devices of an emulated cell listen: "" for the usual one of the kind, None for a device that is
-    not served.
+    """URLs at which the devices of an emulated cell listen. "" selects the default of the kind, and None stands for
+    a device that is not served.
     """
 
     robot: str | None = ""
     sensor: str | None = ""
     panel: str = ""
-    """URL of the emulated controller's panel, for operators; empty without one."""
+    """URL of the emulated controller's panel, for operators; empty if there is no panel."""
 
 
 class Setup:
-    """Everything that follows from a configuration before a wire is opened.
+    """Everything that follows from a configuration before a connection is opened.
 
-    Each part is resolved when it is first used, and raises ConfigError then: a check can name each fault by itself.
+    Each part is resolved on first use, and raises ConfigError if it is invalid, so that a check can report each
+    fault separately.
     """
 
     def __init__(self, config: Config, listen: Listen | None = None) -> None:
-        """`listen` gives the URLs of the emulated devices; None: each without a URL listens at its default."""
-        self._given = config
+        """Create a setup. `listen` gives the URLs of the emulated devices. If it is None, each device without a URL
+        listens at its default.
+        """
+        self._requested = config
         self.cell: Cell[Any, Any] | None = None
-        """The emulated cell, once the checks have powered it up; None before, and if both devices are real."""
+        """Emulated cell, once the checks have powered it up; None before, and if both devices are real."""
         self.listen = listen or Listen(
             None if config.robot.url else "", None if config.sensor.url else "", config.run.panel_url
         )
 
     @cached_property
     def robot(self) -> Robot:
-        """The robot of the run."""
-        return robot_in(self._given)
+        """Robot of the run."""
+        return robot_in(self._requested)
 
     @cached_property
     def sensor(self) -> Sensor:
-        """The force sensor of the run."""
-        return sensor_in(self._given)
+        """Force sensor of the run."""
+        return sensor_in(self._requested)
 
     @cached_property
     def cell_robot(self) -> Robot:
-        """The robot of the emulated cell, with the URL at which it listens; "" for the default of its kind."""
-        return robot_at(self._given, self.listen.robot or "")
+        """Robot of the emulated cell, with the URL at which it listens; "" for the default of its kind."""
+        return robot_at(self._requested, self.listen.robot or "")
 
     @cached_property
     def cell_sensor(self) -> Sensor:
-        """The sensor of the emulated cell, with its URL as for `cell_robot`."""
-        return sensor_at(self._given, self.listen.sensor or "")
+        """Sensor of the emulated cell, with the URL at which it listens; "" for the default of its kind."""
+        return sensor_at(self._requested, self.listen.sensor or "")
 
     @cached_property
     def cell_surface(self) -> tuple[SurfaceKind, Any] | None:
-        """The surface of the emulated cell with its settings, if a plug-in provides it."""
-        name = self._given.cell.surface_kind
+        """Surface of the emulated cell with its settings, if a plug-in provides it."""
+        name = self._requested.cell.surface_kind
         if not name:
             return None
         kind = SURFACES.kind(name)
-        return kind, surface_settings(self._given, kind)
+        return kind, surface_settings(self._requested, kind)
 
     @property
     def emulated(self) -> EmulatedKinds:
-        """The kinds of devices in the emulated cell."""
+        """Kinds of devices in the emulated cell."""
         surface = self.cell_surface
         return EmulatedKinds(self.cell_robot.kind, self.cell_sensor.kind, surface and surface[0])
 
@@ -94,28 +97,28 @@ class Setup:
         return self.identified(self.robot.kind.facts(self.robot.url, self.robot.settings))
 
     def identified(self, facts: RobotFacts) -> RobotFacts:
-        """Return the facts that a robot reports, with the name of its kind and whether it is emulated."""
+        """Return the facts that a robot reports, together with the name of its kind and whether it is emulated."""
         robot = self.robot
         return msgspec.structs.replace(facts, kind=robot.kind.name, emulated=robot.is_emulated)
 
     @cached_property
     def config(self) -> Config:
-        """The configuration as run: period, sample time and tuning written out."""
+        """Configuration of the run with period, sample time and tuning filled in."""
         frame_s = self.sensor.kind.period(self.sensor.settings) or 0.0
-        return set_pace(self._given, self.facts, frame_s)
+        return set_pace(self._requested, self.facts, frame_s)
 
     @property
     def remark(self) -> str:
-        """One-line remark on the pace of the controller; empty for none."""
-        return describe_pace(self._given, self.config, self.facts.cycle_s)
+        """One-line remark on the pace of the controller; empty if there is none."""
+        return describe_pace(self._requested, self.config, self.facts.cycle_s)
 
     @cached_property
     def loop(self) -> ControlLoop:
-        """The control loop."""
+        """Control loop."""
         return control_loop(self.config, self.facts)
 
     def loop_for(self, facts: RobotFacts) -> ControlLoop:
-        """Return the control loop for a connected robot with these facts."""
+        """Return the control loop for a connected robot with the given facts."""
         facts = self.identified(facts)
         added = {name: getattr(facts, name) for name in _OF_THE_LINK}
         known = msgspec.structs.replace(self.facts, **added)

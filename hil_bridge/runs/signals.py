@@ -1,4 +1,4 @@
-"""Signals that end a run, and what they lead to, which depends on what the run is doing."""
+"""Signals that end a run, and their effect, which depends on the state of the run."""
 
 import signal
 import threading
@@ -7,39 +7,42 @@ from contextlib import contextmanager
 from typing import Any
 
 ASKING = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP")
-"""Ctrl-C, `kill`, a terminal that closes, Ctrl-\\, and Ctrl-Z: a suspended process controls no force."""
+"""Signals that request an end: Ctrl-C, `kill`, a closing terminal, Ctrl-\\, and Ctrl-Z, because a suspended process
+controls no force.
+"""
 OTHERS = (
     *("SIGUSR1", "SIGUSR2", "SIGALRM", "SIGVTALRM", "SIGPROF", "SIGXCPU", "SIGIO", "SIGPWR", "SIGSTKFLT"),
     *("SIGABRT", "SIGTRAP", "SIGSYS"),
 )
-"""Signals that no person sends to end a run, and that end a process by themselves.
+"""Signals that end a process, but that operators do not send to end a run.
 
-Source: Linux, signal(7), default actions Term and Core. SIGPIPE and SIGXFSZ are missing, which Python ignores. So are
-SIGSEGV, SIGBUS, SIGFPE and SIGILL: after a handler the failed instruction would be done again for ever.
+Source: Linux, signal(7), default actions Term and Core. SIGPIPE and SIGXFSZ are missing, because Python ignores
+them. SIGSEGV, SIGBUS, SIGFPE and SIGILL are missing, because the failed instruction would be repeated endlessly
+after a handler.
 """
 BACKGROUND = ("SIGTTIN", "SIGTTOU")
-"""A background process that reads from its terminal, or writes to it, is not stopped for that: they are ignored."""
+"""Signals that stop a background process when it uses its terminal. They are ignored, so that the process continues."""
 
 
 def _present(names: tuple[str, ...]) -> tuple[int, ...]:
-    """Numbers of the signals that this system has."""
+    """Return the numbers of the signals that this system has."""
     return tuple(int(getattr(signal, name)) for name in names if hasattr(signal, name))
 
 
 def _real_time() -> tuple[int, ...]:
-    """Numbers of the real-time signals, which end a process too; none where the system has none."""
+    """Return the numbers of the real-time signals, which also end a process; empty if the system has none."""
     lowest, highest = getattr(signal, "SIGRTMIN", 1), getattr(signal, "SIGRTMAX", 0)
     return tuple(range(lowest, highest + 1))
 
 
 ENDING = (*_present(ASKING), *_present(OTHERS), *_real_time())
-"""Numbers of all signals that end a run: each one that ends or stops a process, and that a program can take."""
+"""Numbers of all signals that end a run: all signals that end or stop a process and that a program can handle."""
 
 React = Callable[[int], object]
 
 
 def signal_name(number: int) -> str:
-    """Name of a signal, as `SIGTERM` or `SIGRTMIN+2`."""
+    """Return the name of a signal, for example `SIGTERM` or `SIGRTMIN+2`."""
     try:
         return signal.Signals(number).name
     except ValueError:
@@ -47,27 +50,28 @@ def signal_name(number: int) -> str:
 
 
 class Signals:
-    """Hears the signals of `ENDING` and hands them on.
+    """Handler of the signals in `ENDING`.
 
-    It uses Python's own handlers, since a loop in virtual time has none. They run in the main thread between two of its
-    instructions, so a reaction may only set a flag, tell the loop, or raise.
+    It uses Python's own handlers, because a loop in virtual time has none. They run in the main thread between two
+    instructions, so a reaction may only set a flag, notify the loop, or raise.
     """
 
     def __init__(self) -> None:
         self.first: int | None = None
-        """The one that came first, if any."""
+        """First signal received; None if there is none."""
         self.count = 0
-        """Number of signals."""
+        """Number of signals received."""
         self._react: React = at_once
 
     @contextmanager
-    def hearing(self) -> Iterator[None]:
-        """Inside, signals react; outside, they are what they were. Elsewhere than in the main thread nothing changes.
+    def installed(self) -> Iterator[None]:
+        """Handle signals while the context is open, and restore the previous handlers afterwards. Outside the main
+        thread, this does nothing.
 
-        SIGHUP stays ignored where it was (nohup). One of `OTHERS` stays with a handler that another part of the
-        program has set for it, and stays ignored where it was.
+        SIGHUP stays ignored if it was ignored before (nohup). A signal of `OTHERS` keeps a handler that another
+        part of the program has set for it, and stays ignored if it was ignored.
         """
-        if threading.current_thread() is not threading.main_thread():  # only there may handlers be set
+        if threading.current_thread() is not threading.main_thread():  # handlers can only be set there
             yield
             return
         before: dict[int, Any] = {}
@@ -83,8 +87,8 @@ class Signals:
                 signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
     @contextmanager
-    def leading_to(self, react: React) -> Iterator[None]:
-        """Inside, a signal calls `react` with its number."""
+    def reacting_with(self, react: React) -> Iterator[None]:
+        """Call `react` with the number of each signal while the context is open."""
         before, self._react = self._react, react
         try:
             yield
@@ -99,7 +103,7 @@ class Signals:
 
 
 def _is_of_others(number: int) -> bool:
-    """Whether a signal is left to the handler that it has."""
+    """Return whether a signal keeps the handler that it already has."""
     handler = signal.getsignal(number)
     if number == signal.SIGHUP:
         return handler is signal.SIG_IGN
@@ -107,21 +111,22 @@ def _is_of_others(number: int) -> bool:
 
 
 def at_once(number: int) -> None:
-    """End what the main thread does. Raises KeyboardInterrupt."""
+    """Interrupt the main thread by raising KeyboardInterrupt."""
     raise KeyboardInterrupt
 
 
 def unless_hung_up(number: int) -> None:
-    """Raise KeyboardInterrupt, except for a closed terminal, so that files are still written."""
+    """Raise KeyboardInterrupt, except if the terminal was closed, so that files are still written."""
     if number != signal.SIGHUP:
         raise KeyboardInterrupt
 
 
 @contextmanager
 def as_ctrl_c() -> Iterator[None]:
-    """Inside, every other signal of `ENDING` is taken for Ctrl-C, on which an event loop ends its task in order.
+    """Treat every other signal of `ENDING` as Ctrl-C while the context is open. An event loop then ends its task in
+    order.
 
-    A second Ctrl-C ends it at once; a second SIGHUP, which a shell that closes sends, does not.
+    A second Ctrl-C ends the task at once. A second SIGHUP, which a shell that closes sends, does not.
     """
     signals = Signals()
 
@@ -130,7 +135,7 @@ def as_ctrl_c() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
     before = signal.getsignal(signal.SIGINT)
-    with signals.hearing(), signals.leading_to(react):
+    with signals.installed(), signals.reacting_with(react):
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, before)
         yield

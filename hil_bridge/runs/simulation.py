@@ -1,4 +1,4 @@
-"""A run inside a program of a user's own: what it leaves, and what can be done while it goes."""
+"""Runs inside a user's program: their results, and operations on a run in progress."""
 
 import asyncio
 import sys
@@ -46,29 +46,29 @@ if TYPE_CHECKING:
 
 Observe = Callable[[CycleRecord], object]
 _BETWEEN = frozenset({"hil_bridge", "asyncio", "contextlib", "concurrent", "threading"})
-"""Packages whose frames may stand between a user's program and a run."""
+"""Packages whose stack frames may lie between a user's program and a run."""
 _NEVER_MOVED = RunResult(Outcome.INTERRUPTED, Reason(Cause.INTERRUPTED, "before the movement began"))
 _CANCELLED = RunResult(Outcome.STOPPED, Reason(Cause.CANCELLED, "before the movement began"))
 
 
 class Result:
-    """Results of a run. Times are seconds on the run's clock, all else is in SI units."""
+    """Result of a run. Times are in seconds on the run's clock; all other values are in SI units."""
 
     def __init__(self, result: RunResult, records: KeptRecords) -> None:
         self.outcome: Outcome = result.outcome
-        """completed, stopped or interrupted."""
+        """Outcome of the run: completed, stopped or interrupted."""
         self.cause: Cause | None = result.cause
-        """Why it ended, as a row of the table of causes; None for a program that went to its end."""
+        """Reason of the end, as a cause from the table of causes; None for a program that ran to its end."""
         self.text: str = result.text
-        """The cause in words, in one line; empty where the run completed as it was meant to."""
+        """Cause as one line of text; empty for a run that completed as intended."""
         self.left: str = result.left
-        """Where the tool was left, in words; empty where it never moved."""
+        """Description of the tool's final state; empty if the tool never moved."""
         self.retracted: bool = result.rest is None or result.rest.retracted
-        """The tool was left off the surface, or never moved."""
+        """Whether the tool was left off the surface, or never moved."""
         self.exit_code: int = result.exit_code
-        """Exit code of a command with this result, but for failed criteria."""
+        """Exit code of a command with this result, before failed criteria are considered."""
         self.followed: tuple[Reason, ...] = result.followed
-        """Causes after the first one."""
+        """Causes after the first."""
         self._records = records
 
     def __repr__(self) -> str:
@@ -79,22 +79,22 @@ class Result:
 
     @cached_property
     def recording(self) -> Recording:
-        """The recording, the same as `hil-bridge run --record` writes and `hil_bridge.read` reads."""
+        """Recording as `hil-bridge run --record` writes it and `hil_bridge.read` reads it."""
         return Recording.of(self._records.recording())
 
     @property
     def cycles(self) -> tuple[CycleRecord, ...]:
-        """The control cycles, oldest first."""
+        """Control cycles, oldest first."""
         return self.recording.cycles
 
     @property
     def events(self) -> tuple[EventRecord, ...]:
-        """Events outside the cycles: phases, checks, faults, the stop."""
+        """Events outside the cycles: phases, checks, faults and the stop."""
         return self.recording.events
 
     @property
     def truths(self) -> tuple[TruthRecord, ...]:
-        """Ground truth of each cycle in an emulated cell; none with real devices."""
+        """Ground truth of each cycle in an emulated cell; empty with real devices."""
         return self.recording.truths
 
     @property
@@ -104,31 +104,31 @@ class Result:
 
     @property
     def traffic(self) -> RawTraffic:
-        """Data that went over the wires of robot and sensor."""
+        """Data transferred on the links of robot and sensor."""
         return self._records.traffic
 
     @property
     def arrays(self) -> Arrays:
-        """The cycles as arrays by field, see `Recording.arrays`."""
+        """Cycles as arrays by field. See `Recording.arrays`."""
         return self.recording.arrays
 
     @property
     def figures(self) -> Summary:
-        """Figures of merit, durations, counters, latency. Raises ConfigError for a run without any cycle."""
+        """Figures of merit, durations, counters and latency. Raises ConfigError for a run without any cycle."""
         return self.recording.figures
 
     def plot(self, *charts: str) -> "Figure":
-        """Return a matplotlib figure with charts of the run, see `Recording.plot`."""
+        """Return a matplotlib figure with charts of the run. See `Recording.plot`."""
         return self.recording.plot(*charts)
 
     def report(self, directory: Path | str, *, overwrite: bool = False) -> Path:
-        """Write the report into a directory, see `Recording.report`."""
+        """Write the report into a directory. See `Recording.report`."""
         return self.recording.report(directory, overwrite=overwrite)
 
     def save(self, path: Path | str, *, overwrite: bool = False) -> Path:
-        """Write the recording as MCAP; returns its path.
+        """Write the recording as MCAP and return its path.
 
-        Raises ConfigError where it cannot be written or, without `overwrite`, is there already.
+        Raises ConfigError if it cannot be written, or if it already exists and `overwrite` is not set.
         """
         self._records.save(Path(path), overwrite)
         return Path(path)
@@ -141,63 +141,66 @@ class OpenDevices:
         self, robot: RobotLink, sensor: ForceSensor | None, clock: Clock, cell: Cell[Any, Any] | None
     ):
         self.robot = robot
-        """Reports poses (m, base frame) and takes orders, see `RobotLink`."""
+        """Robot, which reports poses (m, base frame) and accepts orders. See `RobotLink`."""
         self._sensor = sensor
         self.clock = clock
-        """Time of the loop, s; waiting on it takes no time in virtual time."""
+        """Clock of the loop, s. In virtual time, waiting takes no real time."""
         self.cell = cell
-        """The emulated cell, which knows the truth; None where both devices are real."""
+        """Emulated cell with its ground truth; None if both devices are real."""
         self.panel = FaultPanel(cell, clock)
-        """Injects faults into the emulated cell."""
+        """Panel that injects faults into the emulated cell."""
 
     @property
     def sensor(self) -> ForceSensor:
-        """Its newest frame, and the wrench of it in N and N·m, see `ForceSensor`.
+        """Force sensor, with its newest frame and the wrench of that frame in N and N·m. See `ForceSensor`.
 
-        Raises ConfigError beside a real robot whose sensor has no URL.
+        Raises ConfigError if the robot is real and the sensor has no URL.
         """
         if self._sensor is None:
             raise ConfigError(
-                "an emulated sensor cannot feel what a real robot touches: set sensor.url to read forces"
+                "an emulated sensor cannot measure the contact of a real robot: set sensor.url to read forces"
             )
         return self._sensor
 
     def truth(self) -> TrueState:
-        """Truth of the emulated cell now: pose (m, base frame), contact force (N), joints (rad).
+        """Return the ground truth of the emulated cell: pose (m, base frame), contact force (N) and joints (rad).
 
-        Raises ConfigError where both devices are real.
+        Raises ConfigError if both devices are real.
         """
         if self.cell is None:
-            raise ConfigError("the truth is known of an emulated cell alone, but both devices are real")
+            raise ConfigError(
+                "the ground truth is only known for an emulated cell, but both devices are real"
+            )
         return self.cell.true_state(self.cell.truth_available_from(self.clock.now()))
 
 
 class Simulation(OpenDevices):
-    """A run in its own task, and the devices that it uses."""
+    """Run in a background task, and the devices that it uses."""
 
     def __init__(self, run: Running, reached: "_Reached") -> None:
         super().__init__(run.robot, run.sensor, run.clock, run.cell)
         self.config = run.setup.config
-        """The configuration as it is run: period and tuning written out."""
+        """Configuration of the run, with period and tuning filled in."""
         self._running, self._run = run, run.run
         self._reached = reached
         self._task: asyncio.Task[RunResult] | None = None
         self._begun = self._ended_early = False
-        """The task has done its first step; `interrupt` came before anything moved."""
+        """Whether the task has begun to run. Otherwise, `interrupt` came before any motion."""
         self._result: Result | None = None
 
     def start(self) -> asyncio.Task[RunResult]:
-        """Begin the run; its task, the same when called again. To end it early, use `interrupt`."""
+        """Start the run and return its task. Idempotent. To end the run early, use `interrupt`."""
         if self._task is None:
-            self._task = asyncio.get_running_loop().create_task(self._whole(), name="run")
+            self._task = asyncio.get_running_loop().create_task(self._carry_out(), name="run")
             self._task.add_done_callback(self._reached.over)
         return self._task
 
     async def reached(self, phase: str) -> None:
-        """Return when the run has entered a phase: connect, tare, one of `Phase` (approach, track, retract, move, seek,
-        zero), or end.
+        """Wait until the run has entered a phase: connect, tare, one of `Phase` (approach, track, retract, move,
+        seek, zero), or end.
 
-        It begins the run where that has not begun. Raises ConfigError when the run ends without it, and what ended it.
+        Starts the run if necessary. If the run ends without entering the phase, the exception that ended the run is
+        raised, or ConfigError.
         """
         task = self.start()
         await self._reached.wait(phase)
@@ -206,21 +209,21 @@ class Simulation(OpenDevices):
             raise ConfigError(f"the run ended before the phase {phase!r}: {result.text or result.outcome}")
 
     async def finished(self) -> RunResult:
-        """Wait for the end of the run, which begins now where it has not; how it ended.
+        """Wait for the end of the run, starting the run if necessary, and return its result.
 
-        Raises BridgeError when a device fails before the movement has begun.
+        Raises BridgeError if a device fails before the movement has begun.
         """
         return await asyncio.shield(self.start())
 
     def interrupt(self) -> None:
-        """Let the run retract from the next cycle on, and end; at once where nothing has moved yet."""
+        """Let the run retract from the next cycle on, and then end; if nothing has moved yet, end it at once."""
         if self._run.interrupt() is Act.CLOSE:
             self._ended_early = True
-            if self._task is not None and self._begun:  # before its first step a task does not see that
+            if self._task is not None and self._begun:  # a task is not affected before its first step
                 self._task.cancel()
 
-    async def _whole(self) -> RunResult:
-        """Carry out the run; return its result also if `interrupt` ended it before anything moved."""
+    async def _carry_out(self) -> RunResult:
+        """Carry out the run. Return its result even if `interrupt` ended it before any motion."""
         self._begun = True
         try:
             return _NEVER_MOVED if self._ended_early else await self._run()
@@ -231,14 +234,14 @@ class Simulation(OpenDevices):
 
     @property
     def result(self) -> Result:
-        """All that the run left, once the context has been left. Raises ConfigError before that."""
+        """Results of the run, available after exit from the context. Raises ConfigError before that."""
         if self._result is None:
-            raise ConfigError("the result is there when the context of the simulation has been left")
+            raise ConfigError("the result is available after the context of the simulation has exited")
         return self._result
 
 
 class _Reached:
-    """The phases that a run has entered, and the tasks that wait for one."""
+    """Phases that a run has entered, and the tasks that wait for a phase."""
 
     def __init__(self) -> None:
         self.phases: list[str] = []
@@ -250,8 +253,8 @@ class _Reached:
             self._changed.clear()
             await self._changed.wait()
 
-    def hear(self, record: EventRecord) -> None:
-        """Something happened in the run."""
+    def on_event(self, record: EventRecord) -> None:
+        """Handle an event of the run."""
         if record.kind == EventKind.PHASE:
             self.phases.append(record.text)
             self._changed.set()
@@ -262,7 +265,9 @@ class _Reached:
 
 
 class _Observer(Listener):
-    """Tells a program of the cycles. An error of the program ends the run, and then the simulation."""
+    """Watcher that reports the cycles to a program. An exception of the program ends the run, and then the
+    simulation.
+    """
 
     def __init__(self, observe: Observe) -> None:
         super().__init__({CycleRecord: self._cycle})
@@ -280,7 +285,7 @@ class _Observer(Listener):
 
 
 def _callers_level() -> int:
-    """Level of a warning from the calling function by which it names the line of the user's program."""
+    """Return the stack level for a warning, so that it refers to the line in the user's program."""
     frame, level = sys._getframe(1).f_back, 2
     while frame is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _BETWEEN:
         frame, level = frame.f_back, level + 1
@@ -289,7 +294,7 @@ def _callers_level() -> int:
 
 @asynccontextmanager
 async def simulating(config: Config, observe: Observe | None) -> AsyncIterator[Simulation]:
-    """Run in the background while inside. See `api.simulation`."""
+    """Run in the background while the context is open. See `api.simulation`."""
     clock = Clock.running()
     observer = None if observe is None else _Observer(observe)
     reached = _Reached()
@@ -303,7 +308,7 @@ async def simulating(config: Config, observe: Observe | None) -> AsyncIterator[S
         simulation: Simulation | None = None
         try:
             async with running(setup, log, cell) as run:
-                log.join(Listener({EventRecord: reached.hear}))
+                log.join(Listener({EventRecord: reached.on_event}))
                 simulation = Simulation(run, reached)
                 try:
                     yield simulation
@@ -315,7 +320,7 @@ async def simulating(config: Config, observe: Observe | None) -> AsyncIterator[S
             if simulation is not None:
                 simulation._result = Result(result, keeper)
         if simulation._task is not None and simulation._task.done() and not simulation._task.cancelled():
-            simulation._task.result()  # raises what kept the run from moving
+            simulation._task.result()  # raises what prevented the run from moving
     finally:
         clock.close()
     if observer is not None and observer.error is not None:
@@ -323,7 +328,9 @@ async def simulating(config: Config, observe: Observe | None) -> AsyncIterator[S
 
 
 async def _end(simulation: Simulation) -> None:
-    """Wait for the run, and first let it retract where it has not ended; what cancels this task waits for that."""
+    """Wait for the run, after letting it retract if it has not ended. A cancellation of this task is delayed until
+    then.
+    """
     task, cancelled = simulation._task, False
     if task is None or task.done():
         return
@@ -338,7 +345,7 @@ async def _end(simulation: Simulation) -> None:
 
 
 def _how_ended(simulation: Simulation | None) -> RunResult:
-    """Return the result of a run that has ended, or never began."""
+    """Return the result of a run that has ended, or that never began."""
     if simulation is None or (task := simulation._task) is None:
         return _NEVER_MOVED
     if task.cancelled():
@@ -353,7 +360,7 @@ def _how_ended(simulation: Simulation | None) -> RunResult:
 
 @asynccontextmanager
 async def opening_devices(config: Config) -> AsyncIterator[OpenDevices]:
-    """Keep robot and sensor started while inside. See `api.open_devices`."""
+    """Keep robot and sensor started while the context is open. See `api.open_devices`."""
     try:
         refuse_faults(config.faults, "open_devices", "call `panel.inject`")
     except ValueError as error:

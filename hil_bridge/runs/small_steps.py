@@ -1,6 +1,8 @@
-"""Small steps under watch: move a little, wait until the robot reports to be there, read the sensor at rest.
+"""Supervised small steps: move a little, wait until the robot reports arrival, and read the sensor while
+stationary.
 
-For a robot and a sensor that are not trusted yet: before a run, and to free a tool that was left in contact.
+They are for a robot and a sensor that are not trusted yet: before a run, and to free a tool that was left in
+contact.
 """
 
 import asyncio
@@ -15,33 +17,40 @@ from hil_bridge.errors import Cause, DeviceError, SafetyStop
 from protocol.geometry import Pose, Quaternion, Vector
 
 STREAM_PATIENCE_S = 5.0
-"""Chosen: how long a sensor that is ready may send no whole frame."""
+"""Time limit for a ready sensor to send a complete frame, s. Chosen."""
 STEADY_PATIENCE_S = 10.0
-"""Chosen: time for the reading to settle, in addition to that of the sensor's filter."""
+"""Time limit for the reading to settle, in addition to the settling time of the sensor's filter, s. Chosen."""
 WINDOW_S = 0.3
-"""Chosen: frames of so long make a reading."""
+"""Time span of the frames that are averaged to a reading, s. Chosen."""
 FRAMES_MIN = 4
-"""Chosen: fewest frames of a reading."""
+"""Minimum number of frames in a reading. Chosen."""
 ERROR_N = 0.08
-"""Chosen: standard error of a reading, N, down to which a noisy sensor is read on. Two readings at rest then differ by
-`task.zero_change_n`, 0.5 N by default, about once in 5000 times; with a sensor of less than 0.16 N four frames do.
+"""Largest standard error of a reading, N, which a noisy sensor reaches by more frames. Chosen: two readings then
+differ by `task.zero_change_n`, 0.5 N by default, about once in 5000 times. With a noise of less than 0.16 N, four
+frames are enough.
 """
 ERROR_PATIENCE_S = 3.0
-"""Chosen: how long it is read on for that."""
+"""Time limit to reach this standard error, s. Chosen."""
 TIME_CONSTANTS = 7.0
-"""Time constants of the sensor's filter, waited for after a step. Derived: after as many less than 0.1 % is left."""
+"""Number of time constants of the sensor's filter to wait after a step. Derived: less than 0.1 % then remains."""
 LIFT_SPEED_M_S = 2e-3
-"""Chosen: path velocity of the way to the zero; a robot that goes elsewhere is halted before it has gone far."""
+"""Path velocity of the motion to the zero, m/s. Chosen: a robot that leaves its path is halted before it has moved
+far.
+"""
 STEP_PATIENCE_S = 2.0
-"""Chosen: how long one step of that way may take until the robot reports to be there."""
+"""Time limit for one step of the motion to the zero, until the robot reports arrival, s. Chosen."""
 FOLLOWS_M = 0.13e-3
-"""Chosen: how near the reported position must come to each step, one resolution step of a coarse robot, m."""
+"""Largest distance of the reported position from the target of each step, m. Chosen: one resolution step of a
+coarse robot.
+"""
 STRAY_M = 0.5e-3
-"""Chosen: distance from the ordered way at which the robot is halted, m."""
+"""Distance from the ordered path beyond which the robot is halted, m. Chosen."""
 
 
 async def bring_up(robot: RobotLink, sensor: ForceSensor) -> RobotReport:
-    """Robot in operation, sensor streaming; where the robot stands. Raises DeviceError with what stands against it."""
+    """Bring the robot into operation and start the sensor's stream. Return the robot's report. Raises DeviceError
+    with the reason if this fails.
+    """
     report = await robot.ready()
     await sensor.ready()
     try:
@@ -49,23 +58,23 @@ async def bring_up(robot: RobotLink, sensor: ForceSensor) -> RobotReport:
             await sensor.frame()
     except TimeoutError:
         raise DeviceError(
-            f"force sensor on {sensor.name} is ready but sent no whole frame in {STREAM_PATIENCE_S:g} s",
-            remedy="look at its stream with hil-bridge probe sensor",
+            f"force sensor on {sensor.name} is ready but sent no complete frame in {STREAM_PATIENCE_S:g} s",
+            remedy="check its stream with hil-bridge probe sensor",
             cause=Cause.STREAM,
         ) from None
     return report
 
 
 class SmallSteps:
-    """A robot that moves in small steps, and a sensor that is read between them."""
+    """Robot that moves in small steps, and sensor that is read between the steps."""
 
     def __init__(self, clock: Clock, robot: RobotLink, sensor: ForceSensor) -> None:
         self._clock, self._robot, self._sensor = clock, robot, sensor
 
     async def to(self, motion: Motion, target: Vector, orientation: Quaternion, step: float) -> RobotReport:
-        """Go to a point that is `step` away, m, and wait until the robot reports to be there.
+        """Move to a point at a distance of `step`, m, and wait until the robot reports arrival.
 
-        Raises SafetyStop when it does not come, and halts it when it goes elsewhere.
+        Raises SafetyStop if the robot does not arrive, and halts the robot if it leaves its path.
         """
         await motion.to(Pose(target, orientation))
         await motion.settled()
@@ -82,38 +91,41 @@ class SmallSteps:
                 await motion.halt()
                 raise SafetyStop(
                     f"the reported position does not follow: ordered {_mm(target)} mm, reported {_mm(position)} mm",
-                    remedy="look at the robot's position before anything else moves it",
+                    remedy="check the robot's position before anything else moves it",
                     cause=Cause.LIFT_FOLLOW,
                 )
 
     async def quiet(self) -> Reading:
-        """Read the sensor before a zero, once its filter has settled."""
+        """Return a reading of the sensor before a zero, once its filter has settled."""
         since = self._clock.now() + TIME_CONSTANTS * self._sensor.delay
         await self._clock.sleep_until(since)
-        return await self._reading(since, FRAMES_MIN, Cause.ZERO_SILENT)
+        return await self._mean_reading(since, FRAMES_MIN, Cause.ZERO_SILENT)
 
     async def steady(self, change_n: float) -> Reading:
-        """Read the sensor once it drifts by less than `change_n`, N. Raises DeviceError if it does not."""
+        """Return a reading of the sensor once it drifts by less than `change_n`, N. Raises DeviceError if it does
+        not settle.
+        """
         sensor = self._sensor
         patience = self._clock.now() + STEADY_PATIENCE_S + TIME_CONSTANTS * sensor.delay
         while True:
             since = self._clock.now()
             await self._clock.sleep_until(since + WINDOW_S)
-            found = await self._reading(since, FRAMES_MIN)
-            unrest = found.unsteady(change_n)
+            mean = await self._mean_reading(since, FRAMES_MIN)
+            unrest = mean.unsteady(change_n)
             if not unrest:
-                return found
+                return mean
             if self._clock.now() > patience:
                 raise DeviceError(
-                    f"force sensor on {sensor.name} does not come to rest: {unrest}",
-                    remedy="let nothing touch the tool",
+                    f"force sensor on {sensor.name} does not settle: {unrest}",
+                    remedy="make sure that nothing touches the tool",
                     cause=Cause.UNSTEADY,
                 )
 
-    async def _reading(self, since: float, count: int, silent: Cause = Cause.STREAM) -> Reading:
-        """Average at least this many frames from this time on, and as many as their noise requires.
+    async def _mean_reading(self, since: float, count: int, silent: Cause = Cause.STREAM) -> Reading:
+        """Return the mean of frames from the given time on: at least the given number, and as many as their noise
+        requires.
 
-        Raises DeviceError with the cause `silent` when they do not come.
+        Raises DeviceError with the cause `silent` if the frames do not arrive.
         """
         sensor, patience = self._sensor, self._clock.now() + STREAM_PATIENCE_S
         while len(frames := sensor.window(since)) < count:
@@ -121,20 +133,20 @@ class SmallSteps:
             if self._clock.now() > patience:
                 raise DeviceError(
                     f"force sensor on {sensor.name} sent {len(frames)} frames in {STREAM_PATIENCE_S:g} s, "
-                    f"{count} are the least to take a zero from",
+                    f"{count} are needed for a zero",
                     cause=silent,
                 )
             await self._clock.sleep_until(self._clock.now() + WINDOW_S / 10)
-        found, patience = reading(frames), self._clock.now() + ERROR_PATIENCE_S
-        while found.error_n > ERROR_N and self._clock.now() < patience:
+        mean, patience = reading(frames), self._clock.now() + ERROR_PATIENCE_S
+        while mean.error_n > ERROR_N and self._clock.now() < patience:
             sensor.check()
             await self._clock.sleep_until(self._clock.now() + WINDOW_S / 10)
-            found = reading(sensor.window(since))
-        return found
+            mean = reading(sensor.window(since))
+        return mean
 
 
 def numbers(values: Sequence[float]) -> str:
-    """Values for people to read, with two digits."""
+    """Return values as text for operators, with two decimal places."""
     return " ".join(f"{value:z.2f}" for value in values)
 
 

@@ -15,27 +15,27 @@ from hil_bridge.record.records import StepRecord
 
 
 class StepLog(Protocol):
-    """The part of a run's log that steps need."""
+    """Part of a run's log that steps need."""
 
     def step(self, record: StepRecord) -> None:
         """Report a step of a program that has ended."""
 
 
 class StepReporter:
-    """Reports each step of a program once, when it has ended; nothing for a run without a program of the user's."""
+    """Reporter of each completed step of a program. It reports nothing for a run without a user's program."""
 
     def __init__(
         self, program: Program, clock: Clock, log: StepLog, event: Callable[[str, str], None]
     ) -> None:
-        """`event` is called with the kind and the text of an event."""
+        """Create the reporter. `event` is called with the kind and the text of an event."""
         self.legs: tuple[Leg, ...] = program.row.legs if program.row.written else ()
-        """All steps of the user's program, each pass of a repeat counted; empty without a program."""
+        """All steps of the user's program, including every pass of a repeat; empty without a program."""
         self._clock, self._log, self._event = clock, log, event
         self._count = 0
         """Number of steps reported so far."""
 
     def number(self, leg: int) -> int:
-        """Return the number of a step in the record, from 1; 0 for one that the user did not write."""
+        """Return the number of a step in the record, from 1; 0 for a step that the user did not write."""
         return leg + 1 if self.legs else 0
 
     def ended(self, state: ProgramState) -> None:
@@ -43,16 +43,18 @@ class StepReporter:
         if not self.legs or len(state.course.done) == self._count:
             return
         for done in state.course.done[self._count :]:
-            self._tell(done)
+            self._report(done)
         self._count = len(state.course.done)
 
     def cut(self, state: ProgramState, reason: Reason | None, at: float | None = None) -> None:
-        """Report the step that was under way when the run could decide no more, at time `at`, s; None for now."""
+        """Report the step that was in progress when the run could no longer decide. `at` is the time, s; None
+        stands for the current time.
+        """
         if self.legs and state.course.began is not None:
             now = self._clock.now() if at is None else at
-            self._tell(cut(state, self.legs[state.course.leg], now, reason))
+            self._report(cut(state, self.legs[state.course.leg], now, reason))
 
-    def _tell(self, done: Done) -> None:
+    def _report(self, done: Done) -> None:
         leg = self.legs[done.leg]
         self._log.step(step_record(leg, done))
         self._event(EventKind.STEP, describe_step(leg, done))
@@ -83,7 +85,7 @@ def step_record(leg: Leg, done: Done) -> StepRecord:
 
 
 def describe_step(leg: Leg, done: Done) -> str:
-    """Describe a step that has ended, in one line."""
+    """Return a one-line description of a step that has ended."""
     parts = [f"{done.ended - done.began:.1f} s"]
     if done.way:
         parts.append(f"{done.way * 1e3:.1f} mm")

@@ -1,4 +1,4 @@
-"""The live view of a run on the terminal, its keys, and the lines that an operator is told meanwhile."""
+"""Live view of a run on the terminal, its keys, and the lines for the operator during the run."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -22,21 +22,21 @@ if TYPE_CHECKING:
     from hil_bridge.show.terminal.live import LiveView
 
 _DRAWING_S = 0.015
-"""Time to draw the view: 8 ms as a rule, 12 ms at most in a run of 20 s. Chosen."""
+"""Time to draw the view, s. Chosen: drawing usually takes 8 ms, and at most 12 ms in a run of 20 s."""
 _ENDING_KEYS, _HOLD_KEY, _MARK_KEY = "rq", "p", "m"
 
 
 class TerminalView(Listener):
-    """A watcher that shows a run to an operator at the terminal. In virtual time nothing is shown."""
+    """Watcher that shows a run to an operator at the terminal. It shows nothing in virtual time."""
 
-    def __init__(self, terminal: Terminal, wanted: bool, virtual: bool) -> None:
+    def __init__(self, terminal: Terminal, is_enabled: bool, virtual: bool) -> None:
         super().__init__({CycleRecord: self._cycle, EventRecord: self._event})
         self._terminal = terminal
-        self._wanted = wanted and not virtual
+        self._is_enabled = is_enabled and not virtual
         self._virtual = virtual
         self._view: LiveView | None = None
         self._may_draw = asyncio.Event()
-        """Set when a pause of the loop is long enough for it."""
+        """Event that is set when a pause of the loop is long enough for drawing."""
 
     def _cycle(self, record: CycleRecord) -> None:
         if self._view is not None:
@@ -46,15 +46,15 @@ class TerminalView(Listener):
         if self._view is not None:
             self._view.event(record)
         if record.kind == EventKind.CHECK and not self._virtual:
-            self._tell_check(record)
+            self._report_check(record)
 
     def pause(self, seconds: float) -> None:
-        """Draw while a block is on the robot's line."""
+        """Draw while a block is being transmitted on the robot's line."""
         if seconds >= _DRAWING_S:
             self._may_draw.set()
 
-    def _tell_check(self, record: EventRecord) -> None:
-        """Report findings about the sensor, while an operator can still intervene."""
+    def _report_check(self, record: EventRecord) -> None:
+        """Report findings about the sensor while an operator can still intervene."""
         text = record.text
         if self._view is None:
             self._terminal.out.say(f"sensor: {text}")
@@ -64,18 +64,19 @@ class TerminalView(Listener):
             self._view.check(text)
 
     def warn(self, text: str) -> None:
-        """Show trouble; a view has short lines."""
+        """Show a problem as a short line."""
         if self._view is not None:
             self._view.warn(text)
 
     @asynccontextmanager
     async def showing(self, run: Running, stopping: Stopping, record: str) -> AsyncIterator[None]:
-        """Show the live view of a run, drawn by the screen's thread. `record` names the recording that is kept.
+        """Show the live view of a run, drawn by the screen's thread. `record` is the name of the recording if it is
+        kept.
 
-        No part of it waits for the terminal: the loop continues when that is paused or gone.
+        Nothing waits for the terminal: the loop continues if the terminal is paused or closed.
         """
         screen = self._terminal.out
-        if not self._wanted or screen.stream is None:
+        if not self._is_enabled or screen.stream is None:
             yield
             return
         from hil_bridge.show.terminal.live import LiveView
@@ -91,7 +92,7 @@ class TerminalView(Listener):
             screen.do(view.close)
 
     async def _refresh(self, view: "LiveView", run: Running) -> None:
-        """Draw now and then, in a pause of the loop where one comes: a thread that draws holds it up."""
+        """Draw periodically, preferably during a pause of the loop, because a drawing thread delays the loop."""
         while True:
             if not self._terminal.out.busy:
                 self._terminal.out.do(partial(view.refresh, run.clock.now(), health_of(run)))
@@ -104,19 +105,19 @@ class TerminalView(Listener):
 
 
 class Keys:
-    """The keys of the terminal: the end in the same way as by Ctrl-C, a hold, or a mark in the record."""
+    """Keys of the terminal, which end the run like Ctrl-C, hold the tool, or add a mark to the recording."""
 
     def __init__(self, run: Running, stopping: Stopping) -> None:
         self._run, self._stopping = run, stopping
         self._marks = 0
 
     def press(self, key: str) -> None:
-        """Handle a pressed key; unknown keys do nothing."""
+        """Handle a pressed key. Unknown keys are ignored."""
         if key in _ENDING_KEYS:
-            self._stopping.end_by_hand(Cause.KEY, f"asked for the end with the key {key}", key)
+            self._stopping.end_by_hand(Cause.KEY, f"requested the end with the key {key}", key)
         elif key == _HOLD_KEY:
-            words = "holds the tool in its place" if self._run.run.hold() else "does not hold the tool"
-            self._run.log.notice(EventKind.OPERATOR, words)
+            text = "holds the tool at its position" if self._run.run.hold() else "releases the tool"
+            self._run.log.notice(EventKind.OPERATOR, text)
         elif key == _MARK_KEY:
             self._marks += 1
             self._run.log.notice(EventKind.MARK, f"number {self._marks}")

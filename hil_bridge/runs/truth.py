@@ -1,4 +1,4 @@
-"""The ground truth of each cycle, which an emulated cell knows and its devices do not tell; for the record alone."""
+"""Ground truth of each cycle, which an emulated cell knows but its devices do not report; only for the recording."""
 
 import math
 from collections import deque
@@ -11,35 +11,37 @@ from hil_bridge.record import CycleRecord, TruthRecord
 from hil_bridge.record.removed_map import RemovedMap, pack_map
 
 _AT_ONCE = 8
-"""Cycles that are asked for together, unless the surface would have forgotten. Chosen: a third of the cost of one
-each, and less than a millisecond at a time.
+"""Number of cycles that are queried together, unless the surface would discard their state first. Chosen: a third
+of the cost of single queries, and less than a millisecond at a time.
 """
 _PATIENCE_S = 5.0
-"""After which they are asked for anyway. Chosen: half of what the cell's motion keeps of its past."""
+"""Time after which cycles are queried even if there are fewer, s. Chosen: half of the history that the cell's
+motion keeps.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class _Cycle:
-    """A cycle of which the truth is to be told."""
+    """Cycle whose ground truth is yet to be queried."""
 
     number: int
     at: float
     sampled_at: float
     target: int
-    """The number that the robot gave to the target that the cycle ordered."""
+    """Number that the robot assigned to the order of the cycle."""
 
 
 _NO_JOINTS = (math.nan,) * 6
-"""Joints of a robot that tells none."""
+"""Joints of a robot that reports no joints."""
 _NO_NORMAL = (math.nan,) * 3
-"""Normal of a surface that tells none."""
+"""Normal of a surface that reports no normal."""
 
 
 class GroundTruth:
-    """Asks the cell for some cycles at a time, once it is known when the motion of the last of them began.
+    """Queries of the cell for several cycles at a time, once the start of the last cycle's motion is known.
 
-    `sensor_is_emulated` says whether the run's sensor is the cell's. `streamed` says that the robot drives the cycle:
-    the first target that carries a cycle's decision is the one that answers its next packet.
+    `sensor_is_emulated` is True if the sensor of the run belongs to the cell. `streamed` is True if the robot sets
+    the cycle: the first target that carries the decision of a cycle is the target that answers the next packet.
     """
 
     def __init__(
@@ -57,7 +59,7 @@ class GroundTruth:
         self._waiting: deque[tuple[_Cycle, TrueState]] = deque()
 
     def cycle(self, record: CycleRecord) -> None:
-        """Note that a cycle has just ended, and no further order is under way."""
+        """Handle the end of a cycle, when no further order is pending."""
         cell, cycles = self._cell, self._cycles
         cell.robot.path.advance(record.answered_at)
         sampled_at = cell.sensor.sampled_at(record.sensor_counter) if self._sensor_is_emulated else None
@@ -72,19 +74,19 @@ class GroundTruth:
         late = cycles[-1].at - cycles[0].at > _PATIENCE_S
         if late or cell.has_memory or len(cycles) >= _AT_ONCE:
             self._ask()
-            self._tell()
+            self._query()
 
     def removed_map(self) -> RemovedMap | None:
-        """Depths that the tool has removed from the surface; None where it has removed nothing."""
+        """Return the map of depths that the tool has removed from the surface; None if it has removed nothing."""
         removed = self._cell.removed
         if removed is None or not removed.depths.any():
             return None
         return pack_map(*removed)
 
     def close(self) -> None:
-        """Close at the end of the run: write what is still waiting, as far as it is known."""
+        """Write the remaining cycles at the end of the run, as far as known."""
         self._ask()
-        self._tell(everything=True)
+        self._query(everything=True)
 
     def _ask(self) -> None:
         cycles, self._cycles = self._cycles, []
@@ -93,7 +95,7 @@ class GroundTruth:
         for cycle, state in zip(cycles, self._cell.true_states([cycle.at for cycle in cycles]), strict=True):
             self._waiting.append((cycle, state))
 
-    def _tell(self, everything: bool = False) -> None:
+    def _query(self, everything: bool = False) -> None:
         robot, waiting = self._cell.robot, self._waiting
         while waiting:
             cycle, state = waiting[0]

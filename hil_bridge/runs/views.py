@@ -1,4 +1,4 @@
-"""Live views of a run: on the terminal, and on a page in the browser."""
+"""Live views of a run on the terminal and on a page in the browser."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -20,12 +20,12 @@ class Views:
 
     terminal: bool = True
     web: WebOptions | None = None
-    """Options of the page; None for no page."""
+    """Options of the page; None if no page is requested."""
 
 
 @contextmanager
 def open_feed(views: Views, virtual: bool) -> Iterator[Feed | None]:
-    """Open the feed of the page, if requested. Raises ConfigError."""
+    """Open the feed of the page, if the page is requested. Raises ConfigError."""
     if views.web is None:
         yield None
         return
@@ -41,7 +41,7 @@ def open_feed(views: Views, virtual: bool) -> Iterator[Feed | None]:
 
 
 def scene_of(setup: Setup, facts: RobotFacts, legs: Sequence[Leg], record: str) -> Scene:
-    """Return the facts of a run that its views show; `record` names the recording, empty for none."""
+    """Return the facts of a run that its views show. `record` is the name of the recording; empty if there is none."""
     config = setup.config
     cell = setup.cell_name
     return Scene(
@@ -63,7 +63,7 @@ def scene_of(setup: Setup, facts: RobotFacts, legs: Sequence[Leg], record: str) 
 
 
 def health_of(run: Running | None) -> Health:
-    """Return the state of a run's links; `run` is None while the devices are not open."""
+    """Return the state of a run's links. `run` is None while the devices are not open."""
     if run is None:
         return Health()
     counters, newest = run.robot.counters, run.sensor.newest

@@ -1,4 +1,4 @@
-"""Watchers of a run: they receive the records of the run and its devices, in order, and request nothing."""
+"""Watchers of a run, which receive the records of the run and its devices in order and have no influence on the run."""
 
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Protocol
@@ -8,57 +8,59 @@ from hil_bridge.record.topics import Record
 
 
 class Log(Protocol):
-    """Log of a run for its records; must not block."""
+    """Recipient of a run's records. It must not block."""
 
     def cycle(self, record: CycleRecord) -> None:
-        """Note that a cycle has ended."""
+        """Accept the record of a completed cycle."""
 
     def event(self, record: EventRecord) -> None:
-        """Note an event outside the cycles."""
+        """Accept an event outside the cycles."""
 
     def step(self, record: StepRecord) -> None:
-        """Note that a step of a program has ended."""
+        """Accept the record of a completed step of a program."""
 
 
 class Watcher(Protocol):
-    """Receiver of a run's records; must not block the run. `record.Recorder` is one."""
+    """Recipient of a run's records. It must not block the run. `record.Recorder` is a watcher."""
 
     @property
     def takes(self) -> Collection[type]:
-        """Types of the records that it accepts; a record that no watcher accepts is not made."""
+        """Types of the records that the watcher accepts. A record that no watcher accepts is not created."""
 
     def put(self, record: Record) -> None:
-        """Accept a record of these types."""
+        """Accept a record of one of the types in `takes`."""
 
     def devices(self, facts: Mapping[str, str]) -> None:
-        """Accept the facts of the devices, JSON by name, once they are ready."""
+        """Accept the facts of the devices, as JSON by name, once the devices are ready."""
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Accept an attachment."""
+        """Accept an attachment of the recording."""
 
     def pause(self, seconds: float) -> None:
-        """Note that a block is on the robot's line, and nothing can answer it before its last character, s."""
+        """Use a pause of the given time, s, in which a block is transmitted on the robot's line and no answer can
+        come before its last character.
+        """
 
     def close(self, end: Mapping[str, str]) -> None:
-        """Accept the end of the run. Idempotent. Raises BridgeError for records that could not be kept."""
+        """Accept the end of the run. Idempotent. Raises BridgeError for records that could not be stored."""
 
 
 class Listener:
-    """A watcher that passes each record of some types to a function."""
+    """Watcher that passes each record of some types to a function."""
 
     def __init__(self, functions: Mapping[type, Callable[[Any], object]]) -> None:
         self._functions = dict(functions)
         self.takes: Collection[type] = frozenset(functions)
 
     def put(self, record: Record) -> None:
-        """Pass the record on."""
+        """Pass the record to the function."""
         self._functions[type(record)](record)
 
     def devices(self, facts: Mapping[str, str]) -> None:
-        """Ignore them."""
+        """Ignore the facts of the devices."""
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Ignore it."""
+        """Ignore the attachment."""
 
     def pause(self, seconds: float) -> None:
         """Do nothing."""

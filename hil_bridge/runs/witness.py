@@ -13,18 +13,18 @@ _NOTHING: Vector = (0.0, 0.0, 0.0)
 class OwnForce:
     """Force measured by the robot, less its mean while the tool was away from the surface.
 
-    The zero counts in the base frame: there a weight that the robot does not know, or knows wrongly, stays the same
-    when the tool turns.
+    The zero is kept in the base frame. A weight that the robot does not know, or knows wrongly, stays the same in
+    this frame when the tool turns.
     """
 
     def __init__(self, approach: Vector) -> None:
-        """`approach` is the unit vector into the surface, base frame."""
+        """Create the force. `approach` is the unit vector into the surface, base frame."""
         self._approach = approach
         self._sum, self._count = _NOTHING, 0
         self._zero: Vector | None = None
 
     def add_zero_sample(self, report: RobotReport) -> None:
-        """Count this report for the zero: the tool is stationary, away from the surface."""
+        """Add a report to the zero. The tool must be stationary and away from the surface."""
         if report.force is not None:
             x, y, z = (total + part for total, part in zip(self._sum, report.force, strict=True))
             self._sum, self._count = (x, y, z), self._count + 1
@@ -38,8 +38,8 @@ class OwnForce:
         return (x - a) * u + (y - b) * v + (z - c) * w
 
     async def disagreement(self, force: float, rule: Witness, robot: RobotLink) -> float:
-        """Return the length of the robot's own force on a stationary tool, N, if it disagrees with the `force` of the
-        sensor, N; NaN if it is unknown or the difference is ordinary.
+        """Return the magnitude of the robot's own force on a stationary tool, N, if it disagrees with the sensor's
+        `force`, N; NaN if it is unknown or the difference is normal.
         """
         try:
             measured = None if self._zero is None else (await robot.report()).force

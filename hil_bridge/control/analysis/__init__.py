@@ -1,1 +1,1 @@
-"""Analysis after a run: figures of merit, stability, the tool that hangs below the sensor."""
+"""Analysis after a run: figures of merit, stability and identification of the tool below the sensor."""

@@ -11,55 +11,60 @@ from hil_bridge.control.types import POSITION_STEP_MM
 Array = NDArray[np.float64]
 
 STEADY_SAMPLES = 40
-"""The last samples of a run, which count as its steady state."""
+"""Number of samples at the end of a run that count as its steady state."""
 
 RISE_FRACTION = 0.9
-"""Share of the desired force whose first reaching ends the rise."""
+"""Share of the desired force at which the rise ends, when the force first reaches it."""
 
 
 @dataclass(frozen=True, slots=True)
 class FiguresOfMerit:
-    """Figures of a tracked force; None where the run was too short or never reached the force."""
+    """Figures of merit of a tracked force. A figure is None if the run was too short or never reached the desired
+    force.
+    """
 
     rise_samples: int | None
-    """Samples from the first one to 90 % of the desired force."""
+    """Rise time from the first sample to 90 % of the desired force, in samples."""
     rise_s: float | None
-    """The same in s."""
+    """Rise time from the first sample to 90 % of the desired force, s."""
     overshoot_percent: float
-    """Largest force above the desired one, percent of it; 0 when it was never above. Where the desired force drops by
-    more than a tenth at once, the force counts again when it has come down to within a tenth of it.
+    """Overshoot: largest excess of the force over the desired force, percent of the desired force; 0 if there is
+    none. After a sudden drop of the desired force by more than a tenth, the force counts again once it is within a
+    tenth of the new value.
     """
     steady_mean_error_n: float | None
-    """Mean of force − desired force over the last 40 samples, N; None for fewer since the rise."""
+    """Mean of force − desired force over the last 40 samples, N; None if the rise ended fewer than 40 samples ago."""
     steady_peak_to_peak_n: float | None
-    """Largest less smallest force − desired force over the last 40 samples, N."""
+    """Peak-to-peak value of force − desired force over the last 40 samples, N."""
     rms_error_n: float
-    """Root of the mean square of force − desired force over all samples, the rise included, N."""
+    """Root mean square of force − desired force over all samples, including the rise, N."""
     contact_losses: int
-    """Times that contact was there and then was not."""
+    """Number of transitions from contact to no contact."""
     steps_per_s: float | None
-    """Resolution steps that the command moved over the last 40 samples, per s: wear."""
+    """Resolution steps per second that the command moved over the last 40 samples: a measure of wear."""
     largest_force_n: float
-    """N"""
+    """Largest force in the run, N."""
 
 
 class ForceTrace(NamedTuple):
-    """A run under control, one value a sample, in order of time."""
+    """Recorded force control run, with one value per sample in order of time."""
 
     time: ArrayLike
-    """s"""
+    """Times of the samples, s."""
     force: ArrayLike
-    """N"""
+    """Force in each sample, N."""
     reference: ArrayLike
-    """Desired force, N: one value, or one a sample."""
+    """Desired force, N: one value for all samples, or one value per sample."""
     commanded: ArrayLike
-    """Depth, m."""
+    """Commanded depth in each sample, m."""
     in_contact: ArrayLike
-    """Booleans."""
+    """Booleans that state whether the tool is in contact."""
 
 
 def figures_of_merit(trace: ForceTrace, resolution_mm: float = POSITION_STEP_MM) -> FiguresOfMerit:
-    """Figures of a run. Raises ValueError when there is no sample, or when the arrays differ in length."""
+    """Return the figures of merit of a run. Raises ValueError if there are no samples, or if the arrays differ in
+    length.
+    """
     at, pressed, depth = (
         np.asarray(values, dtype=float) for values in (trace.time, trace.force, trace.commanded)
     )
@@ -70,8 +75,8 @@ def figures_of_merit(trace: ForceTrace, resolution_mm: float = POSITION_STEP_MM)
     error = pressed - desired
     risen = np.flatnonzero(pressed >= RISE_FRACTION * desired)
     rise = int(risen[0]) if risen.size else None
-    above = np.where(_falling(pressed, desired), 0.0, 100.0 * error / desired)
-    steady = pressed.size - (rise or 0) >= STEADY_SAMPLES  # else the rise itself would count as unsteadiness
+    above = np.where(_mask_falling(pressed, desired), 0.0, 100.0 * error / desired)
+    steady = pressed.size - (rise or 0) >= STEADY_SAMPLES  # otherwise the rise would count as fluctuation
     tail = slice(-STEADY_SAMPLES, None)
     return FiguresOfMerit(
         rise_samples=rise,
@@ -86,8 +91,8 @@ def figures_of_merit(trace: ForceTrace, resolution_mm: float = POSITION_STEP_MM)
     )
 
 
-def _falling(pressed: Array, desired: Array) -> NDArray[np.bool_]:
-    """ForceTrace in which the force still comes down to a desired one that has dropped."""
+def _mask_falling(pressed: Array, desired: Array) -> NDArray[np.bool_]:
+    """Return a mask of the samples in which the force is still falling after a drop of the desired force."""
     falling = np.zeros(pressed.shape, dtype=bool)
     drops = np.flatnonzero(desired[1:] < RISE_FRACTION * desired[:-1]) + 1
     for begin in drops:
@@ -100,5 +105,5 @@ def _steps_per_second(at: Array, depth: Array, resolution_mm: float) -> float | 
     span = float(at[-1] - at[0])
     if span <= 0:
         return None
-    words = np.rint(depth / (resolution_mm * 1e-3))
-    return float(np.sum(np.abs(np.diff(words)))) / span
+    steps = np.rint(depth / (resolution_mm * 1e-3))
+    return float(np.sum(np.abs(np.diff(steps)))) / span

@@ -1,20 +1,22 @@
-"""Stability of the sampled force loop, and the limit cycle that the position resolution leaves in it.
+"""Stability of the sampled force loop, and the limit cycle that the position resolution causes in it.
 
-The loop. Every T seconds a controller turns the force error into a position command. The command reaches the servo a
-delay d later and stays until the next one. The servo is of second order with dc gain 1, the surface a spring:
+The loop: every T seconds a controller converts the force error to a position command. The command reaches the servo
+after a delay d and stays active until the next command. The servo is of second order with dc gain 1, and the
+surface is a spring:
 
     L(z) = k_e · C(z) · P(z),    closed loop 1 + L(z) = 0,    z = exp(jθ),  θ = ω·T in (0, π].
 
-The plant, exact for a command held over a period, with s(t) the servo's step response and s(t < 0) = 0:
+The plant is exact for a command held over a period. s(t) is the step response of the servo, with s(t < 0) = 0:
 
     P(z) = Σ_n h_n z⁻ⁿ,    h_n = s(nT − d) − s((n − 1)T − d).
 
-A delay that is no multiple of T needs nothing special in this form. Controllers, error in N to command in m:
+A delay that is not a multiple of T needs no special treatment in this form. The controllers convert the error in N
+to the command in m:
 
     PI in velocity form   C(z) = K_p + K_i · z/(z − 1)
     admittance            C(z) = [T − τ(1 − a) + τ(1 − a)²/(z − a)]/B · z/(z − 1),   τ = M/B, a = exp(−T/τ)
 
-The admittance is the mass M with the damper B, exact for a force held over a period.
+The admittance is the mass M with the damper B, discretised exactly for a force held over a period.
 """
 
 import math
@@ -32,44 +34,48 @@ from hil_bridge.control.exponential import exponential
 Floats: TypeAlias = NDArray[np.float64]
 Complexes: TypeAlias = NDArray[np.complex128]
 Response: TypeAlias = Callable[[Complexes], Complexes]
-"""A transfer function of z."""
+"""Transfer function of z."""
 
 _SETTLED = 1e-9
-"""Rest of the step response that is left out of the taps."""
+"""Remainder of the step response at which the list of taps ends."""
 _GRID = 20_000
-"""Frequencies at which a loop is looked at; crossings between them are interpolated."""
+"""Number of frequencies at which a loop is evaluated. Crossings between them are interpolated."""
 _LOWEST = 1e-4
-"""Lowest of them, rad per sample: an integrating loop has its crossings far above."""
+"""Lowest frequency at which a loop is evaluated, rad per sample. The crossings of an integrating loop are far above
+it.
+"""
 
 _FEWEST_SAMPLES = 4
-"""Samples of the fastest limit cycle whose period does not depend on where in it the samples fall."""
+"""Minimum number of samples per limit cycle. With fewer, the period depends on the phase of the samples."""
 _START_STEPS = 5
-"""Steps below the border at which the holding servo's loop is started: it is to find its cycle from outside."""
-_LEARNED, _LOOKED_AT = 200, 100
-"""Samples until that loop repeats itself, and those that then count."""
+"""Number of steps below the border at which the simulation of the holding servo starts, so that the loop approaches
+its cycle from outside.
+"""
+_LEARNED, _COUNTED = 200, 100
+"""Number of samples until the loop of the holding servo repeats, and number of samples that are then evaluated."""
 _PHASES = 5
-"""Places of the first sample in a tick of the servo, over which that cycle is averaged."""
+"""Offsets of the first sample within a tick of the servo, over which the cycle of the holding servo is averaged."""
 
 
 @dataclass(frozen=True, slots=True)
 class SampledPlant:
-    """The position loop as the force controller sees it: period, delay and servo. SI units."""
+    """Position loop as the force controller sees it: period, delay and servo, in SI units."""
 
     period: float
-    """T, s: from one command to the next."""
+    """T: time from one command to the next, s."""
     delay: float
-    """d, s: from the force sample to the moment when the servo takes the command that it led to."""
+    """d: time from the force sample until the servo receives the resulting command, s."""
     natural_frequency: float = 40.0
     """Natural frequency of the closed position loop, rad/s. Assumed: computer-link specification, section 6."""
     damping_ratio: float = 1.0
-    """Damping ratio of the closed position loop. Assumed, likewise."""
+    """Damping ratio of the closed position loop. Assumed: computer-link specification, section 6."""
 
     def __post_init__(self) -> None:
         require_above_zero(self, "period", "natural_frequency", "damping_ratio")
         require_not_negative(self, "delay")
 
     def step_response(self, time: Floats) -> Floats:
-        """s(t) of the servo: 0 before 0, towards 1."""
+        """Return the step response s(t) of the servo: 0 before t = 0, and tending to 1."""
         w, zeta = self.natural_frequency, self.damping_ratio
         t = np.maximum(time, 0.0)
         split = w * math.sqrt(abs(1.0 - zeta * zeta))
@@ -83,7 +89,9 @@ class SampledPlant:
         return 1.0 - rest
 
     def taps(self) -> Floats:
-        """h_0, h_1, …: what a command adds to the position n samples later. They add up to 1."""
+        """Return the taps h_0, h_1, …, which are the contributions of a command to the position n samples later.
+        Their sum is 1.
+        """
         slowest = self.natural_frequency * min(self.damping_ratio, 0.5 / self.damping_ratio)
         settling = self.delay - math.log(_SETTLED) / slowest
         samples = np.arange(-1, math.ceil(settling / self.period) + 2, dtype=np.float64)
@@ -93,17 +101,17 @@ class SampledPlant:
         return taps / total
 
     def response(self, z: Complexes) -> Complexes:
-        """P(z) on the unit circle."""
+        """Return the response P(z) of the plant on the unit circle."""
         return np.polyval(self.taps()[::-1], 1.0 / z).astype(np.complex128)
 
 
 def pi_response(proportional: float, integral: float) -> Response:
-    """C(z) of the PI in velocity form; gains in m/N, the integral one per sample."""
+    """Return C(z) of the PI controller in velocity form. Gains are in m/N; the integral gain is per sample."""
     return lambda z: proportional + integral * z / (z - 1.0)
 
 
 def admittance_response(mass: float, damping: float, period: float) -> Response:
-    """C(z) of a virtual mass (kg) with a damper (N·s/m), stepped once a period (s)."""
+    """Return C(z) of a virtual mass (kg) with a damper (N·s/m), updated once per period (s)."""
     tau = mass / damping
     a = math.exp(-period / tau) if tau > 0.0 else 0.0
     coasted = tau * (1.0 - a)
@@ -112,44 +120,48 @@ def admittance_response(mass: float, damping: float, period: float) -> Response:
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """How far a loop is from instability."""
+    """Stability margins of a loop."""
 
     gain_margin: float
-    """Factor on the gain at which it begins to oscillate; below 1 it already does. inf when none does."""
+    """Gain margin: factor on the gain at which the loop begins to oscillate; inf if it never does. A loop with a
+    factor below 1 already oscillates.
+    """
     phase_margin_deg: float
-    """Phase that is left where the gain is 1; inf when it is nowhere 1."""
+    """Phase margin at the frequency where the gain is 1, degrees; inf if the gain is nowhere 1."""
     phase_crossover_rad_s: float
-    """Where the phase is −180°: the frequency at which it would oscillate; NaN when nowhere."""
+    """Frequency at which the phase is −180° and the loop would oscillate, rad/s; NaN if there is none."""
     gain_crossover_rad_s: float
-    """Where the gain is 1; NaN when nowhere."""
+    """Frequency at which the gain is 1, rad/s; NaN if there is none."""
 
     @property
     def stable(self) -> bool:
-        """Whether both margins are there, for a controller that integrates once, with falling gain."""
+        """Whether both margins are positive. Valid for a controller with one integrator and falling gain."""
         return self.gain_margin > 1.0 and self.phase_margin_deg > 0.0
 
 
 def loop_response(stiffness: float, controller: Response, plant: SampledPlant, theta: Floats) -> Complexes:
-    """L(exp(jθ)) for θ in rad per sample; stiffness in N/m."""
+    """Return the loop response L(exp(jθ)) for θ in rad per sample. The stiffness is in N/m."""
     z = np.exp(1j * theta)
     return stiffness * controller(z) * plant.response(z)
 
 
 def loop_phase_deg(stiffness: float, controller: Response, plant: SampledPlant, omega: Floats) -> Floats:
-    """Phase of the loop at ω in rad/s, up to π/T, without jumps, °; −90° at first where it integrates."""
+    """Return the phase of the loop in degrees, unwrapped, at ω in rad/s up to π/T. The phase of an integrating loop
+    starts at −90°.
+    """
     theta = np.geomspace(_LOWEST, math.pi, _GRID)
     phase = np.unwrap(np.angle(loop_response(stiffness, controller, plant, theta)))
     return np.degrees(np.interp(omega * plant.period, theta, phase))
 
 
 def margins(stiffness: float, controller: Response, plant: SampledPlant) -> Margins:
-    """Gain and phase margin of the loop."""
+    """Return the gain margin and the phase margin of the loop."""
     theta, loop = _sweep(stiffness, controller, plant)
     gain_margin, crossover = math.inf, math.nan
     for where, value in _crossings(theta, loop.imag, loop):
         if value.real < 0.0 and 1.0 / abs(value) < gain_margin:
             gain_margin, crossover = 1.0 / abs(value), where
-    # z = −1 is on the real axis whatever the loop, and no change of sign shows it.
+    # At z = −1 every loop is real, without a change of sign.
     if loop[-1].real < 0.0 and 1.0 / abs(loop[-1]) < gain_margin:
         gain_margin, crossover = 1.0 / abs(loop[-1]), math.pi
     phase_margin, unity = math.inf, math.nan
@@ -162,60 +174,64 @@ def margins(stiffness: float, controller: Response, plant: SampledPlant) -> Marg
 
 @dataclass(frozen=True, slots=True)
 class LimitCycle:
-    """Prediction for the oscillation that quantised positions leave."""
+    """Predicted limit cycle that quantised positions cause."""
 
     peak_to_peak: float
-    """Force, N."""
+    """Peak-to-peak force, N."""
     period: float
-    """s"""
+    """Period, s."""
     levels: int
-    """Resolution steps between the lowest and the highest position taken."""
+    """Number of resolution steps between the lowest and the highest position."""
 
 
 @dataclass(frozen=True, slots=True)
 class Quantiser:
-    """Positions in whole steps, and where the desired force lies between two of them."""
+    """Quantisation of positions in steps, and the location of the desired force between two steps."""
 
     resolution: float
-    """Δx_res, m"""
+    """Δx_res: position resolution, m."""
     dead_band: float = 0.0
-    """b: largest error without correction, either way, in steps."""
+    """b: largest error without correction in either direction, in steps."""
     offset: float = 0.5
-    """p: place of the desired force between two that can be reached, 0 … 1 of their distance."""
+    """p: location of the desired force between the two nearest reachable forces, as a share (0 … 1) of their
+    difference.
+    """
 
 
 def limit_cycle(
     stiffness: float, controller: Response, plant: SampledPlant, quantiser: Quantiser
 ) -> LimitCycle:
-    """Limit cycle of the loop whose position moves in whole steps: describing function.
+    """Return the limit cycle of a loop whose position moves in resolution steps, by the describing function.
 
-    The desired force lies between two reachable ones, at the offset of their distance k_e·Δx_res. So the
-    integrator swings the command over the border between two positions, for ever. Around that border the quantiser is a
-    relay of height q, with i further steps from the amplitude i·q on:
+    The desired force lies between two reachable forces, which are k_e·Δx_res apart; `offset` is its position
+    between them. So the integrator endlessly moves the command back and forth across the border between two
+    positions. Around that border the quantiser is a relay of height q, with i further steps from the amplitude i·q
+    on:
 
         N(A) = 2q/(πA) · [1 + 2·Σ_{i=1}^{⌊A/q⌋} √(1 − (i·q/A)²)]
 
-    and an oscillation persists where N(A)·L(exp(jθ)) = −1. Without a dead band θ is the loop's phase crossover and N(A)
-    its gain margin. As long as that exceeds 4/π at A = q, two positions alone take part and the force swings by k_e·q:
-    the paper's k_e·Δx_res. A dead band of ± b·q about the border makes the relay one with hysteresis, N(A) =
-    2q/(πA)·exp(−j·asin(b·q/A)), whose balance is Im L = −π·b/2, at a lower θ.
+    and an oscillation persists where N(A)·L(exp(jθ)) = −1. Without a dead band, θ is the phase crossover of the
+    loop and N(A) its gain margin. As long as the gain margin exceeds 4/π at A = q, the loop uses only two
+    positions, and the force oscillates by k_e·q: the paper's k_e·Δx_res. A dead band of ± b·q about the border
+    turns the relay into a relay with hysteresis, N(A) = 2q/(πA)·exp(−j·asin(b·q/A)), whose balance is Im L =
+    −π·b/2, at a lower θ.
 
-    Off the middle the way back over the border is slower from one side than from the other. With the same dead time, a
-    period at the middle of P becomes P/(4·p·(1 − p)) at the offset p. For an integrator with a dead time this is exact.
-    The way that the servo has not followed within half a period is taken off the swing.
+    Off the centre, the return across the border is slower from one side than from the other. For the same dead
+    time, a period P at the centre becomes P/(4·p·(1 − p)) at the offset p. For an integrator with a dead time this
+    is exact. The distance that the servo has not followed within half a period is subtracted from the amplitude.
 
-    Raises ValueError for an offset outside (0, 1), or when the loop has no such oscillation.
+    Raises ValueError for an offset outside (0, 1), or if the loop has no such oscillation.
     """
     resolution, dead_band, offset = quantiser.resolution, quantiser.dead_band, quantiser.offset
     if not 0.0 < offset < 1.0:
         raise ValueError(f"the offset must be between 0 and 1, got {offset}")
     theta, loop = _sweep(stiffness, controller, plant)
-    wanted = -math.pi * dead_band / 2.0
-    places = [(w, v) for w, v in _crossings(theta, loop.imag - wanted, loop) if v.real < 0.0]
+    balance = -math.pi * dead_band / 2.0
+    places = [(w, v) for w, v in _crossings(theta, loop.imag - balance, loop) if v.real < 0.0]
     if not dead_band and loop[-1].real < 0.0:
         places.append((math.pi, loop[-1]))
     if not places:
-        raise ValueError("this loop has no limit cycle: its phase nowhere reaches what the balance asks for")
+        raise ValueError("this loop has no limit cycle: its phase never satisfies the harmonic balance")
     where, value = max(places, key=lambda place: abs(place[1]))
     steps = 1 if dead_band else 2 * _further_steps(1.0 / abs(value)) + 1
     samples = max(math.tau / where, _FEWEST_SAMPLES)
@@ -226,38 +242,38 @@ def limit_cycle(
 
 @dataclass(frozen=True, slots=True)
 class HoldingServo:
-    """A servo that holds where it is once the rounded position equals its set point."""
+    """Servo that stops once the rounded position equals its set point."""
 
     resolution: float
-    """Δx_res, m"""
+    """Δx_res: position resolution, m."""
     tick: float
-    """Time after which it takes the newest set point and looks at its position, s."""
+    """Interval at which the servo reads its newest set point and its position, s."""
 
 
 def holding_limit_cycle(
     stiffness: float, integral: float, plant: SampledPlant, servo: HoldingServo, smoothing: float = 0.0
 ) -> LimitCycle:
-    """Limit cycle with a servo that holds where it is once the rounded position equals its set point.
+    """Return the limit cycle with a servo that holds its position once the rounded position equals the set point.
 
-    An integral controller (gain in m/N a sample) works on the same loop as in `limit_cycle`. The desired force is the
-    one on the border between two positions. Every `tick` (s) the servo takes the newest set point and looks at its
-    rounded position. If they differ, the set point pulls, else the place where the axis is at that moment. So the axis
-    goes not from step to step, but over the border between them and no farther than it is at the next tick. When m
-    ticks bring it over, it goes the share f_m = s(m·tick) of the way to its set point. With samples enough to come to
-    rest it is held δ beyond the border on both sides:
+    An integral controller (gain in m/N per sample) acts on the loop that `limit_cycle` describes. The desired force
+    is the force at the border between two positions. At every `tick` (s) the servo reads the newest set point and
+    its rounded position. If they differ, it moves towards the set point; otherwise it holds its current position.
+    So the axis does not move from step to step. It moves across the border, and stops at the next tick. If it
+    crosses after m ticks, it has covered the share f_m = s(m·tick) of the distance to its set point. If the samples
+    are far enough apart for it to stop, it is held δ beyond the border on both sides:
 
-        2δ = f_m·(q/2 + δ),    δ = q·f_m/(2·(2 − f_m)),    if it was short of the border at m − 1 ticks:
+        2δ = f_m·(q/2 + δ),    δ = q·f_m/(2·(2 − f_m)),    if it had not crossed at m − 1 ticks:
         f_(m−1)·(q/2 + δ) < δ.
 
-    More than one m can fulfil that. The axis also coasts beyond that place, and a force that is sampled meanwhile
-    counts. So the cycle has no formula: it is found. The equations of the switched loop,
-    linear between ticks, are stepped until they repeat, from some steps below the border, as a controller arrives
-    there. Nothing in them is random or fitted.
+    More than one m can satisfy this. The axis also coasts beyond that position, and a force sampled while it coasts
+    counts. So there is no formula for the cycle, and it is simulated. The equations of the switched loop, which are
+    linear between ticks, are stepped until they repeat, starting some steps below the border. None of their values
+    is random or fitted.
 
-    The plant's delay is the mean one, half a tick of waiting for the servo included. `smoothing` (s) is the
-    time constant of a first-order filter of the force, which the delay must then leave out.
+    The delay of the plant is the mean delay, including half a tick of waiting for the servo. `smoothing` (s) is the
+    time constant of a first-order filter of the force, which the delay must then not include.
 
-    Raises ValueError when the loop is unstable, or comes to rest.
+    Raises ValueError if the loop is unstable or settles.
     """
     if not margins(stiffness, pi_response(0.0, integral), plant).stable:
         raise ValueError("this loop is unstable, quantised or not")
@@ -266,19 +282,19 @@ def holding_limit_cycle(
     runs = [loop.run(plant.period * 10.0 + phase * tick / _PHASES) for phase in range(_PHASES)]
     passages = [np.flatnonzero((run[:-1] < 0.0) & (run[1:] >= 0.0)) for run in runs]
     if min(len(found) for found in passages) < 2:
-        raise ValueError("this loop has no limit cycle: it comes to rest")
-    swing = float(np.mean([np.ptp(run) for run in runs]))
+        raise ValueError("this loop has no limit cycle: it settles")
+    peak_to_peak = float(np.mean([np.ptp(run) for run in runs]))
     samples = float(np.mean([(found[-1] - found[0]) / (len(found) - 1) for found in passages]))
-    return LimitCycle(stiffness * resolution * swing, samples * plant.period, 1)
+    return LimitCycle(stiffness * resolution * peak_to_peak, samples * plant.period, 1)
 
 
 class _HoldingLoop:
-    """The switched loop of `holding_limit_cycle`; positions in steps from the border, s."""
+    """Switched loop of `holding_limit_cycle`. Positions are in steps from the border, times in s."""
 
     def __init__(self, loop_gain: float, plant: SampledPlant, tick: float, smoothing: float) -> None:
         w, zeta = plant.natural_frequency, plant.damping_ratio
         pole = 1.0 / smoothing if smoothing else 0.0
-        # State: position and filtered position, both less the place that pulls, and between them the velocity.
+        # State: position, velocity and filtered position, both positions relative to the current set point.
         self._rates = np.array([[0.0, 1.0, 0.0], [-w * w, -2.0 * zeta * w, 0.0], [pole, 0.0, -pole]])
         self._output = 2 if smoothing else 0
         self._over_a_tick = exponential(self._rates * tick)
@@ -288,31 +304,31 @@ class _HoldingLoop:
         self._tick = tick
 
     def run(self, first: float) -> Floats:
-        """Positions that the samples from time `first` on see, those that count."""
+        """Return the positions at the evaluated samples. The first sample is at time `first`."""
         pulling = float(-_START_STEPS) + 0.5
         state = np.zeros(3)
-        taken, reported, wanted = pulling, pulling, pulling
+        set_point, reported, command = pulling, pulling, pulling
         underway: deque[tuple[float, float]] = deque()
-        seen, ticks = [], 0
-        for sample in range(_LEARNED + _LOOKED_AT):
+        outputs, ticks = [], 0
+        for sample in range(_LEARNED + _COUNTED):
             now = first + sample * self._period
             while (ticks + 1) * self._tick <= now:
                 ticks += 1
                 state = self._over_a_tick @ state
-                before = taken
+                before = set_point
                 while underway and underway[0][0] <= ticks * self._tick:
-                    taken = underway.popleft()[1]
+                    set_point = underway.popleft()[1]
                 position = pulling + float(state[0])
-                held = before == taken == reported
+                is_holding = before == set_point == reported
                 reported = math.floor(position) + 0.5
-                place = taken if reported != taken else pulling if held else position
+                place = set_point if reported != set_point else pulling if is_holding else position
                 state[[0, 2]] += pulling - place
                 pulling = place
             output = exponential(self._rates * (now - ticks * self._tick)) @ state
-            seen.append(pulling + float(output[self._output]))
-            wanted -= self._gain * seen[-1]
-            underway.append((now + self._dead_time, math.floor(wanted) + 0.5))
-        return np.array(seen[-_LOOKED_AT:])
+            outputs.append(pulling + float(output[self._output]))
+            command -= self._gain * outputs[-1]
+            underway.append((now + self._dead_time, math.floor(command) + 0.5))
+        return np.array(outputs[-_COUNTED:])
 
 
 def _sweep(stiffness: float, controller: Response, plant: SampledPlant) -> tuple[Floats, Complexes]:
@@ -323,8 +339,8 @@ def _sweep(stiffness: float, controller: Response, plant: SampledPlant) -> tuple
 
 
 def _crossings(theta: Floats, values: Floats, loop: Complexes) -> list[tuple[float, complex]]:
-    """Places at which `values` change their sign: θ, and the loop there, by straight lines between neighbours."""
-    # At θ = π rounding alone decides the sign of the imaginary part.
+    """Return the points at which `values` change sign: θ and the loop response there, both interpolated linearly."""
+    # At θ = π, the sign of the imaginary part is only a rounding error.
     before = np.flatnonzero(np.sign(values[:-2]) * np.sign(values[1:-1]) < 0)
     share = values[before] / (values[before] - values[before + 1])
     where = theta[before] + share * (theta[before + 1] - theta[before])
@@ -333,21 +349,21 @@ def _crossings(theta: Floats, values: Floats, loop: Complexes) -> list[tuple[flo
 
 
 def _quantiser_gain(amplitude: float) -> float:
-    """N(A) of the docstring of `limit_cycle`, with q = 1."""
+    """Return N(A) as defined in the docstring of `limit_cycle`, with q = 1."""
     further = np.arange(1, math.floor(amplitude) + 1) / amplitude
     return 2.0 / (math.pi * amplitude) * (1.0 + 2.0 * float(np.sum(np.sqrt(1.0 - further**2))))
 
 
 def _further_steps(gain: float) -> int:
-    """⌊A/q⌋ of the smallest amplitude at which the quantiser's gain falls to this one."""
-    for whole in range(1, 50):
-        if _quantiser_gain(whole * (1.0 - 1e-9)) <= gain:
-            return whole - 1
+    """Return ⌊A/q⌋ for the smallest amplitude at which the gain of the quantiser falls to the given value."""
+    for steps in range(1, 50):
+        if _quantiser_gain(steps * (1.0 - 1e-9)) <= gain:
+            return steps - 1
     raise ValueError("this loop is unstable, quantised or not")
 
 
 def _followed(plant: SampledPlant, samples: int) -> float:
-    """Share of a swing that the servo follows of a square wave with this period, in samples."""
+    """Return the share of a square wave that the servo follows. The period of the wave is in samples."""
     high = samples // 2
     square = np.where(np.arange(samples) < high, 1.0, 0.0)
     taps = plant.taps()

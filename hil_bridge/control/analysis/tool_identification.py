@@ -1,11 +1,11 @@
-"""Mass, centre of gravity and sensor bias from what the sensor reads while the tool is held in several ways. Pure.
+"""Identification of the tool's mass, centre of gravity and sensor bias from readings in several orientations. Pure.
 
-Let u be the weight of one kilogram as the tool sees it, with everything along the tool's axes at the sensor's origin.
+Let u be the weight of one kilogram in the tool frame, with all axes along the tool's axes at the sensor's origin.
 Then force = m u + bias, moment = (m c) × u + bias. Both are linear in m, m c and the biases, so each is one linear
 least squares problem. Source: textbook rigid-body statics.
 
-Turning the tool about the vertical does not change u. Two directions of u leave the part of c along their difference
-open, so u has to change in two directions.
+Rotating the tool about the vertical does not change u. With only two directions of u, the component of c along
+their difference stays undetermined, so u has to change in two directions.
 """
 
 import math
@@ -20,89 +20,94 @@ from hil_bridge.errors import ConfigError
 from protocol.geometry import Vector
 
 POSES_MIN = 3
-"""Derived: three directions of the weight are the fewest that change in two directions."""
+"""Minimum number of poses. Derived: u changes in two directions only with at least three directions of the weight."""
 
 SPREAD_MIN = 0.12
-"""Least root mean square of the weight's direction (a unit vector) about its mean, in the second of its directions.
+"""Minimum spread of the weight's direction (a unit vector) in its second direction, as a root mean square about the
+mean.
 
-Chosen: five poses that turn the tool by 11° to either side about two axes have it. They tell the centre of gravity
-three times worse than 35° to either side.
+Chosen: the spread of five poses that turn the tool by 11° to either side about two axes. Its centre of gravity is
+three times less accurate than with 35° to either side.
 """
 
-_SWING_N = 1.0
-"""Range of an axis from which its residuals verify it, N. Chosen: the usual tolerance of the weight."""
+_RANGE_N = 1.0
+"""Minimum range of an axis over the poses at which its residuals can verify it, N. Chosen: the usual tolerance of
+the weight.
+"""
 _FOLLOWS_SHARE = 0.1
-"""Chosen: residuals of an axis as a share of its range, up to which it is verified: a sensor mounted 6° off."""
-_ADVICE = "turn the tool by 60° or more about two level axes"
+"""Largest residuals of a verified axis, as a share of its range. Chosen: the residuals of a sensor mounted 6° off."""
+_ADVICE = "turn the tool by 60° or more about two horizontal axes"
 _SIGNIFICANT = 5.0
-"""Chosen: a mass below this many standard uncertainties does not tell a centre of gravity."""
+"""Smallest mass for which a centre of gravity is estimated, in standard uncertainties of the mass. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class ToolPose:
-    """One way to hold the tool free in space, and the sensor's reading in it."""
+    """One orientation of the tool in free space, with the sensor's reading."""
 
     quaternion: tuple[float, ...]
-    """Tool in base, w x y z."""
+    """Orientation of the tool in the base frame, w x y z."""
     wrench: tuple[float, ...]
-    """Mean reading in the sensor frame, no zero taken in between poses, N and N·m, shape (6,)."""
+    """Mean reading in the sensor frame, N and N·m, shape (6,). The sensor is not zeroed between poses."""
     scatter: tuple[float, ...] = NO_WRENCH
-    """Standard deviation of the single readings about their mean, N and N·m, shape (6,); zeros where unknown."""
+    """Standard deviation of single readings about their mean, N and N·m, shape (6,); zeros if unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class ToolEstimate:
-    """Mass and bias below the sensor, each value with its standard uncertainty."""
+    """Estimated mass, centre of gravity and bias of the tool below the sensor, each with its standard uncertainty."""
 
     mass: float
-    """kg"""
+    """Mass, kg."""
     mass_uncertainty: float
-    """kg"""
+    """Standard uncertainty of the mass, kg."""
     centre_of_gravity: Vector
-    """Place from the sensor's origin along the tool frame's axes, m."""
+    """Centre of gravity relative to the sensor's origin, along the axes of the tool frame, m."""
     centre_of_gravity_uncertainty: Vector
-    """m"""
+    """Standard uncertainty of each component of the centre of gravity, m."""
     bias: tuple[float, ...]
-    """Reading of the sensor with nothing on it, in the sensor frame, N and N·m, shape (6,)."""
+    """Reading of the sensor without load, in the sensor frame, N and N·m, shape (6,)."""
     bias_uncertainty: tuple[float, ...]
-    """N and N·m, shape (6,)."""
+    """Standard uncertainty of the bias, N and N·m, shape (6,)."""
     residuals: tuple[tuple[float, ...], ...]
-    """Reading less what the estimate explains, for each pose, sensor frame, N and N·m, shape (n, 6)."""
+    """Difference between reading and estimate for each pose, in the sensor frame, N and N·m, shape (n, 6)."""
     turned: float
     """Largest angle between two directions of the weight in the tool frame, rad."""
     swings: tuple[float, ...]
-    """Range of each force axis over the poses, sensor frame, N, shape (3,)."""
+    """Range of each force axis over the poses, in the sensor frame, N, shape (3,)."""
 
     @property
     def force_residual(self) -> float:
-        """Root mean square of the residuals of forces, N."""
+        """Root mean square of the force residuals, N."""
         return _rms(np.array(self.residuals)[:, :3])
 
     @property
     def moment_residual(self) -> float:
-        """Root mean square of the residuals of moments, N·m."""
+        """Root mean square of the moment residuals, N·m."""
         return _rms(np.array(self.residuals)[:, 3:])
 
     @property
     def verified(self) -> tuple[int, ...]:
-        """Numbers of the force axes that followed the turning weight: alive, with the right sign and scale."""
+        """Indices of the force axes that followed the rotating weight, and so work with the right sign and scale."""
         rest = np.array(self.residuals)
         return tuple(
             k
-            for k, swing in enumerate(self.swings)
-            if swing >= _SWING_N and _rms(rest[:, k]) <= _FOLLOWS_SHARE * swing
+            for k, force_range in enumerate(self.swings)
+            if force_range >= _RANGE_N and _rms(rest[:, k]) <= _FOLLOWS_SHARE * force_range
         )
 
 
 def identify_tool(poses: Sequence[ToolPose], wrist: Wrist) -> ToolEstimate:
-    """Estimate the tool that explains the readings best. Of `wrist` only orientation and handedness are used.
+    """Return the tool that explains the readings best. Only the orientation and handedness of `wrist` are used.
 
-    Uncertainties take the larger of the residuals' and the readings' variance. A filter makes readings follow each
-    other, so many of them are not taken to be better than one. Raises ConfigError when the poses cannot tell, with what
-    is missing.
+    Uncertainties are based on the variance of the residuals or the variance of the readings, whichever is larger. A
+    filter makes successive readings dependent, so several of them count as one. Raises ConfigError if the poses are
+    not sufficient, with what is missing.
     """
     if len(poses) < POSES_MIN:
-        raise ConfigError(f"too few poses to tell the tool: {len(poses)} of at least {POSES_MIN}; {_ADVICE}")
+        raise ConfigError(
+            f"too few poses to identify the tool: {len(poses)} of at least {POSES_MIN}; {_ADVICE}"
+        )
     readings = np.array([pose.wrench for pose in poses], dtype=float)
     if not np.all(np.isfinite(readings)):
         raise ConfigError("a reading of the sensor is not a number; measure that pose again or leave it out")
@@ -142,9 +147,9 @@ def identify_tool(poses: Sequence[ToolPose], wrist: Wrist) -> ToolEstimate:
 
 
 def _require_spread(directions: Array) -> float:
-    """Return the largest angle, rad, between unit vectors (n, 3).
+    """Return the largest angle between unit vectors of shape (n, 3), rad.
 
-    Raises ConfigError when they change in too few directions.
+    Raises ConfigError if they change in too few directions.
     """
     turned = max(
         math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))
@@ -156,7 +161,7 @@ def _require_spread(directions: Array) -> float:
     )
     if spread[0] < SPREAD_MIN:
         raise ConfigError(
-            f"the poses differ by {math.degrees(turned):.0f}° at most in how the tool hangs; {_ADVICE}"
+            f"the poses differ by {math.degrees(turned):.0f}° at most in the direction of gravity; {_ADVICE}"
         )
     if spread[1] < SPREAD_MIN:
         raise ConfigError(
@@ -167,7 +172,9 @@ def _require_spread(directions: Array) -> float:
 
 
 def _fit(design: Array, readings: Array, noise: Array) -> tuple[Array, Array, Array]:
-    """Least squares: the solution (k,), its covariance (k, k), and the residuals (n, 3)."""
+    """Return the least squares solution of shape (k,), its covariance of shape (k, k), and the residuals of shape
+    (n, 3).
+    """
     solution = np.asarray(np.linalg.lstsq(design, readings.ravel(), rcond=None)[0], dtype=np.float64)
     rest = readings.ravel() - design @ solution
     degrees_of_freedom = len(rest) - len(solution)
@@ -177,7 +184,7 @@ def _fit(design: Array, readings: Array, noise: Array) -> tuple[Array, Array, Ar
 
 
 def _cross(vector: Array) -> Array:
-    """Matrix (3, 3) of `vector` × …"""
+    """Return the matrix of shape (3, 3) that computes `vector` × …."""
     x, y, z = vector.tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 

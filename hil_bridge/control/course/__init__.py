@@ -1,1 +1,1 @@
-"""The course of a run: the stroke from the approach to the lifted tool, and the guard around it."""
+"""Course of a run, from the approach to the lifted tool, and the supervisor that checks it."""

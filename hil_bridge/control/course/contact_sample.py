@@ -1,4 +1,4 @@
-"""One sample of the run in the work frame, as a program and its steps use it."""
+"""One sample of the run in the work frame, as the program and its steps receive it."""
 
 import math
 
@@ -11,26 +11,28 @@ from protocol.geometry import Vector
 
 
 class ContactSample(Struct, frozen=True, gc=False):
-    """Contact force and place of the tool in one sample, in the work frame."""
+    """Contact force and position of the tool in one sample, in the work frame."""
 
     sample: Sample
     measurement: Measurement
-    """The direction in which the force is controlled."""
+    """Measurement along the force-controlled direction, as the controller receives it."""
     place: Place
-    """Reported x and y from the start point, m."""
+    """Reported x and y relative to the start point, m."""
     force: Vector
-    """Contact force along the approach, x and y, N, positive where the tool presses that way; from the newest zero."""
+    """Contact force along the approach, x and y, N, since the newest zero. A component is positive if the tool
+    presses in its direction.
+    """
     wrench: tuple[float, ...]
-    """Contact wrench in the tool frame from the newest zero, N and N·m, (6,); empty where it is unknown."""
+    """Contact wrench in the tool frame since the newest zero, N and N·m, shape (6,); empty if unknown."""
 
     @property
     def aside(self) -> float:
-        """Length of the force across the approach, or the force that the moments show there, whichever is larger, N.
-        0 where the axes that measure it are verified.
+        """Force across the approach, N: the larger of the measured force and the force derived from the moments. 0
+        if the axes that measure it are verified.
         """
         hidden = self.sample.hidden
         return 0.0 if hidden is None else max(math.hypot(self.force[1], self.force[2]), hidden)
 
     def against(self, heading: Place) -> float:
-        """Force against a motion in this direction of the work frame, N."""
+        """Return the force that opposes a motion in the given direction of the work frame, N."""
         return self.force[1] * heading[0] + self.force[2] * heading[1]

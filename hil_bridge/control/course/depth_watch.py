@@ -1,11 +1,13 @@
-"""Depth against force: whether a pressing tool is deeper than its force explains. Pure.
+"""Check of depth against force: whether a pressing tool is deeper than its force explains. Pure.
 
-A sensor whose zero drifts, or is taken by somebody else, tells the wanted force while the tool is pressed deeper and
-deeper. A surface that stands does not let it: depth and force of a contact belong together by its stiffness. What the
-tool is deeper than at its touch, less the change of the force by the stiffness, is a force that nobody tells.
+If a sensor's zero drifts, or another program resets it, the sensor reports the desired force while the tool is
+pressed deeper and deeper. A stationary surface contradicts this: its stiffness relates the depth of a contact to
+the force. The depth gained since the touch, less the change of the force divided by the stiffness, indicates an
+unreported force.
 
-A tool that travels also follows a surface that slopes. So the depth counts less the way from the touch, and less the
-way from a place that it has been at lately: what drifts slowly while the tool repeats for ever is taken for a slope.
+A travelling tool also follows a sloping surface. So the allowed depth grows with the distance from the touch, and
+with the distance from a recently visited position. A slow drift while the tool repeats a path endlessly is
+therefore interpreted as a slope.
 """
 
 import math
@@ -18,63 +20,73 @@ from hil_bridge.control.sample import Sample
 from protocol.geometry import Vector
 
 SETTLES_S = 1.5
-"""Chosen: time in contact after which depth and force of the touch count: three of the mean's; the force is held."""
+"""Time in contact after which the touch is recorded as the reference for depth and force, s. Chosen: three time
+constants of the mean. The force is steady by then.
+"""
 _MEAN_S = 0.5
-"""Chosen: time constant of the means. A drift lasts for seconds; noise, vibration and a swing of the loop do not."""
+"""Time constant of the means, s. Chosen: shorter than a drift, which lasts for seconds; longer than noise,
+vibration and an oscillation of the loop.
+"""
 _STEEPEST = 1.0
-"""Chosen: depth that a surface may gain on a way across the approach, as a share of it: 45°."""
+"""Largest depth that a surface may gain along a path across the approach, as a share of the path's length. Chosen:
+45°.
+"""
 _SAME_PLACE_M = 0.3e-3
-"""Chosen: distance within which a contact that was lost is found again at the same place, m: two steps of a coarse
-robot. The mean of the place of a tool that travels stays farther behind.
+"""Distance within which a lost contact counts as regained at the same position, m. Chosen: two steps of a coarse
+robot. The mean position of a travelling tool lags by more than that.
 """
 _ROOM = 0.5
-"""Chosen: share of the room below the force limit that an untold force may take. The rest is for the stiffness."""
+"""Share of the margin below the force limit that an unreported force may use. Chosen. The rest covers errors of the
+stiffness.
+"""
 _PULL = 1.3
-"""Chosen: how many times the untold force a false pull may be: estimates of the stiffness are off by a fifth."""
+"""Largest ratio of a false pull to the unreported force. Chosen: estimates of the stiffness are off by up to a
+fifth.
+"""
 
 
 class Level(Struct, frozen=True, gc=False):
-    """Means of a time in contact."""
+    """Mean depth, force and position over a time in contact."""
 
     depth: float
-    """Reported depth, m."""
+    """Mean reported depth, m."""
     force: float
-    """Contact force along the approach that belongs to it, N."""
+    """Mean contact force along the approach, N."""
     place: Vector
-    """Reported position, base frame, m."""
+    """Mean reported position, base frame, m."""
 
 
 class Contact(Struct, frozen=True, gc=False):
-    """A contact as depth and force have shown it."""
+    """State of a contact, derived from depth and force."""
 
     free: float
-    """Reported depth at which the tool was last free before it, m."""
+    """Reported depth at which the tool was last free before this contact, m."""
     now: Level | None = None
-    """The last half second in contact; None before the touch."""
+    """Means over the last half second in contact; None before the touch."""
     lasted: float = 0.0
     """Time in contact, s."""
     stiffness: float = 0.0
-    """Stiffness of the contact as far as it is known, N/m; 0 before it has settled."""
+    """Estimated stiffness of the contact, N/m; 0 before the contact has settled."""
     touch: Level | None = None
-    """Where it had settled; None before."""
+    """Means of the contact at the time when it settled; None before."""
     near: Level | None = None
-    """The same at a place where the tool has been lately."""
+    """Means of the contact at a position that the tool has recently visited."""
 
     @property
-    def untold(self) -> float:
-        """Force that the depth below the touch tells and the sensor does not, N, if the surface lies level."""
+    def unreported_n(self) -> float:
+        """Force that the depth below the touch implies but the sensor does not report, N, assuming a level surface."""
         if self.now is None or self.touch is None:
             return 0.0
         return max(_deeper(self.touch, self.now, self.stiffness) * self.stiffness, 0.0)
 
     @property
     def false_pull(self) -> float:
-        """Pull that a sensor may tell when such a tool is unloaded, N."""
-        return _PULL * self.untold
+        """Pull that the sensor may falsely report when the tool is unloaded, N."""
+        return _PULL * self.unreported_n
 
 
 class ContactFacts(Protocol):
-    """The parts of an observation that the watch needs."""
+    """Parts of an observation that the depth check needs."""
 
     @property
     def sample(self) -> Sample: ...
@@ -87,19 +99,19 @@ class ContactFacts(Protocol):
 
 
 def watch_contact(
-    before: Contact | None, seen: ContactFacts, stiffness: tuple[float | None, float], limits: Limits
+    before: Contact | None, facts: ContactFacts, stiffness: tuple[float | None, float], limits: Limits
 ) -> Contact:
-    """Return the contact after one more sample. `stiffness` are the one learnt, None if there is none, and the one
-    expected, N/m.
+    """Return the contact after one more sample. `stiffness` holds the learnt value (None if unknown) and the
+    expected value, N/m.
     """
-    sample, depth, dt, pressing = seen.sample, seen.depth, seen.dt, seen.pressing
+    sample, depth, dt, pressing = facts.sample, facts.depth, facts.dt, facts.pressing
     if before is None:
         before = Contact(depth)
     now = before.now
     if not pressing:
         if now is None:
             return before if before.free == depth else Contact(depth)
-        # A contact that is lost in its place may be lost by the zero alone.
+        # A contact that is lost without motion may only be lost because of the zero.
         lifted = (
             depth <= before.free or _across(now.place, sample.position, now.depth - depth) > _SAME_PLACE_M
         )
@@ -116,18 +128,18 @@ def watch_contact(
     if lasted < SETTLES_S:
         return Contact(before.free, now, lasted)
     if before.touch is None or before.near is None:
-        known = _known(stiffness, before.free, now)
+        known = _contact_stiffness(stiffness, before.free, now)
         return Contact(free=before.free, now=now, lasted=lasted, stiffness=known, touch=now, near=now)
     known, near = stiffness[0] or before.stiffness, before.near
     away = _STEEPEST * _across(near.place, place, now.depth - near.depth)
-    # the first bound is never the larger one, and quickly made
+    # the first bound is never the larger one, and is fast to compute
     if away > limits.pull_limit_n / known and away > _allowed(limits, now.force, known):
         near = now
     return Contact(free=before.free, now=now, lasted=lasted, stiffness=known, touch=before.touch, near=near)
 
 
-def untold_depth(contact: Contact, limits: Limits) -> float:
-    """Depth that neither force nor slope explains, m, where that is more than is allowed; 0 where it is not."""
+def unexplained_depth(contact: Contact, limits: Limits) -> float:
+    """Return the depth that neither force nor slope explains, m, if it is larger than allowed; otherwise 0."""
     now, touch, near = contact.now, contact.touch, contact.near
     if now is None or touch is None or near is None:
         return 0.0
@@ -135,7 +147,7 @@ def untold_depth(contact: Contact, limits: Limits) -> float:
     least = limits.pull_limit_n / stiffness
     for level in (touch,) if near is touch else (touch, near):
         deeper = now.depth - level.depth - (now.force - level.force) / stiffness
-        # the first bound is never the larger one, and quickly made
+        # the first bound is never the larger one, and is fast to compute
         if deeper > least and deeper > (allowed := _allowed(limits, now.force, stiffness)):
             deeper -= _STEEPEST * _across(level.place, now.place, now.depth - level.depth)
             if deeper > allowed:
@@ -144,7 +156,7 @@ def untold_depth(contact: Contact, limits: Limits) -> float:
 
 
 def _allowed(limits: Limits, force: float, stiffness: float) -> float:
-    """Depth that may stay unexplained, m. A false force below `pull_limit_n` is none that this watch sees."""
+    """Return the depth that may stay unexplained, m. A false force below `pull_limit_n` is not detected here."""
     room = _ROOM * (limits.force_limit_n * (1.0 - limits.force_margin_share) - force)
     least, most = limits.pull_limit_n / stiffness, max(room, limits.pull_limit_n) / stiffness
     return min(max(limits.unanswered_mm * 1e-3, least), most)
@@ -155,14 +167,18 @@ def _deeper(before: Level, now: Level, stiffness: float) -> float:
 
 
 def _across(before: Vector, after: Vector, deeper: float) -> float:
-    """Distance of two places across the approach, of which one is so much deeper, m."""
+    """Return the distance between two points across the approach, m. One point is deeper than the other by the
+    given depth.
+    """
     (u, v, w), (x, y, z) = before, after
     x, y, z = x - u, y - v, z - w
     return math.sqrt(max(x * x + y * y + z * z - deeper * deeper, 0.0))
 
 
-def _known(stiffness: tuple[float | None, float], free: float, now: Level) -> float:
-    """Stiffness of a contact that has settled, N/m: learnt, else force by depth, up to that expected."""
+def _contact_stiffness(stiffness: tuple[float | None, float], free: float, now: Level) -> float:
+    """Return the stiffness of a settled contact, N/m: the learnt value, or force divided by depth up to the
+    expected value.
+    """
     learnt, expected = stiffness
     if learnt:
         return learnt

@@ -1,20 +1,22 @@
-"""How fast a tool goes back from a surface that presses it beyond the limit. Pure."""
+"""Distance of a retraction from a surface that presses the tool beyond the limit. Pure."""
 
 import math
 
 from hil_bridge.control.types import Measurement
 
 _ESCAPE_M = 2e-3
-"""Longest way of one sample back from a force beyond the limit, m. Chosen: something behind the tool is met with 100 N
-more on 50 kN/m before the next sample tells it.
+"""Longest retraction in one sample from a force beyond the limit, m. Chosen: an obstacle behind the tool, at 50
+kN/m, is pressed with 100 N more before the next sample reports it.
 """
 
 
-def escape_way(measurement: Measurement, limit: float, stiffness: float, speed_mm_s: float) -> float:
-    """Way back in one sample from a surface that presses beyond the limit, N, in m; 0 where none does.
+def escape_distance(measurement: Measurement, limit: float, stiffness: float, speed_mm_s: float) -> float:
+    """Return the distance to retract in one sample from a surface that presses beyond the limit, m; 0 if no surface
+    does.
 
-    Derived: a surface that stands has let the tool go after force / stiffness, N/m. So the order is no farther from the
-    reported position than that. One that follows the tool raises the force, and with it the way.
+    `limit` is in N and `stiffness` in N/m. Derived: a stationary surface has released the tool after force /
+    stiffness. So the order goes no farther than this distance from the reported position. A surface that follows
+    the tool raises the force, and so the distance.
     """
     force = abs(measurement.force) if measurement.saturated else measurement.force
     left = force / stiffness - max(measurement.position - measurement.commanded, 0.0)

@@ -1,20 +1,23 @@
-"""Where the surface's normal lies, in both directions, from force, motion and moments, with the uncertainty of it.
+"""Estimate of the surface's normal in both directions, with its uncertainty, from force, motion and moments.
 
-Work in the task frame: a into the surface, t along x, b along y. The surface falls away by `fall` = (p, q): its inward
-unit normal is along a − p·t − q·b. A tool that presses with N and slides along the heading h meets friction against h.
-So the force tells the normal across h at once, and along h together with the friction angle φ. With N pressing and the
-surface falling away by θ along h it tells
+Directions in the task frame: a into the surface, t along x, b along y. The surface falls away by `fall` = (p, q):
+its inward unit normal is along a − p·t − q·b. A tool that presses with the force N and slides along the heading h
+is subject to friction against h.
+
+So the force gives the normal across h directly, and the normal along h together with the friction angle φ. If the
+tool presses with N and the surface falls away by θ along h, the force gives
 
     ψ = atan2(f_h, f_a) = φ − θ.
 
-φ is learnt from the path of the last millimetres, which tells θ without friction but late. A flat tool tells both
-directions by the moments at its face: a disc of radius r on a surface of stiffness K answers a skew angle e by K·r²/4·e
-while all of it touches. Derived: the mean of x² over a disc is r²/4.
+φ is learnt from the last millimetres of the path, which give θ without friction, but with a delay. With a flat
+tool, the moments at its face give the normal in both directions: a disc of radius r on a surface of stiffness K
+responds to a skew angle e with the moment K·r²/4·e while all of it touches. Derived: the mean of x² over a disc is
+r²/4.
 
-Each source is weighed by its variance. Noise of the force is taken from how far new readings lie from the estimate.
+Each source is weighted by its variance. The noise of the force is estimated from the scatter of new readings.
 
-With `directions` = 1 the estimate is that of the paper's experiments on a contour: of the direction along the path
-alone, from reported depths, for a tool that does not turn.
+With `directions` = 1, the estimate equals the one in the paper's experiments on a contour: it covers only the
+direction along the path, from reported depths, for a tool that does not turn.
 """
 
 import math
@@ -32,21 +35,24 @@ from protocol.geometry import Vector
 from protocol.marks import SettingError
 
 PACE_S = 0.09
-"""Time between two readings of the estimate, s. Chosen: half a sample of the paper's chain, all of whose samples count.
-In the 4 ms of a robot that streams the tool moves by less than the noise of its direction.
+"""Time between two readings of the estimate, s. Chosen: half a sample period of the paper's setup, so that every
+one of its samples is a reading. In the 4 ms cycle of a streaming robot, the tool moves by less than the noise of
+its direction.
 """
 _UNKNOWN = math.radians(5.0) ** 2
-"""Chosen: variance of a direction before anything was read, rad²."""
+"""Variance of a direction before the first reading, rad². Chosen."""
 _REMEMBERED = 0.8
-"""Chosen: share of the variance that each reading keeps."""
+"""Share of the variance that remains after each reading. Chosen."""
 _SAME_HEADING = math.cos(math.radians(20.0))
-"""Chosen: a heading that turned by less is the same stretch of the path."""
+"""Cosine of the largest rotation of the heading within one stretch of the path. Chosen."""
 _BLIND_S = 0.25
-"""Chosen: time after a corner for which the force is not read: friction turns with the robot, not with the order."""
+"""Time after a corner during which the force is ignored, s. Chosen: friction turns when the robot turns, later than
+the order.
+"""
 _MOST_SKEW = math.radians(10.0)
-"""Chosen: no moment is taken for more than this."""
+"""Largest skew that a moment may indicate. Chosen."""
 _TRUSTED_STIFFNESS = 0.3
-"""Chosen: share of its skew angle by which the moments may be wrong, for the stiffness is an estimate."""
+"""Relative error of a skew angle from the moments, because the stiffness is only estimated. Chosen."""
 
 
 _NO_SUMS = (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -58,42 +64,46 @@ class FacingState(Struct, frozen=True):
     fall: Place = (0.0, 0.0)
     """Slopes p and q by which the surface falls away along t and b."""
     friction_angle: float | None = None
-    """φ, rad; None before there was a path to learn it from."""
+    """Friction angle φ, rad; None until a path has been recorded to learn it from."""
     friction_variance: float = _UNKNOWN
-    """rad²"""
+    """Variance of `friction_angle`, rad²."""
     points: tuple[tuple[float, float, float], ...] = ()
-    """Way in m, depth in m and direction of the force in rad, of the newest readings on this heading, oldest first."""
+    """Newest readings on this heading, oldest first: path length in m, depth in m and direction of the force in rad."""
     heading: Place = (1.0, 0.0)
     variances: Place = (_UNKNOWN, _UNKNOWN)
     """Scatter of the readings along and across the heading, rad²."""
     sigma: float = math.inf
     """Standard deviation of the estimate in its worse direction, rad."""
     blind: float = 0.0
-    """Time for which the force is not read yet, s."""
+    """Remaining time during which the force is ignored, s."""
     waited: float = 0.0
-    """Time of the samples that were added up since the last reading, s."""
+    """Accumulated time of the samples since the last reading, s."""
     count: int = 0
     sums: tuple[float, ...] = _NO_SUMS
-    """Sums of force along a, t, b, N, and of the skew angles by the moments along t and b, rad."""
+    """Sums over the samples since the last reading: force along a, t, b, N, and skew angles from the moments along
+    t and b, rad.
+    """
 
 
-class Look(Struct, frozen=True):
-    """One sample as the estimate needs it."""
+class FacingSample(Struct, frozen=True):
+    """Input of the estimate from one sample."""
 
     dt: float
-    """s"""
+    """Time since the previous sample, s."""
     travel: float
-    """Reported length of the way, m."""
+    """Reported path length, m."""
     depth: float
     """Reported depth, m."""
     force: Vector
-    """Reaction along a, t, b, N, positive where the tool presses that way."""
+    """Reaction force along a, t, b, N. A component is positive if the tool presses in its direction."""
     heading: Place
-    """Unit vector of the motion in t and b; both 0 while the tool stands."""
+    """Unit vector of the motion along t and b; both components are 0 while the tool is stationary."""
     axis: Vector = (1.0, 0.0, 0.0)
-    """The tool's own axis along a, t, b: unit vector."""
+    """Unit vector of the tool axis along a, t, b."""
     skew: Place | None = None
-    """How the moments at the face say that this axis must tip, along t and b, rad; None for a tool without a face."""
+    """Tilt that corrects the skew measured by the moments at the face, along t and b, rad; None for a tool without
+    a face.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,20 +113,20 @@ class Facing:
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
     window_mm: float = 6.0
-    """Way over which the path is taken for straight."""
+    """Length over which the path counts as straight."""
     learning_share: float = 0.15
-    """Share of a new friction angle that is taken over each reading."""
+    """Weight of a new friction angle in each reading."""
     smoothing_share: float = 0.3
-    """Share of a new normal that is taken over each reading; there are eleven a second."""
+    """Weight of a new normal in each reading; there are eleven readings per second."""
     steepest_deg: float = 60.0
-    """Angle beyond which no normal is believed."""
+    """Largest plausible angle of the normal."""
     uncertain_deg: float = 2.0
-    """Standard deviation above which the tool is not turned after the estimate."""
+    """Standard deviation above which the tool does not follow the estimate."""
     moment_noise_nm: float = 0.01
     """Noise of a moment at the face, averaged over one reading."""
     directions: int = 2
-    """1: along the path alone, and the controller is shown reported depths. 2: across it too, and the controller is
-    shown depths from the plane that the normal predicts.
+    """1: only along the path; the controller receives reported depths. 2: also across it; the controller receives
+    depths from the plane that the normal predicts.
     """
 
     def __post_init__(self) -> None:
@@ -135,65 +145,67 @@ class Facing:
 
     @property
     def shows_ground(self) -> bool:
-        """Whether the controller is shown depths from the plane that the normal predicts."""
+        """Whether the controller receives depths from the plane that the normal predicts."""
         return self.directions == 2
 
-    def after(self, state: FacingState, look: Look, stiffness_nm_rad: float) -> FacingState:
-        """State after one sample in contact. Samples are averaged to a reading each `PACE_S`. `stiffness_nm_rad` is
-        the moment per skew angle of the tool's face.
+    def after(self, state: FacingState, sample: FacingSample, stiffness_nm_rad: float) -> FacingState:
+        """Return the state after one sample in contact. Samples are averaged to one reading per `PACE_S`.
+        `stiffness_nm_rad` is the moment per skew angle of the tool's face.
         """
-        state = _turn_corner(state, look)
+        state = _turn_corner(state, sample)
         if state.blind > 0.0:
-            return replace(state, blind=state.blind - look.dt, waited=0.0, count=0, sums=_NO_SUMS)
-        values = (*look.force, *(look.skew or (0.0, 0.0)))
-        if not all(map(math.isfinite, (*values, look.travel, look.depth))) or not look.force[0] > 0.0:
+            return replace(state, blind=state.blind - sample.dt, waited=0.0, count=0, sums=_NO_SUMS)
+        values = (*sample.force, *(sample.skew or (0.0, 0.0)))
+        if not all(map(math.isfinite, (*values, sample.travel, sample.depth))) or not sample.force[0] > 0.0:
             return state
         sums = tuple(a + b for a, b in zip(state.sums, values, strict=True))
-        count, waited = state.count + 1, state.waited + look.dt
+        count, waited = state.count + 1, state.waited + sample.dt
         if waited < PACE_S:
             return replace(state, waited=waited, count=count, sums=sums)
         mean = [value / count for value in sums]
         state = replace(state, waited=0.0, count=0, sums=_NO_SUMS)
-        return self._read(state, look, mean, stiffness_nm_rad)
+        return self._read(state, sample, mean, stiffness_nm_rad)
 
-    def _read(self, state: FacingState, look: Look, mean: list[float], stiffness: float) -> FacingState:
-        """State after a reading: one step of the estimate."""
-        hx, hy = look.heading
+    def _read(
+        self, state: FacingState, sample: FacingSample, mean: list[float], stiffness: float
+    ) -> FacingState:
+        """Return the state after one step of the estimate, with a new reading."""
+        hx, hy = sample.heading
         slides = bool(hx or hy)
         if not slides:
             hx, hy = state.heading
         force, force_t, force_b = mean[:3]
         psi = math.atan2(force_t * hx + force_b * hy, force)
         if slides:
-            state = self._learnt(state, (look.travel, look.depth, psi))
+            state = self._with_point(state, (sample.travel, sample.depth, psi))
         p, q = state.fall
         along, across = math.atan(p * hx + q * hy), math.atan(q * hx - p * hy)
-        seen: list[list[tuple[float, float]]] = [
+        estimates: list[list[tuple[float, float]]] = [
             [],
             [],
-        ]  # by axis: where the normal is seen, and the variance
+        ]  # for each axis: angle of the normal and its variance
         scatter = list(state.variances)
         both = self.directions == 2
-        if slides and both:  # else friction may point anywhere
+        if slides and both:  # otherwise the direction of friction is unknown
             read_across = -math.atan2(force_b * hx - force_t * hy, force)
             scatter[1] = _spread(scatter[1], read_across - across)
-            seen[1].append((read_across, scatter[1]))
+            estimates[1].append((read_across, scatter[1]))
         if slides and state.friction_angle is not None:
             read_along = state.friction_angle - psi
             scatter[0] = _spread(scatter[0], read_along - along)
-            seen[0].append((read_along, scatter[0] + state.friction_variance))
-        if look.skew is not None and both:
-            for axis, told in enumerate(self._by_moments(look, mean, (hx, hy), stiffness)):
-                seen[axis].append(told)
+            estimates[0].append((read_along, scatter[0] + state.friction_variance))
+        if sample.skew is not None and both:
+            for axis, estimate in enumerate(self._from_moments(sample, mean, (hx, hy), stiffness)):
+                estimates[axis].append(estimate)
         share, steepest = self.smoothing_share, math.radians(self.steepest_deg)
         angles, variances = [along, across], [_UNKNOWN, _UNKNOWN]
-        for axis, told_by in enumerate(seen):
-            if not told_by:
+        for axis, sources in enumerate(estimates):
+            if not sources:
                 continue
-            weight = sum(1.0 / variance for _, variance in told_by)
-            wanted = sum(angle / variance for angle, variance in told_by) / weight
-            wanted = within(wanted, -steepest, steepest)
-            angles[axis] += share * (wanted - angles[axis])
+            weight = sum(1.0 / variance for _, variance in sources)
+            target = sum(angle / variance for angle, variance in sources) / weight
+            target = within(target, -steepest, steepest)
+            angles[axis] += share * (target - angles[axis])
             variances[axis] = share / (2.0 - share) / weight
         u, v = math.tan(angles[0]), math.tan(angles[1])
         return replace(
@@ -203,8 +215,10 @@ class Facing:
             sigma=math.sqrt(max(variances)),
         )
 
-    def _learnt(self, state: FacingState, point: tuple[float, float, float]) -> FacingState:
-        """State with one more point of the path, and the friction angle that the window tells."""
+    def _with_point(self, state: FacingState, point: tuple[float, float, float]) -> FacingState:
+        """Return the state with one more point of the path, and the friction angle derived from the points in the
+        window.
+        """
         travel = point[0]
         oldest = travel - self.window_mm * 1e-3
         points = (*(one for one in state.points if oldest <= one[0] < travel), point)
@@ -215,33 +229,33 @@ class Facing:
         slope = float(along @ deep) / float(along @ along)
         rest = deep - deep.mean() - slope * along
         noise = float(rest @ rest) / (len(points) - 2) / float(along @ along)
-        seen, known, share = (
+        friction_angle, known, share = (
             math.atan(slope) + float(directions.mean()),
             state.friction_angle,
             self.learning_share,
         )
         if known is None:
-            return replace(state, points=points, friction_angle=seen, friction_variance=noise)
+            return replace(state, points=points, friction_angle=friction_angle, friction_variance=noise)
         return replace(
             state,
             points=points,
-            friction_angle=known + share * (seen - known),
+            friction_angle=known + share * (friction_angle - known),
             friction_variance=(1.0 - share) ** 2 * state.friction_variance + share**2 * noise,
         )
 
-    def _by_moments(
-        self, look: Look, mean: list[float], heading: Place, stiffness: float
+    def _from_moments(
+        self, sample: FacingSample, mean: list[float], heading: Place, stiffness: float
     ) -> list[tuple[float, float]]:
-        """Estimate the normal from the moments at the face: angle and variance along and across the heading."""
-        (a, t, b), (hx, hy), noise = look.axis, heading, self.moment_noise_nm / stiffness
-        told = []
+        """Return the normal derived from the moments at the face: angle and variance, along and across the heading."""
+        (a, t, b), (hx, hy), noise = sample.axis, heading, self.moment_noise_nm / stiffness
+        estimates = []
         for own, skew in (
             (t * hx + b * hy, mean[3] * hx + mean[4] * hy),
             (b * hx - t * hy, mean[4] * hx - mean[3] * hy),
         ):
             skew = within(skew, -_MOST_SKEW, _MOST_SKEW)
-            told.append((-math.atan2(own, a) - skew, noise**2 + (_TRUSTED_STIFFNESS * skew) ** 2))
-        return told
+            estimates.append((-math.atan2(own, a) - skew, noise**2 + (_TRUSTED_STIFFNESS * skew) ** 2))
+        return estimates
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,32 +265,32 @@ class Contour(Facing):
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
     learning_share: float = 0.1
-    """Share of a new friction angle that is taken over each reading."""
+    """Weight of a new friction angle in each reading."""
     smoothing_share: float = 0.5
-    """Share of a new normal that is taken over each reading."""
+    """Weight of a new normal in each reading."""
     directions: int = 1
-    """1: along the path alone, and the controller is shown reported depths. 2: across it too, and the controller is
-    shown depths from the plane that the normal predicts.
+    """1: only along the path; the controller receives reported depths. 2: also across it; the controller receives
+    depths from the plane that the normal predicts.
     """
 
 
-def _turn_corner(state: FacingState, look: Look) -> FacingState:
-    """State on the heading of this sample: behind a corner the points of the path restart."""
-    if look.heading == state.heading or look.heading == (0.0, 0.0):
+def _turn_corner(state: FacingState, sample: FacingSample) -> FacingState:
+    """Return the state for the heading of this sample. After a corner, the list of path points starts again."""
+    if sample.heading == state.heading or sample.heading == (0.0, 0.0):
         return state
-    (x, y), (u, v) = look.heading, state.heading
+    (x, y), (u, v) = sample.heading, state.heading
     if x * u + y * v >= _SAME_HEADING:
-        return replace(state, heading=look.heading)
-    return replace(state, heading=look.heading, points=(), blind=_BLIND_S)
+        return replace(state, heading=sample.heading)
+    return replace(state, heading=sample.heading, points=(), blind=_BLIND_S)
 
 
 def elsewhere(state: FacingState) -> FacingState:
-    """State for a stroke at another place: the friction is known, the surface is not."""
+    """Return the state for a stroke at another position, where the friction is known and the surface is not."""
     return FacingState(friction_angle=state.friction_angle, friction_variance=state.friction_variance)
 
 
 def inward(fall: Place) -> Vector:
-    """Inward unit normal of a surface that falls away by these slopes, along a, t, b."""
+    """Return the inward unit normal of a surface with the given slopes, along a, t, b."""
     p, q = fall
     length = math.sqrt(1.0 + p * p + q * q)
     return 1.0 / length, -p / length, -q / length
@@ -287,7 +301,7 @@ def _spread(variance: float, error: float) -> float:
 
 
 def lateral_of(force: Vector, fall: Place) -> float:
-    """Length of the force along the surface, N."""
+    """Return the magnitude of the force along the surface, N."""
     a, t, b = inward(fall)
     pressed = force[0] * a + force[1] * t + force[2] * b
     return math.hypot(force[0] - pressed * a, force[1] - pressed * t, force[2] - pressed * b)

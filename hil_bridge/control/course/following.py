@@ -1,9 +1,9 @@
-"""Whether the robot goes the way that it is ordered to, in the time that it has always taken for it. Pure.
+"""Check that the robot follows its orders within its usual time. Pure.
 
-A robot that takes its orders later and later, or does more than they say, reports truly where it is. It then stands
-where no order of the last moments was. The depths that were ordered lately make a band: between the least and the
-deepest. A robot that follows is in it. The orders are kept in some parts of that time, so that a quick cycle costs no
-more than a slow one.
+A robot that carries out its orders with increasing delay, or moves farther than ordered, still reports its true
+position, but that position matches none of the recent orders. The recently ordered depths form a band from the
+smallest to the largest. A robot that follows its orders is within this band. The orders are kept in a few time
+slots, so that a fast cycle needs no more memory or time than a slow one.
 """
 
 from dataclasses import dataclass
@@ -13,25 +13,26 @@ from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import Observation
 
 Trail: TypeAlias = tuple[tuple[float, float, float], ...]
-"""Begin of a part of time, s, and the least and the deepest depth ordered in it, m; oldest first."""
+"""Time slots, oldest first: start of the slot, s, and the smallest and the largest depth ordered in it, m."""
 
 PARTS = 4
-"""Parts of the time. Chosen: the band is by a quarter of it too wide at most."""
+"""Number of time slots. Chosen: the band covers at most a quarter more time than necessary."""
 
 
 @dataclass(frozen=True, slots=True)
 class Following:
-    """The watch over a robot that has done an order after this time."""
+    """Check that a robot carries out each order within a given time."""
 
     within_s: float
-    """Time from an order to where the robot has done it, with a margin, s."""
+    """Time limit for the robot to carry out an order, including a margin, s."""
     step_m: float = 0.0
-    """Resolution of its position, m."""
+    """Resolution of the robot's position, m."""
 
     def after(self, trail: Trail, depths: tuple[float, float], now: float, at: float | None) -> Trail:
-        """Return the trail with the depth that is ordered now, s, and without what a pose of the time `at` has passed.
+        """Return the trail with the depth ordered at time `now`, s. Orders that a pose of time `at` has passed are
+        dropped.
 
-        `depths` are the reported and the ordered one, m: a trail begins with the place that the robot comes from.
+        `depths` holds the reported and the ordered depth, m. A trail begins at the robot's previous position.
         """
         reported, depth = depths
         trail = trail or self._begin(now, reported)
@@ -48,14 +49,18 @@ class Following:
     def _begin(self, now: float, reported: float) -> Trail:
         return ((now, min(reported, 0.0), max(reported, 0.0)),)
 
-    def fault(self, trail: Trail, seen: Observation, limits: Limits) -> str:
-        """Why a robot at the reported depth does not follow, in words; empty while it may."""
-        depth = seen.depth
-        if not trail or seen.sample.tilt is None:
+    def fault(self, trail: Trail, observation: Observation, limits: Limits) -> str:
+        """Return the reason why a robot at the reported depth does not follow its orders; empty if it may follow
+        them.
+        """
+        depth = observation.depth
+        if not trail or observation.sample.tilt is None:
             return ""
         allowed = limits.path_error_mm * 1e-3 + self.step_m
         _, lowest, deepest = trail[-1]
-        if lowest - allowed <= depth <= deepest + allowed:  # in the newest part, as in nearly every cycle
+        if (
+            lowest - allowed <= depth <= deepest + allowed
+        ):  # already true for the newest slot in nearly every cycle
             return ""
         _, lows, depths = zip(*trail, strict=True)
         lowest, deepest = min(lows), max(depths)
@@ -64,5 +69,5 @@ class Following:
         outside, side = max((lowest - depth, "behind"), (depth - deepest, "ahead of"))
         return (
             f"the reported position is {outside * 1e3:.2f} mm {side} all that was ordered in the last "
-            f"{self.within_s * 1e3:.0f} ms, allowed are {limits.path_error_mm:g} mm"
+            f"{self.within_s * 1e3:.0f} ms, allowed: at most {limits.path_error_mm:g} mm"
         )

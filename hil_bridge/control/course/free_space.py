@@ -1,7 +1,8 @@
-"""Proof that the sensor lives while the tool moves through free space, where no force answers a move. Pure.
+"""Check that the sensor works while the tool moves through free space, where no force responds to motion. Pure.
 
-There the reading from the zero is 0, and it is noisy. A reading that lost the tool's weight tells a pull or a press
-instead. Counts that stay identical while the tool moves are those of a converter that stands still.
+In free space the force relative to the zero is 0 with noise. A sensor that no longer measures the tool's weight
+reports a pull or a press instead. Counts that stay identical while the tool moves come from a converter that has
+stopped.
 """
 
 import math
@@ -13,27 +14,27 @@ from hil_bridge.errors.causes import Cause, Reason
 from protocol.geometry import Vector
 
 LASTS_S = 0.15
-"""Time for which a pull must last in free space before it counts. Chosen: two samples of a line of 180 ms, and longer
-than the shock of a start or a single peak.
+"""Minimum duration of a pull in free space that counts as a fault, s. Chosen: two samples of a link with a cycle of
+180 ms, and longer than the shock of a start or a single peak.
 """
 
 
 class FreeSpace(Struct, frozen=True):
-    """The sensor's behaviour since the tool moves through free space."""
+    """Behaviour of the sensor since the tool began to move through free space."""
 
     at: Vector
-    """Reported position when the counts changed last, base frame, m."""
+    """Reported position when the counts last changed, base frame, m."""
     pulled_since: float | None = None
-    """When the pull began that lasts, s on the run's clock; None if there is none."""
+    """Time at which the current pull began, s on the run's clock; None if there is no pull."""
 
 
 def watch_sample(
     before: FreeSpace | None, limits: Limits, now: float, pull: float, counts: tuple[bool, Vector]
 ) -> FreeSpace:
-    """Return the state with one more sample.
+    """Return the state after one more sample.
 
-    `pull` is the force away from the surface, N, from the newest zero. `counts` are whether the sensor's counts
-    have changed since the sample before, and the reported position, base frame, m.
+    `pull` is the force away from the surface relative to the newest zero, N. `counts` holds whether the sensor's
+    counts have changed since the previous sample, and the reported position, base frame, m.
     """
     changed, position = counts
     since = None
@@ -42,17 +43,17 @@ def watch_sample(
     return FreeSpace(position if changed or before is None else before.at, since)
 
 
-def lifeless(
+def dead_sensor_reason(
     state: FreeSpace, limits: Limits, now: float, pull: float, unchanged: tuple[float, Vector]
 ) -> Reason | None:
-    """Why the sensor cannot be one that lives; None while it may be. `unchanged` is the time for which its
+    """Return the reason why the sensor must be dead; None if it may work. `unchanged` holds the time for which its
     counts have been identical, s, and the reported position, base frame, m.
     """
     if state.pulled_since is not None and now - state.pulled_since >= LASTS_S:
         return Reason(
             Cause.LOST_WEIGHT,
-            f"the sensor reads a pull of {pull:.1f} N where the tool in free space must read 0: it lost the tool's "
-            "weight, its zero has changed, or what the tool has left holds on to it",
+            f"the sensor reads a pull of {pull:.1f} N although the tool is in free space: it lost the tool's "
+            "weight, its zero has changed, or the tool is stuck to the surface",
         )
     still, position = unchanged
     moved_mm = math.dist(state.at, position) * 1e3

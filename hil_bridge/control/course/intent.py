@@ -1,4 +1,4 @@
-"""The intent of a program in one cycle, before the supervisor judges it: phase, place, force. Plain values."""
+"""Intent of a program in one cycle, before the supervisor checks it: phase, position and force."""
 
 from enum import StrEnum
 
@@ -10,62 +10,62 @@ from protocol.geometry import Quaternion
 
 
 class Phase(StrEnum):
-    """Phases of a run, by the names that the record uses."""
+    """Phase of a run. The values are the names in the recording."""
 
     APPROACH = "approach"
-    """Step into the surface until the force says contact."""
+    """Move into the surface until the force indicates contact."""
     TRACK = "track"
-    """The controller holds the force while the tool travels along the surface."""
+    """Hold the force with the controller while the tool moves along the surface."""
     RETRACT = "retract"
-    """Step back out of the surface."""
+    """Move out of the surface."""
     MOVE = "move"
-    """To another place through free space."""
+    """Move to another point through free space."""
     SEEK = "seek"
-    """Along the surface until something pushes back."""
+    """Move along the surface until an obstacle resists."""
     ZERO = "zero"
-    """Stand still in free space, and take the reading for zero."""
+    """Pause in free space, and use the reading as the zero."""
     END = "end"
-    """Nothing more to command."""
+    """Send no further commands."""
 
 
 FREE_SPACE = Phase.APPROACH, Phase.MOVE, Phase.SEEK
-"""Phases in which the tool moves where nothing presses on it, until it touches."""
+"""Phases in which the tool moves without contact until it touches."""
 CONNECT, TARE = "connect", "tare"
 BEFORE_TOUCH = CONNECT, TARE
-"""Phases of a run before there is anything to decide: devices become ready, and the zero is taken."""
+"""Phases before the first decision, in which devices become ready and the zero is taken."""
 
 
 class Target(Struct, frozen=True, gc=False):
-    """Where the tool is wanted, from the start point."""
+    """Target position of the tool, relative to the start point."""
 
     depth: float
-    """Along the approach direction, m."""
+    """Distance along the approach direction, m."""
     travel: float
-    """Along the travel direction, m."""
+    """Distance along the travel direction, m."""
     across: float = 0.0
-    """Along the third direction of the work frame, m."""
+    """Distance along the third direction of the work frame, m."""
 
 
 class Intent(Struct, frozen=True, gc=False):
-    """The answer of a program for one sample."""
+    """Response of a program to one sample."""
 
     phase: Phase
-    """Phase that this sample belonged to."""
+    """Phase to which this sample belongs."""
     target: Target
     in_contact: bool
     command: Command | None = None
-    """Answer of the controller; None outside TRACK."""
+    """Response of the controller; None outside TRACK."""
     losses: int = 0
-    """Contact losses so far."""
+    """Number of contact losses so far."""
     reason: Reason | None = None
-    """Why the run retracts or has ended; None while it continues."""
+    """Reason why the run retracts or has ended; None while it continues."""
     failed: bool = False
-    """The reason is a failure, not the end of the work."""
+    """Whether the reason is a failure."""
     reference: float | None = None
-    """Desired force of this sample, N; None for that of the task."""
+    """Desired force for this sample, N; None if the force of the task applies."""
     turned: Quaternion | None = None
-    """Orientation wanted, base frame; None for that of the start."""
+    """Desired orientation, base frame; None for the orientation at the start."""
     leg: int = 0
-    """Place of the program's step in its list, from 0."""
+    """Index of the program's step in its list, from 0."""
     notes: dict[str, float] = {}
-    """Further numbers of the program for the record, by name."""
+    """Additional numbers from the program for the recording, by name."""

@@ -1,18 +1,19 @@
-"""Notices a force that swings about its target for longer than a settling loop would.
+"""Detector of a force that oscillates about its target for longer than a settling loop would.
 
-How it is called: once for every sample in TRACK, after the controller, with the force error that the
-controller was given and its stiffness estimate:
+The detector is called once for every sample in TRACK, after the controller, with the force error that the
+controller received and its stiffness estimate:
 
     state, advice = detector.step(state, force - reference, command.stiffness, dt)
 
-`advice.factor` is the factor to put on the feedback law's output from the next sample on, until another one
-comes. `advice.retract` asks to end the run (`Program.fail`): the swing continued although the gain was at its
-least. Start from `initial()` at every beginning of TRACK; while contact is lost do not step it.
+`advice.factor` is the factor for the feedback law's output from the next sample until the next advice.
+`advice.retract` requests the end of the run (`Program.fail`), because the oscillation has continued at the smallest
+gain. Start from `initial()` at every start of TRACK; do not step the detector while contact is lost.
 
-What counts as a swing. The error has a peak between two changes of its sign. A peak counts when it is beyond the band
-that a loop at rest may fill. The band is one resolution step either way and the noise, k_est·Δx_res + uncertainty.
-Noise at rest stays inside the band, and a step that settles makes a few peaks, each smaller than the one before. An
-oscillation is `peaks` of them within the window, on alternating sides, that do not die away.
+Definition of an oscillation: the error has a peak between two changes of its sign. A peak counts if it is outside
+the band that a settled loop may fill. The band consists of one resolution step in either direction and the noise:
+k_est·Δx_res + uncertainty. Noise of a settled loop stays inside the band, and a step that settles makes a few
+peaks, each smaller than the previous one. An oscillation consists of `peaks` peaks within the window, on
+alternating sides, that do not decay.
 """
 
 import math
@@ -28,31 +29,31 @@ from protocol.marks import SettingError
 
 
 class Finding(StrEnum):
-    """Finding of the detector for the newest samples."""
+    """State of the oscillation according to the newest samples."""
 
     CALM = "calm"
     """No sustained oscillation."""
     OSCILLATING = "oscillating"
-    """An oscillation was found in this sample: the gain has been lowered by one notch."""
+    """An oscillation was detected in this sample, and the gain has been lowered by one notch."""
     PERSISTING = "persisting"
-    """The oscillation continues at the least gain."""
+    """The oscillation continues at the smallest gain."""
 
 
-_CALM = Finding.CALM  # of every cycle: until Python 3.12 an enum's own name costs ten times that
+_CALM = Finding.CALM  # before Python 3.12, access through the enum takes ten times as long
 
 
 class Advice(Struct, frozen=True):
-    """The detector's answer for one sample."""
+    """Result of the detector for one sample."""
 
     finding: Finding
     factor: float
-    """Factor for the feedback law's output, 0 … 1, until the next answer."""
+    """Factor (0 … 1) for the feedback law's output until the next advice."""
     retract: bool = False
-    """True once the oscillation persists at the least gain; stays true."""
+    """Whether the oscillation has persisted at the smallest gain. Once True, it stays True."""
     amplitude: float = 0.0
-    """Mean of the swing's peaks to either side, N; 0 while calm."""
+    """Mean height of the peaks on both sides, N; 0 while calm."""
     period: float = 0.0
-    """Mean time from a peak to the next but one, s; 0 while calm."""
+    """Mean time from one peak to the next on the same side, s; 0 while calm."""
 
 
 _WHOLE = Advice(_CALM, 1.0)
@@ -62,47 +63,49 @@ class OscillationState(Struct, frozen=True):
     """State of the detector between samples."""
 
     time: float = 0.0
-    """Time of the samples so far, s."""
+    """Accumulated time of all samples so far, s."""
     quiet_since: float = 0.0
-    """When the last oscillation was found or the gain was raised, on that time, s."""
+    """Time at which an oscillation was last detected or the gain was last raised, on the time scale of `time`, s."""
     extreme: float = 0.0
-    """Error that is farthest from 0 since the last change of sign, N."""
+    """Error with the largest magnitude since the last change of sign, N."""
     extreme_at: float = 0.0
-    """Time of this extreme, s."""
+    """Time of `extreme`, s."""
     peaks: tuple[tuple[float, float], ...] = ()
-    """Finished peaks of the window beyond the band, oldest first: time in s and error in N; signs alternate."""
+    """Completed peaks in the window and beyond the band, oldest first: time in s and error in N, with alternating
+    signs.
+    """
     factor: float = 1.0
     retract: bool = False
     found: int = 0
-    """Oscillations found so far. Each doubles the time of calm before the gain is raised again, for a loop that swings
-    at a gain will mostly do so again.
+    """Number of oscillations detected so far. Each one doubles the calm time before the gain is raised again,
+    because a loop that oscillates at a given gain will probably do so again.
     """
 
 
 @dataclass(frozen=True, slots=True)
 class OscillationDetector:
-    """Parameters. All are chosen."""
+    """Parameters of the detector. All are chosen."""
 
     __pydantic_config__: ClassVar = {"extra": "forbid"}
 
     window_ms: float = 7300.0
-    """Time within which the peaks must lie. Calm must last that long, doubled for every oscillation found, before the
-    gain is raised. Chosen: 40 samples of 180 ms, and a little for their spread.
+    """Time within which the peaks must lie. The calm must last that long, doubled for every oscillation detected,
+    before the gain is raised. Chosen: 40 samples of 180 ms, with a margin for jitter.
     """
     peaks: int = 6
     """Peaks beyond the band, on alternating sides, that make an oscillation: three periods."""
     decay: float = 0.7
-    """Least of the newer half of these peaks over the largest of the older; below, the swing dies away."""
+    """Smallest of the newer half of these peaks over the largest of the older; a smaller ratio is a decay."""
     resolution_mm: float = POSITION_STEP_MM
     """Resolution step of the robot's position."""
     force_uncertainty_n: float = 0.5
     """Half-width of the force noise."""
     band_min_n: float = 1.0
-    """The band while there is no stiffness estimate, and at least."""
+    """Smallest band, also used while there is no stiffness estimate."""
     notch: float = 0.5
-    """Factor by which each oscillation found lowers the gain."""
+    """Factor by which each detected oscillation lowers the gain."""
     factor_min: float = 0.125
-    """Least gain; an oscillation there means retract."""
+    """Smallest gain; an oscillation there ends the run."""
 
     def __post_init__(self) -> None:
         require_above_zero(
@@ -113,19 +116,17 @@ class OscillationDetector:
             if getattr(self, name) >= 1.0:
                 raise SettingError(name, f"must be below 1, got {getattr(self, name)}")
         if self.peaks < 4:
-            raise SettingError(
-                "peaks", f"must be at least 4, got {self.peaks}: two swings are what a step leaves"
-            )
+            raise SettingError("peaks", f"must be at least 4, got {self.peaks}: even a step leaves two")
 
     def initial(self) -> OscillationState:
-        """State before the first sample in contact."""
+        """Return the state before the first sample in contact."""
         return OscillationState()
 
     def step(
         self, state: OscillationState, error: float, stiffness: float | None, dt: float
     ) -> tuple[OscillationState, Advice]:
-        """One sample: force error in N, stiffness estimate in N/m, time since the sample before in s. An error that is
-        not finite is skipped.
+        """Return the state and the advice after one sample: force error in N, stiffness estimate in N/m, time since
+        the previous sample in s. An error that is not finite is skipped.
         """
         if not math.isfinite(error):
             return state, Advice(_CALM, state.factor, state.retract)
@@ -156,7 +157,7 @@ class OscillationDetector:
         return state, _WHOLE if factor == 1.0 and not state.retract else Advice(_CALM, factor, state.retract)
 
     def band(self, stiffness: float | None) -> float:
-        """Error that counts as rest, either way, N."""
+        """Return the largest error of a settled loop in either direction, N."""
         step = (stiffness or 0.0) * self.resolution_mm * 1e-3
         return max(self.band_min_n, step + self.force_uncertainty_n)
 
@@ -173,7 +174,7 @@ class OscillationDetector:
         peaks: tuple[tuple[float, float], ...],
         before: OscillationState,
     ) -> tuple[OscillationState, Advice]:
-        """Lower the gain and forget the peaks, so that the loop has a window to calm down."""
+        """Lower the gain and clear the peaks, so that the loop has a full window to calm down."""
         least = before.factor <= self.factor_min
         factor = before.factor if least else max(self.factor_min, before.factor * self.notch)
         newest = peaks[-self.peaks :]
@@ -184,7 +185,7 @@ class OscillationDetector:
             amplitude=sum(abs(error) for _, error in newest) / len(newest),
             period=2.0 * (newest[-1][0] - newest[0][0]) / (len(newest) - 1),
         )
-        found = before.found + 1
+        count = before.found + 1
         return OscillationState(
             time=now,
             quiet_since=now,
@@ -193,14 +194,14 @@ class OscillationDetector:
             peaks=(),
             factor=factor,
             retract=advice.retract,
-            found=found,
+            found=count,
         ), advice
 
 
 def _add(
     peaks: tuple[tuple[float, float], ...], at: float, error: float, band: float
 ) -> tuple[tuple[float, float], ...]:
-    """Append a finished peak; of two on one side only the larger counts."""
+    """Append a completed peak. Of two consecutive peaks on the same side, only the larger counts."""
     if abs(error) <= band:
         return peaks
     if peaks and peaks[-1][1] * error > 0.0:

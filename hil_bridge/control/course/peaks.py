@@ -1,4 +1,4 @@
-"""The extremes of every sensor frame between two decisions, so that no peak passes unjudged."""
+"""Extremes over all sensor frames between two decisions, so that no peak is missed."""
 
 import math
 from collections.abc import Sequence
@@ -7,9 +7,11 @@ from hil_bridge.control.geometry.wrist import NO_WRENCH, WristAtOrientation
 
 
 class Peaks:
-    """Takes every frame as it arrives and keeps the largest forces and moment until it is asked for them.
+    """Accumulator that receives every frame on arrival and keeps the largest forces and the largest moment until
+    `take`.
 
-    Forces are judged twice: from the zero, and with what the zero took off, so that a zero hides no force.
+    Each force is measured both relative to the zero and including the force removed by the zero, so that a zero
+    hides no force.
     """
 
     __slots__ = (
@@ -27,25 +29,27 @@ class Peaks:
     def __init__(
         self, wrist: WristAtOrientation, scales: Sequence[float], zero: Sequence[float] = NO_WRENCH
     ) -> None:
-        """`wrist` is the wrist at the orientation that the tool keeps, its first direction the approach. `scales`
-        are those of the sensor's facts, `zero` is the contact wrench that was taken for zero, N and N·m.
+        """Create the accumulator.
+
+        `wrist` is the wrist at the orientation that the tool keeps; its first direction is the approach. `scales`
+        are the scales from the sensor's facts. `zero` is the contact wrench used as the zero, N and N·m.
         """
         self.turn(wrist, scales)
         self._zero = tuple(zero)
         self._own: Sequence[float] = NO_WRENCH
         self._force = self._resultant = self._moment = 0.0
         self.saturated = False
-        """An axis was at the end of its range in one of the frames since `take`."""
+        """Whether an axis has been at the end of its range in a frame since `take`."""
 
     def turn(self, wrist: WristAtOrientation, scales: Sequence[float]) -> None:
-        """Note that the tool has another orientation from now on."""
+        """Set the orientation of the tool for the following frames."""
         rows = [[value * scale for value, scale in zip(row, scales, strict=True)] for row in wrist.matrix]
         self._matrix = tuple(map(tuple, rows))
         self._offset = wrist.offset
         self._direction = wrist.directions[0]
 
     def frame(self, values: Sequence[float]) -> None:
-        """Add the six values of a frame. In single numbers, for this runs for every frame of a stream."""
+        """Add the six values of a frame, as plain numbers because this runs for every frame of a stream."""
         fx, fy, fz, mx, my, mz = values
         (a, b, c, _, _, _), (d, e, f, _, _, _), (g, h, i, _, _, _), r, s, t = self._matrix
         ox, oy, oz, ou, ov, ow = self._offset
@@ -67,28 +71,31 @@ class Peaks:
             self._moment = square
 
     def rezero(self, wrench: Sequence[float]) -> None:
-        """Take this contact wrench, N and N·m, as the zero of a program; only `resultant` counts from there."""
+        """Set the zero of a program to this contact wrench, N and N·m. Only `resultant` is measured relative to it."""
         self._own = tuple(wrench)
 
     def resultant(self, values: Sequence[float]) -> float:
-        """Length of the contact force of one frame from the newest zero, N."""
+        """Return the magnitude of the contact force of one frame relative to the newest zero, N."""
         rows = zip(self._matrix[:3], self._offset[:3], self._own[:3], strict=True)
         return math.hypot(
             *(sum(m * n for m, n in zip(row, values, strict=True)) + o - p for row, o, p in rows)
         )
 
     def along(self, values: Sequence[float]) -> float:
-        """Contact force of one frame along the approach from the newest zero, N, positive while pressing."""
+        """Return the contact force of one frame along the approach relative to the newest zero, N, positive while
+        pressing.
+        """
         rows = zip(self._matrix[:3], self._offset[:3], self._own[:3], self._direction, strict=True)
         return -sum(
             n * (sum(m * v for m, v in zip(row, values, strict=True)) + o - p) for row, o, p, n in rows
         )
 
     def take(self) -> tuple[float, float, float, bool]:
-        """Force along the approach farthest from 0, N, largest resultant, N, and moment, N·m, of all frames since the
-        call before; zeros where none came. The last value is whether one was saturated.
+        """Return the extremes of all frames since the previous call: the force along the approach with the largest
+        magnitude, N, the largest resultant, N, the largest moment, N·m, and whether a frame was saturated. The
+        values are zeros if there were no frames.
         """
-        found = self._force, math.sqrt(self._resultant), math.sqrt(self._moment), self.saturated
+        peaks = self._force, math.sqrt(self._resultant), math.sqrt(self._moment), self.saturated
         self._force = self._resultant = self._moment = 0.0
         self.saturated = False
-        return found
+        return peaks

@@ -1,7 +1,8 @@
-"""A stroke as a pure state machine: approach, track the surface, retract. One touch, until the tool has lifted.
+"""Pure state machine of a stroke: approach, track the surface, retract. It covers one touch until the tool is
+lifted.
 
-The controller is stepped in TRACK only. Its state lives on through a contact loss and a new approach, so that the
-learnt stiffness is kept. `in_contact` tells it of the loss.
+The controller is stepped in TRACK only. Its state is kept through a contact loss and a new approach, so that the
+learnt stiffness is preserved. `in_contact` informs it of the loss.
 """
 
 import math
@@ -11,99 +12,100 @@ from typing import Any
 from msgspec import Struct
 from msgspec.structs import replace
 
-from hil_bridge.control.course.escape import escape_way
+from hil_bridge.control.course.escape import escape_distance
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.touch import Doubt, Touch, TouchTest, begin_tracking, keep_tracking
 from hil_bridge.control.types import Command, Controller, Measurement, ask, begin
 from hil_bridge.errors.causes import Cause, Reason
 
-# Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
+# Used in every cycle: before Python 3.12, access through the enum takes ten times as long.
 _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
 
 
 class Stride(Struct, frozen=True, gc=False):
-    """How a step leads one sample of tracking."""
+    """Parameters of a step for one sample of tracking."""
 
     reference: float
     """Desired force, N."""
     feed: float = 1.0
-    """Share of the speed along the surface; negative goes back."""
+    """Feed along the surface, as a share of the speed; negative for backward motion."""
 
 
 class Order(Struct, frozen=True, gc=False):
-    """The answer of a stroke, or of a step, for one sample."""
+    """Response of a stroke or a step to one sample."""
 
     phase: Phase
-    """Phase that this sample belonged to."""
+    """Phase to which this sample belongs."""
     depth: float
-    """Where the tool is wanted along the approach direction, m."""
+    """Target depth along the approach direction, m."""
     command: Command | None = None
-    """Answer of the controller; None outside TRACK."""
+    """Response of the controller; None outside TRACK."""
     reference: float | None = None
-    """Desired force, N; None for that of the task."""
+    """Desired force, N; None if the force of the task applies."""
 
 
 class StrokeState(Struct, frozen=True):
-    """Where a stroke is."""
+    """State of a stroke."""
 
     phase: Phase = _APPROACH
-    """Phase of the run. A stroke takes samples in APPROACH, TRACK and RETRACT; END tells that it has lifted."""
+    """Phase of the run. A stroke uses APPROACH, TRACK and RETRACT; END means that the tool is lifted."""
     travel: float = 0.0
-    """Length of the way commanded so far, m."""
+    """Path length commanded so far, m."""
     speed_mm_s: float = 0.0
-    """Speed to which the travel has risen since the touch, mm/s; 0 without contact, and where it stands or goes
-    back.
+    """Travel speed reached since the touch, mm/s; 0 while there is no contact, and while the travel pauses or moves
+    backwards.
     """
     turn: float | None = None
-    """Depth at which the present approach or retraction began, m; None before its first sample."""
+    """Depth at which the current approach or retraction began, m; None before its first sample."""
     in_contact: bool = False
     settled: bool = False
-    """The force has been high enough for the tool to travel, or the controller rests in its dead band, since contact
-    was found.
+    """Whether the tool may travel: since the first contact, the force has been high enough, or the controller has
+    been in its dead band.
     """
     free: float | None = None
-    """Reported position of the newest sample without contact, m."""
+    """Reported position in the newest sample without contact, m."""
     lost_at: float | None = None
-    """Depth commanded when contact was lost, m; None before the first loss and when it has been found
-    again.
-    """
+    """Depth commanded when contact was lost, m; None before the first loss and after contact is regained."""
     lost_for: float | None = None
-    """Time of the samples in a row without contact, s; None after one with contact."""
+    """Time of consecutive samples without contact, s; None after a sample with contact."""
     losses: int = 0
-    """Contact losses so far."""
+    """Number of contact losses so far."""
     controller: Any = None
-    """The controller's own state; None before the first contact."""
+    """Internal state of the controller; None before the first contact."""
     trouble: Reason | None = None
-    """Why the stroke has been given up, and retracts; None while it continues."""
+    """Reason why the stroke has been given up and the tool retracts; None while it continues."""
     stiffness: float | None = None
-    """The controller's last estimate of the contact stiffness, N/m."""
+    """Latest estimate of the contact stiffness by the controller, N/m."""
     doubt: Doubt = Doubt.NONE
-    """Why a touch must be proven, by the newest sample."""
+    """Reason why a touch in the newest sample must be confirmed."""
     touch: Touch | None = None
-    """The touch that is being proven, or was; None if there is none."""
+    """Touch that is being confirmed or has been confirmed; None if there is none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stroke:
-    """Steps a controller from the approach to the lifted tool."""
+    """Controller of the tool from the approach until the tool is lifted."""
 
     parameters: TaskParameters
     controller: Controller[Any]
     force_limit_n: float = math.inf
-    """Contact force at which the supervisor stops the run."""
+    """Contact force at which the supervisor stops the run, N."""
     position_step: float | None = None
-    """Step of the robot's position, m, in whole ones of which the tool moves; None for a robot that has none."""
+    """Resolution of the robot's position, m, of which every motion is a multiple; None for a robot without position
+    steps.
+    """
     escape_mm_s: float = 0.0
-    """Speed at which it goes back from a force beyond the limit, mm/s."""
+    """Speed of the retraction from a force beyond the limit, mm/s."""
     friction_share: float = 0.0
-    """Share of the contact force that may come up against the way by friction."""
+    """Share of the contact force that friction may cause against the motion."""
 
     def way(self, speed_mm_s: float, dt: float) -> float:
-        """Way of one sample at this speed, m.
+        """Return the distance covered in one sample at the given speed, m.
 
-        A robot that moves in whole position steps is given whole ones, so that every sample of a steady cycle asks for
-        the same. What rounds to none is not rounded: it adds up in the command, and the speed stays.
+        For a robot that moves in discrete position steps, the distance is a multiple of the step, so that every
+        sample of a steady cycle orders the same distance. A distance that would be rounded to 0 is not rounded: it
+        accumulates in the command, and the speed is kept.
         """
         way = speed_mm_s * 1e-3 * dt
         if self.position_step is None:
@@ -113,11 +115,12 @@ class Stroke:
     def step(
         self, state: StrokeState, measurement: Measurement, stride: Stride | None = None
     ) -> tuple[StrokeState, Order]:
-        """One sample. `measurement.in_contact` is not looked at: contact is judged here, from the force. Without a
-        stride the force is that of the parameters.
+        """Return the state and the order after one sample. `measurement.in_contact` is ignored: contact is derived
+        from the force.
 
-        A measurement that is not finite changes nothing and asks for the depth commanded before. A retraction continues
-        regardless, for it needs neither force nor position.
+        Without a stride, the desired force of the parameters applies. A measurement that is not finite changes
+        nothing and repeats the last commanded depth. A retraction continues even then, because it needs neither
+        force nor position.
         """
         phase = state.phase
         finite = math.isfinite(measurement.force + measurement.position)
@@ -138,11 +141,13 @@ class Stroke:
         return state, Order(phase, measurement.commanded)
 
     def is_proven(self, state: StrokeState) -> bool:
-        """Whether a contact may be taken for one."""
+        """Return whether a contact is confirmed."""
         return state.doubt is Doubt.NONE if state.touch is None else state.touch.proven
 
     def tracking(self, state: StrokeState) -> StrokeState:
-        """State at the first sample of tracking. The first moments of a touch that needed no proof are watched."""
+        """Return the state at the first sample of tracking. The first samples of a touch that needed no
+        confirmation are checked.
+        """
         memory = begin(self.controller) if state.controller is None else state.controller
         touch, risen = state.touch, state.speed_mm_s if state.phase is _TRACK else 0.0
         if state.phase is _APPROACH:
@@ -159,18 +164,20 @@ class Stroke:
         )
 
     def careful_step(self, ahead: float, dt: float, share: float = 1.0) -> float:
-        """Way into a place where the tool has not been, m, so short that a touch ends within the force allowed.
+        """Return the distance to move into unexplored space, m, short enough that a touch stays within the allowed
+        force.
 
-        Derived: there is no contact at the reported position. So however late a touch shows, it ends no deeper below
-        the surface than the command is `ahead` of that position. What is already under way is the delay as it is
-        measured; half of what is allowed at once keeps the steps even. A position that is not a number is no lead:
-        a retraction continues without it. `share` is the part of that force which a touch may make.
+        Derived: there is no contact at the reported position. So however late a touch is reported, it ends no
+        deeper below the surface than the command is `ahead` of that position. Motion that is ordered but not yet
+        reported represents the measured delay. Each move is at most half of the allowed distance, which keeps the
+        steps even. If the position is not a number, the delay counts as 0, so that a retraction continues. `share`
+        is the part of the allowed force that a touch may cause.
         """
         parameters = self.parameters
         allowed = share * min(parameters.force_n, self.force_limit_n / 2) / parameters.expected_stiffness_n_m
         lead = max(ahead, 0.0) if math.isfinite(ahead) else 0.0
-        way = self.way(parameters.approach_speed_mm_s, dt)
-        return max(min(way, allowed / 2, allowed - lead), _SLOWEST * dt)
+        distance = self.way(parameters.approach_speed_mm_s, dt)
+        return max(min(distance, allowed / 2, allowed - lead), _SLOWEST * dt)
 
     # --- approach
 
@@ -192,12 +199,12 @@ class Stroke:
         if state.doubt is Doubt.AXIS and limit_mm > self.parameters.unverified_depth_mm:
             limit_mm, setting = (
                 self.parameters.unverified_depth_mm,
-                "task.unverified_depth_mm, for an axis is not verified",
+                "task.unverified_depth_mm, because an axis is not verified",
             )
         if depth - turn > limit_mm * 1e-3 + _ROUNDING:
             text = (
-                f"no contact found within {limit_mm:g} mm: start nearer, set {setting}, or see whether frame.approach "
-                "points to the surface"
+                f"no contact found within {limit_mm:g} mm: start nearer, set {setting}, or check that "
+                "frame.approach points to the surface"
             )
             return self._give_up(state, measurement, Reason(Cause.NO_CONTACT, text))
         state = replace(state, turn=turn)
@@ -206,18 +213,22 @@ class Stroke:
         return state, Order(_APPROACH, depth)
 
     def _prove(self, state: StrokeState, measurement: Measurement) -> tuple[StrokeState, Order]:
-        """One sample of a touch in doubt: stand, and go deeper by a small step once the last one is answered."""
+        """Process one sample of a doubtful touch: pause, and move deeper by a small step once the force has
+        responded to the last step.
+        """
         parameters = self.parameters
         test = TouchTest(parameters.zero_change_n, parameters.least_stiffness, self.position_step or 0.0)
-        touch, way, reason = test.after(state.touch or Touch(state.doubt), measurement)
+        touch, step, reason = test.after(state.touch or Touch(state.doubt), measurement)
         state = replace(state, touch=touch)
         if reason is not None:
             return self._give_up(state, measurement, reason)
         ahead = measurement.commanded - measurement.position
-        way = (
-            min(way, max(self.careful_step(ahead, measurement.dt), self.position_step or 0.0)) if way else 0.0
+        step = (
+            min(step, max(self.careful_step(ahead, measurement.dt), self.position_step or 0.0))
+            if step
+            else 0.0
         )
-        return state, Order(_APPROACH, measurement.commanded + way)
+        return state, Order(_APPROACH, measurement.commanded + step)
 
     def _beyond_edge(self, state: StrokeState, depth: float) -> bool:
         limit = self.parameters.search_depth_limit_mm * 1e-3
@@ -239,26 +250,26 @@ class Stroke:
             if doubtful:
                 return self._prove(replace(state, phase=_APPROACH, turn=None, touch=touch), measurement)
         parameters, reference = self.parameters, stride.reference
-        settled = state.settled or measurement.force >= parameters.travel_from_share * reference
+        has_settled = state.settled or measurement.force >= parameters.travel_from_share * reference
         travel, risen = state.travel, 0.0
-        if state.in_contact and settled:
+        if state.in_contact and has_settled:
             speed, rise = parameters.speed_mm_s, parameters.travel_rise_s
             if rise:
                 speed = min(state.speed_mm_s + speed * measurement.dt / rise, speed)
             travel += self.way(speed, measurement.dt) * measurement.advance * stride.feed
             risen = speed if measurement.advance * stride.feed > 0.0 else 0.0
-        shown = replace(
+        adjusted = replace(
             measurement, in_contact=state.in_contact, travel_next=travel, free_position=state.free
         )
-        memory, command = ask(self.controller, state.controller, shown, reference)
+        memory, command = ask(self.controller, state.controller, adjusted, reference)
         order = Order(_TRACK, command.position, command, reference)
         stiffness = command.stiffness or state.stiffness
-        if state.in_contact:  # found again, if it was lost
+        if state.in_contact:  # regained, if it was lost
             return replace(
                 state,
                 travel=travel,
                 speed_mm_s=risen,
-                settled=settled or command.held,
+                settled=has_settled or command.held,
                 lost_at=None,
                 lost_for=None,
                 controller=memory,
@@ -271,7 +282,7 @@ class Stroke:
         state = replace(
             state,
             speed_mm_s=0.0,
-            settled=settled,
+            settled=has_settled,
             controller=memory,
             stiffness=stiffness,
             lost_for=lost_for,
@@ -292,38 +303,40 @@ class Stroke:
     def _give_up(
         self, state: StrokeState, measurement: Measurement, reason: Reason
     ) -> tuple[StrokeState, Order]:
-        """Retract from this sample on."""
+        """Begin to retract in this sample."""
         return self._retract(replace(state, phase=_RETRACT, turn=None, trouble=reason), measurement)
 
     def _retract(self, state: StrokeState, measurement: Measurement) -> tuple[StrokeState, Order]:
-        """Back by what is asked for, and at least to the depth of the start. Up to there the tool has been before;
-        beyond it something may be in the way, and the steps are those of an approach.
+        """Move back by the configured distance, and at least to the depth of the start. The tool has already been
+        in the space up to there. Beyond it there may be an obstacle, so the steps are the steps of an approach.
         """
         parameters, commanded = self.parameters, measurement.commanded
         turn = commanded if state.turn is None else state.turn
         goal = min(turn - parameters.retract_mm * 1e-3, 0.0)
         step = self.way(parameters.retract_speed_mm_s, measurement.dt)
-        stiffness = parameters.expected_stiffness_n_m  # not the one learnt: a harder one goes back less
-        escape = escape_way(measurement, self.force_limit_n, stiffness, self.escape_mm_s)
+        stiffness = (
+            parameters.expected_stiffness_n_m
+        )  # not the learnt one: a stiffer surface needs less distance
+        escape = escape_distance(measurement, self.force_limit_n, stiffness, self.escape_mm_s)
         if commanded > _ROUNDING:
             depth = max(commanded - max(step, escape), 0.0)
         else:
             careful = min(step, self.careful_step(measurement.position - commanded, measurement.dt))
             depth = max(commanded - max(careful, escape), min(goal, commanded))  # it may be beyond the goal
-        # A command that the supervisor held back at the workspace's border does not count as arrived.
+        # A command that the supervisor held at the workspace border has not arrived.
         phase = _END if commanded <= goal + _ROUNDING else state.phase
         return replace(state, phase=phase, turn=turn), Order(_RETRACT, depth)
 
 
 _ROUNDING = 1e-9
-"""Slack for sums of steps, m."""
+"""Tolerance for the rounding error of summed steps, m."""
 
 _CLOSING = 0.6
-"""Share of the force allowed for the approach of a robot that moves in no whole steps. Chosen: the rest is for its way
-until the touch has shown.
+"""Share of the allowed force that the approach of a robot without position steps may use. Chosen: the rest is
+reserved for its motion until the touch is reported.
 """
 
 _SLOWEST = 0.2e-3
-"""Speed of the approach whatever the stiffness, m/s. Chosen: 0.036 mm in a cycle of 180 ms, less than a step of the
-robot's position.
+"""Smallest speed of the approach, regardless of the stiffness, m/s. Chosen: 0.036 mm in a cycle of 180 ms, less
+than a step of the robot's position.
 """

@@ -1,11 +1,12 @@
-"""The last word before the wire: what may be sent, what is clamped, what ends the run. Pure.
+"""Supervisor: final check before a command is sent, which allows it, clamps it or ends the run. Pure.
 
-Which side is safe: away from the surface. Depth has three limits: a growth per second, a total, and the depth at which
-the stiffness in hand predicts the force limit. A move that pulls back is never shortened by these, only by the
-workspace. A request that leaves the workspace is cut where the straight way from the last allowed position meets its
-border. So the cut position is never deeper than both ends. A stop is latched: only a new state, made by an operator's
-decision, ends it. A stop asks for a retraction, and the retraction is supervised too: where it makes the force rise,
-the tool stands still.
+Away from the surface is the safe side. Depth has three limits: a growth per second, a total, and the depth at which
+the current stiffness predicts the force limit. These limits never shorten a move away from the surface; only the
+workspace does. A request that leaves the workspace is cut where the straight line from the last allowed position
+meets the border. So the cut position is never deeper than the deeper end of the line.
+
+A stop is latched: only a new state, created by an operator's decision, ends it. A stop requests a retraction, and
+the retraction is supervised too: if it raises the force, the tool stops.
 """
 
 import math
@@ -14,8 +15,8 @@ from dataclasses import dataclass
 from msgspec.structs import replace
 
 from hil_bridge.control.course import orientation, retreat
-from hil_bridge.control.course.depth_watch import untold_depth, watch_contact
-from hil_bridge.control.course.free_space import FreeSpace, lifeless, watch_sample
+from hil_bridge.control.course.depth_watch import unexplained_depth, watch_contact
+from hil_bridge.control.course.free_space import FreeSpace, dead_sensor_reason, watch_sample
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.stop_checks import Cycle, find_stop, is_inside, is_nearly_inside
 from hil_bridge.control.course.verdict import (
@@ -40,38 +41,40 @@ from protocol.geometry import Quaternion, Vector, angle_between, normalise
 
 @dataclass(frozen=True, slots=True)
 class Supervisor:
-    """Checks every cycle's observation and request against the limits."""
+    """Supervisor, which checks the observation and the request of every cycle against the limits."""
 
     limits: Limits
     speed: float = math.inf
-    """Path velocity that the robot is given, m/s: a reported position that moves faster is not true."""
+    """Path velocity set on the robot, m/s. A reported position that moves faster is false."""
     witness: Witness | None = None
-    """The rule for the robot's own force; None where it tells none."""
+    """Rule for the robot's own force; None if the robot reports no force."""
     presses_aside: bool = False
-    """The tool may press against what is beside its way: a force from there is judged by `force_limit_n`."""
+    """Whether the tool may press against an obstacle next to its path. If so, `force_limit_n` applies to the force
+    from the obstacle.
+    """
 
     def initial(self, position: Vector, depth: float = 0.0) -> SupervisorState:
-        """State for a robot that stands at this position in the base frame and at this depth, m.
+        """Return the initial state for a robot at the given position (base frame, m) and depth (m).
 
-        Raises ConfigError when that is outside the workspace. A reported position is taken with the same tolerance as
-        in a run: a tool may stand that far outside, and goes no farther out.
+        Raises ConfigError if the position is outside the workspace. The tolerance for a reported position is the
+        same as in a run: a tool may start outside by that tolerance, and moves no farther out.
         """
         if not is_nearly_inside(self.limits, position):
             raise ConfigError(
-                f"the robot stands at {position} m, outside the box of limits.workspace_…_m",
+                f"the robot is at {position} m, outside the box of limits.workspace_…_m",
                 remedy=_in_millimetres(self.limits, position),
                 cause=Cause.START,
             )
         return SupervisorState(depth, position)
 
     def allows(self, position: Vector) -> bool:
-        """Whether a place, base frame, m, is in the box of the workspace, to the letter."""
+        """Return whether a position (base frame, m) is inside the box of the workspace, without tolerance."""
         return is_inside(self.limits, position)
 
     def step(
         self, state: SupervisorState, observation: Observation, request: Request
     ) -> tuple[SupervisorState, Verdict]:
-        """Judge one cycle. After the first stop every answer is that stop."""
+        """Check one cycle and return the new state and verdict. After the first stop, every verdict is that stop."""
         if state.stopped is not None:
             return state, Stop(state.stopped)
         sample = observation.sample
@@ -86,7 +89,7 @@ class Supervisor:
         cycle = Cycle(
             limits=self.limits,
             state=state,
-            seen=observation,
+            observation=observation,
             request=request,
             slip=slip,
             still=still,
@@ -97,7 +100,7 @@ class Supervisor:
         stop, free = find_stop(cycle), None
         if stop is None and disagreed and self.witness is not None:
             stop = self.witness.find_stop(disagreed, observation)
-        if stop is None and (deeper := untold_depth(contact, self.limits)) > 0.0:
+        if stop is None and (deeper := unexplained_depth(contact, self.limits)) > 0.0:
             text = (
                 f"the tool is {deeper * 1e3:.1f} mm deeper than a force of {sample.force:.1f} N explains: "
                 f"the sensor may not tell {deeper * contact.stiffness:.0f} N"
@@ -130,79 +133,94 @@ class Supervisor:
         )
 
     def _bound(
-        self, state: SupervisorState, seen: Observation, request: Request
+        self, state: SupervisorState, observation: Observation, request: Request
     ) -> tuple[Allow | Clamp, Quaternion | None, Quaternion | None, float]:
-        """Limit the request; also return the allowed orientation, that of the start, and the lag."""
-        verdict = _clamp(self.limits, state, request, seen.dt)
-        if seen.sample.overdue > 0.0 and verdict.depth > state.depth:
-            verdict = _clamp(self.limits, state, _at_depth(request, state.depth), seen.dt)
+        """Return the limited request, the allowed orientation, the orientation at the start, and the lag of the
+        rotation.
+        """
+        verdict = _clamp(self.limits, state, request, observation.dt)
+        if observation.sample.overdue > 0.0 and verdict.depth > state.depth:
+            verdict = _clamp(self.limits, state, _at_depth(request, state.depth), observation.dt)
             verdict = Clamp(verdict.depth, verdict.position, (OVERDUE,), goes_on=True)
         if request.quaternion is None:
             return verdict, state.quaternion, state.home, state.lag
-        return self._turn(state, seen, request.quaternion, verdict)
+        return self._turn(state, observation, request.quaternion, verdict)
 
     def _in_free_space(
-        self, state: SupervisorState, seen: Observation
+        self, state: SupervisorState, observation: Observation
     ) -> tuple[FreeSpace | None, Reason | None]:
-        """Update the watch over the sensor while the tool moves through free space, and return its stop."""
-        if seen.position is None or seen.free_force is None:
+        """Return the updated sensor check while the tool moves through free space, and the reason to stop."""
+        if observation.position is None or observation.free_force is None:
             return None, None
-        changed = seen.sample.unchanged < seen.dt  # since the decision before
+        changed = observation.sample.unchanged < observation.dt  # since the previous decision
         free = watch_sample(
-            state.free, self.limits, seen.sample.now, -seen.free_force, (changed, seen.position)
+            state.free,
+            self.limits,
+            observation.sample.now,
+            -observation.free_force,
+            (changed, observation.position),
         )
-        return free, lifeless(
-            free, self.limits, seen.sample.now, -seen.free_force, (seen.sample.unchanged, seen.position)
+        return free, dead_sensor_reason(
+            free,
+            self.limits,
+            observation.sample.now,
+            -observation.free_force,
+            (observation.sample.unchanged, observation.position),
         )
 
     def _turn(
-        self, state: SupervisorState, seen: Observation, wanted: Quaternion, verdict: Allow | Clamp
+        self, state: SupervisorState, observation: Observation, target: Quaternion, verdict: Allow | Clamp
     ) -> tuple[Allow | Clamp, Quaternion, Quaternion, float]:
-        """Judge the orientation, too: verdict, allowed orientation, that of the start, and the new lag."""
-        before = state.quaternion or normalise(seen.sample.quaternion or wanted)
+        """Return the verdict including the orientation, the allowed orientation, the orientation at the start, and
+        the new lag.
+        """
+        before = state.quaternion or normalise(observation.sample.quaternion or target)
         home = state.home or before
-        given, reasons = orientation.limit_turn(self.limits, home, before, wanted, seen.dt)
-        lag = orientation.behind(state.lag, angle_between(before, given), seen.dt)
+        allowed, reasons = orientation.limit_turn(self.limits, home, before, target, observation.dt)
+        lag = orientation.behind(state.lag, angle_between(before, allowed), observation.dt)
         if reasons:
             holds, goes_on = (verdict.holds, verdict.goes_on) if isinstance(verdict, Clamp) else ((), True)
             verdict = Clamp(verdict.depth, verdict.position, (*holds, *reasons), goes_on)
-        return verdict, given, home, lag
+        return verdict, allowed, home, lag
 
     def stop(self, state: SupervisorState, reason: Reason) -> tuple[SupervisorState, Stop]:
-        """End the motion for a reason that was found elsewhere. The first stop stays."""
+        """End the motion for an external reason. The first stop is kept."""
         stopped = state.stopped or reason
         return replace(state, stopped=stopped), Stop(stopped)
 
     def retreat(
         self, state: SupervisorState, observation: Observation, request: Request
     ) -> tuple[SupervisorState, Verdict]:
-        """One cycle of pulling back, which no stop ends but one: a force that rises, or stays over its limit, while
-        the tool moves away. The tool stands still then.
+        """Check one cycle of a retraction. Only one condition stops it: a force that rises, or stays above its
+        limit, while the tool moves away.
 
-        Where the force cannot be known the tool goes back slowly to the depth of the start, where it has been. Where
-        it pressed, it goes back by `blind_retract_mm` at least. The request must be finite. A stop stays latched.
+        The tool then stops. If the force is unknown, the tool moves slowly back to the depth of the start, where it
+        has already been. If it pressed, it moves back by at least `blind_retract_mm`. The request must be finite. A
+        stop stays latched.
         """
-        before, seen, limits = state.retreat, observation, self.limits
+        before, effective, limits = state.retreat, observation, self.limits
         after = before
-        known = retreat.is_known(limits, before, seen) and self._fresh(seen)
+        known = retreat.is_known(limits, before, effective) and self._fresh(effective)
         if known:
-            after, reason = retreat.watch(limits, before, seen, state.contact)
+            after, reason = retreat.watch(limits, before, effective, state.contact)
             if reason is not None:
                 return replace(state, retreat=after, stopped=state.stopped or reason), Stop(reason)
-            held = SLOWLY if after.pull and after.stage in (Stage.GOES, Stage.TRUSTED) else WAITS
-            highest = state.depth - retreat.longest_way(after, seen.dt)
+            hold = SLOWLY if after.pull and after.stage in (Stage.GOES, Stage.TRUSTED) else WAITS
+            highest = state.depth - retreat.longest_step_back(after, effective.dt)
         else:
             goal = retreat.blind_goal(limits, state.pressed, before)
-            held = SLOWLY if goal < state.depth else NO_FARTHER
-            highest = state.depth - max(min(state.depth - goal, retreat.BLIND_M_S * seen.dt), 0.0)
-        verdict = _clamp(limits, state, request, seen.dt)
+            hold = SLOWLY if goal < state.depth else NO_FARTHER
+            highest = state.depth - max(min(state.depth - goal, retreat.BLIND_M_S * effective.dt), 0.0)
+        verdict = _clamp(limits, state, request, effective.dt)
         if verdict.depth < highest:
-            verdict = _clamp(limits, state, _at_depth(request, highest), seen.dt)
-            verdict = Clamp(verdict.depth, verdict.position, (held,), goes_on=held is not NO_FARTHER)
+            verdict = _clamp(limits, state, _at_depth(request, highest), effective.dt)
+            verdict = Clamp(verdict.depth, verdict.position, (hold,), goes_on=hold is not NO_FARTHER)
         return replace(state, depth=verdict.depth, position=verdict.position, retreat=after), verdict
 
-    def _fresh(self, seen: Observation) -> bool:
-        return 0.0 <= (seen.sample.now - seen.sample.sensor_at) * 1e3 <= self.limits.stale_after_ms
+    def _fresh(self, observation: Observation) -> bool:
+        return (
+            0.0 <= (observation.sample.now - observation.sample.sensor_at) * 1e3 <= self.limits.stale_after_ms
+        )
 
 
 _BEYOND_BARRIER = Reason(Cause.BARRIER, "deeper than where the force limit is predicted")
@@ -219,30 +237,33 @@ def _in_millimetres(limits: Limits, position: Vector) -> str:
 
 
 def _at_depth(request: Request, depth: float) -> Request:
-    """Return the same request at another depth."""
+    """Return a copy of the request at another depth."""
     (x, y, z), (a, b, c), by = request.position, request.direction, depth - request.depth
     return Request(depth, (x + a * by, y + b * by, z + c * by), request.direction, request.barrier)
 
 
 def _find_press(before: tuple[float, float] | None, observation: Observation) -> tuple[float, float] | None:
-    """Force and depth from which a pressing tool has had no answer; None while it does not press.
+    """Return the force and depth since which a pressing tool has caused no response; None while the tool does not
+    press.
 
-    A dead sensor's force changes a little all the same: it is turned by the reported orientation, which jitters.
+    Even the force of a dead sensor changes a little, because it is rotated by the reported orientation, which
+    jitters.
     """
     if not observation.pressing:
         return None
     sample, depth = observation.sample, observation.depth
-    still = sample.unchanged >= observation.dt  # not one count on any axis since the decision before
+    still = sample.unchanged >= observation.dt  # no change on any axis since the previous decision
     if before is None or not (still or abs(before[0] - sample.force) < _SAME_N):
         return sample.force, depth
-    # Where a tool that was pulled back in between comes from does not count.
+    # After an intermediate retraction, the earlier depth does not count.
     return (before[0], depth) if depth < before[1] else before
 
 
 def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) -> Allow | Clamp:
-    """Clamp the request to the limits of motion, `dt` seconds after the one before.
+    """Clamp the request to the motion limits. The previous request was `dt` seconds earlier.
 
-    Written in single numbers: this runs in every cycle, and arrays of three would cost ten times as much.
+    The calculation uses plain numbers because it runs in every cycle, and arrays of three elements take ten times
+    as long.
     """
     reasons: list[Reason] = []
     depth, target = request.depth, request.position
@@ -263,7 +284,7 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
         target, depth = (x - a * excess, y - b * excess, z - c * excess), deepest
 
     longest = limits.travel_mm_s * 1e-3 * dt
-    if math.dist(state.position, target) > longest:  # so that the part across may be longer, too
+    if math.dist(state.position, target) > longest:  # the part across may then also be longer
         (x, y, z), (_, (a, b, c)) = target, _parts(state.position, target, request.direction)
         length = math.hypot(a, b, c)
         if length > longest + _ROUNDING:
@@ -274,15 +295,15 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
     if not is_inside(limits, target):
         (x, y, z), low, high = target, limits.workspace_min_m, limits.workspace_max_m
         u, v, w = state.position
-        # A tool that stands a little outside since its start may stay there, and come back.
+        # A tool that started slightly outside may stay there, and return.
         low = min(low[0], u), min(low[1], v), min(low[2], w)
         high = max(high[0], u), max(high[1], v), max(high[2], w)
         if not (low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]):
-            # The part across the approach is cut first: a border beside the way must not hold the depth.
+            # The part across the approach is cut first: a lateral border must not hold the depth.
             (along, _), (a, b, c) = _parts(state.position, target, request.direction), request.direction
             target = u + a * along, v + b * along, w + c * along
             share = min(map(_share_inside, state.position, target, low, high))
-            # The last allowed position is inside; the border only takes off an error of the arithmetic.
+            # The last allowed position is inside; the border only removes rounding errors.
             x, y, z = (
                 min(max(before + share * (to - before), lowest), highest)
                 for before, to, lowest, highest in zip(state.position, target, low, high, strict=True)
@@ -297,7 +318,7 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
 
 
 def _parts(before: Vector, after: Vector, direction: Vector) -> tuple[float, Vector]:
-    """Split a motion into its part along a direction, m, and the part across it."""
+    """Split a motion into its component along a direction, m, and the vector across it, m."""
     (u, v, w), (x, y, z), (a, b, c) = before, after, direction
     x, y, z = x - u, y - v, z - w
     along = x * a + y * b + z * c
@@ -305,16 +326,16 @@ def _parts(before: Vector, after: Vector, direction: Vector) -> tuple[float, Vec
 
 
 def _share_inside(before: float, target: float, low: float, high: float) -> float:
-    """Share of the way from an allowed place to the target that stays between the borders, on one axis."""
+    """Return the share of the line from an allowed point to the target that stays between the borders, on one axis."""
     if low <= target <= high:
         return 1.0
     return ((high if target > before else low) - before) / (target - before)
 
 
 _ROUNDING = 1e-9
-"""Slack for arithmetic, m: a clamped request that comes again must be allowed."""
+"""Tolerance for rounding errors, m. It allows a clamped request to be repeated."""
 
 _SAME_N = 2e-3
-"""A force that differs by less is no answer to a tool that presses. Chosen: some times what the jitter of a reported
-orientation makes of 100 N, and less than a count of most sensors.
+"""Smallest change of force that counts as a response to a pressing tool, N. Chosen: several times the change of 100
+N that the jitter of a reported orientation causes, and less than a count of most sensors.
 """

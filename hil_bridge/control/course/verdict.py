@@ -1,4 +1,4 @@
-"""Observations, requests and verdicts of the supervisor: plain values."""
+"""Observations, requests and verdicts of the supervisor, as plain values."""
 
 import math
 from enum import StrEnum
@@ -15,168 +15,176 @@ from protocol.geometry import Quaternion, Vector
 
 
 class Observation(Struct, frozen=True, gc=False):
-    """The facts of a cycle as the guard sees them: the sample, and where it was taken."""
+    """Facts of a cycle as the supervisor receives them: the sample, and where it was taken."""
 
     sample: Sample
-    """Its force is that from the newest zero, or from the zero before it, whichever is more."""
+    """Sample with its force relative to the newest or the previous zero, whichever gives the larger force."""
     depth: float = 0.0
     """Reported position along the approach direction from the start point, m."""
     dt: float = SAMPLE_MS * 1e-3
-    """Time since the cycle before, as `Measurement.dt`, s."""
+    """Time since the previous cycle, s. Same as `Measurement.dt`."""
     pressing: bool = False
-    """Whether the tool is taken to be in contact."""
+    """Whether the tool is assumed to be in contact."""
     against: float = 0.0
-    """Contact force against the way, N; 0 where it is not known."""
+    """Contact force against the motion, N; 0 if unknown."""
     aside: float = 0.0
-    """Length of the contact force across the approach, or what the moments tell of it, whichever is more, N. 0 where
+    """Force across the approach, N: the larger of the measured force and the force derived from the moments. 0 if
     the axes that measure it are verified.
     """
     free_force: float | None = None
-    """Contact force along the approach direction from the newest zero while the tool moves through free space, N; None
-    elsewhere.
+    """Contact force along the approach direction relative to the newest zero while the tool moves through free
+    space, N; None otherwise.
     """
 
     @property
     def position(self) -> Vector | None:
-        """Reported position, base frame, m; None where it is not to be judged."""
+        """Reported position, base frame, m; None if it must not be checked."""
         return None if self.sample.tilt is None else self.sample.position
 
 
 class Request(Struct, frozen=True, gc=False):
-    """Target that the task asks for."""
+    """Target that the task requests."""
 
     depth: float
-    """Along the approach direction from the start point, m."""
+    """Target depth along the approach direction from the start point, m."""
     position: Vector
-    """The same target as a point in the base frame, m."""
+    """Target position in the base frame, m."""
     direction: Vector
     """Approach direction: unit vector into the surface, base frame."""
     barrier: float = math.inf
-    """Depth at which the force limit less its margin is predicted, m."""
+    """Depth at which the predicted force reaches the force limit less its margin, m."""
     quaternion: Quaternion | None = None
-    """Orientation wanted; None leaves it as it is."""
+    """Desired orientation; None to keep the current orientation."""
     stiffness: tuple[float | None, float] = (None, 5000.0)
-    """Stiffness of the contact that the controller has learnt, None where it has none, and that expected, N/m."""
+    """Contact stiffness learnt by the controller (None if unknown), and expected contact stiffness, N/m."""
 
 
 class Allow(Struct, frozen=True, gc=False):
-    """Send the request as it is."""
+    """Verdict to send the request unchanged."""
 
     kind: ClassVar[str] = "allow"
     depth: float
-    """Depth of the command from the start point, m."""
+    """Commanded depth relative to the start point, m."""
     position: Vector
-    """The same as a point in the base frame, m."""
+    """Commanded position in the base frame, m."""
 
 
 class Clamp(Struct, frozen=True):
-    """Send this instead of the request."""
+    """Verdict to send another target instead of the request."""
 
     kind: ClassVar[str] = "clamp"
     depth: float
-    """Depth of the command from the start point, m."""
+    """Commanded depth relative to the start point, m."""
     position: Vector
-    """The same as a point in the base frame, m."""
+    """Commanded position in the base frame, m."""
     holds: tuple[Reason, ...]
-    """Why it is not the request."""
+    """Reasons why the target differs from the request."""
     goes_on: bool = False
-    """It holds back a way that continues later."""
+    """Whether the clamp only delays a motion that continues later."""
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why it is not the request, in words."""
+        """Reasons why the target differs from the request, as text."""
         return tuple(map(str, self.holds))
 
     def is_for(self, cause: Cause) -> bool:
-        """Whether this is one of its causes."""
+        """Return whether the cause is one of the reasons."""
         return any(reason.cause is cause for reason in self.holds)
 
 
 class Stop(Struct, frozen=True):
-    """Send nothing more: end the motion."""
+    """Verdict to send no further commands and end the motion."""
 
     kind: ClassVar[str] = "stop"
     reason: Reason
 
 
 LEAVES = Reason(Cause.WORKSPACE, "leaves the workspace")
-WAITS = Reason(Cause.RETRACT_WAITS, "the force does not come down: the retraction waits, then tries slowly")
-SLOWLY = Reason(Cause.NO_FORCE, "without a force to go by slowly back")
-NO_FARTHER = Reason(Cause.NO_FORCE, "without a force to go by no farther back")
+WAITS = Reason(
+    Cause.RETRACT_WAITS, "the force does not decrease: the retraction pauses, then continues slowly"
+)
+SLOWLY = Reason(Cause.NO_FORCE, "slow retraction because the force is unknown")
+NO_FARTHER = Reason(Cause.NO_FORCE, "no further retraction because the force is unknown")
 OVERDUE = Reason(Cause.OVERDUE, "no deeper while the next force is late")
 
 Verdict: TypeAlias = Allow | Clamp | Stop
 
 
 class Stage(StrEnum):
-    """Stages of a retraction that the force from the front does not answer."""
+    """Stages of a retraction, which depend on whether it reduces the force from the front."""
 
     GOES = "goes"
-    """It continues."""
+    """The retraction continues."""
     WAITS = "waits"
-    """It stands, to see whether the force rises without it."""
+    """The retraction pauses, to observe whether the force rises without motion."""
     SLOW = "slow"
-    """It tries a second time, slowly."""
+    """The retraction is tried again, slowly."""
     TRUSTED = "trusted"
-    """The force rose while it stood, or fell when it tried again: the way back is right, and it continues."""
+    """The force rose during the pause, or fell on the second try. The direction is therefore right, and the
+    retraction continues.
+    """
 
 
 class Retreat(Struct, frozen=True):
-    """Course of a retraction so far."""
+    """State of a retraction."""
 
     began_at: float
-    """s on the run's clock."""
+    """Start time, s on the run's clock."""
     from_contact: bool
-    """The tool pressed when it began."""
+    """Whether the tool pressed when the retraction began."""
     lowest: float
-    """Resultant force that it has come down to, N; while it has not taken effect yet, the newest."""
+    """Lowest resultant force so far, N; the newest force until the retraction has taken effect."""
     depth: float
-    """Reported depth at which the force last came down, m."""
+    """Reported depth at which the force last decreased, m."""
     within: bool = False
-    """The retraction began within the force limit, so that nothing may carry the force beyond."""
+    """Whether the retraction began within the force limit. If so, nothing may raise the force beyond the limit."""
     force: float = 0.0
-    """Force along the approach when it began, N."""
+    """Force along the approach when the retraction began, N."""
     front: float = 0.0
-    """Largest force from the front that was told since, N."""
+    """Largest reported force from the front since the retraction began, N."""
     stage: Stage = Stage.GOES
     since: float = 0.0
-    """When it began to wait, s on the run's clock."""
+    """Time at which the retraction began to pause, s."""
     level: float = 0.0
-    """Force beyond which it must not rise at this stage, N."""
+    """Force that must not be exceeded in this stage, N."""
     dt: float = 0.0
-    """Time of the cycle in which it began to wait, s."""
+    """Duration of the cycle in which the retraction began to pause, s."""
     begun: float = 0.0
     """Reported depth when the retraction began, m."""
     pull: float = 0.0
-    """Pull that the unloading of a tool has made which is deeper than its force explains, N."""
+    """False pull that unloading causes if the tool is deeper than its force explains, N."""
 
 
 class SupervisorState(Struct, frozen=True, gc=False):
-    """Place of the last allowed command, the reports of the devices, and the stop if there was one."""
+    """State of the supervisor: last allowed command, last device reports, and the stop if there was one."""
 
     depth: float
-    """Depth allowed last, m; at the beginning that of the reported position, so 0 at the start point."""
+    """Last allowed depth, m. The initial value is the depth of the reported position, which is 0 at the start point."""
     position: Vector
-    """Position allowed last, base frame, m; at the beginning the reported one."""
+    """Last allowed position, base frame, m. The initial value is the reported position."""
     sensor_sequence: int | None = None
     still: float = 0.0
-    """Time of the cycles without a new sensor frame, s."""
+    """Accumulated time of the cycles without a new sensor frame, s."""
     pressed: tuple[float, float] | None = None
-    """Contact force that has not changed since, N, and the reported depth when it was new, m; None without contact."""
+    """Contact force that has stayed unchanged, N, and the reported depth at its last change, m; None without
+    contact.
+    """
     stopped: Reason | None = None
     reported: tuple[float, Vector] | None = None
-    """When a position was judged last, s, and that position, base frame, m; None before the first."""
+    """Time at which a position was last checked, s, and the checked position, base frame, m; None before the first
+    check.
+    """
     retreat: Retreat | None = None
-    """None while the run continues."""
+    """State of the retraction; None while the run continues."""
     quaternion: Quaternion | None = None
-    """Orientation allowed last; None for that of the start."""
+    """Last allowed orientation; None for the orientation at the start."""
     home: Quaternion | None = None
-    """Orientation from which the tilt counts; None before the tool was turned."""
+    """Orientation from which the tilt is measured; None until the tool is first rotated."""
     lag: float = 0.0
-    """Turn that the robot may not have followed yet, rad."""
+    """Rotation that the robot may still have to follow, rad."""
     disagreed: float | None = None
     """Weighted time for which force sensor and robot have disagreed, s; None while they agree."""
     free: FreeSpace | None = None
-    """Watch over the sensor while the tool moves through free space; None elsewhere."""
+    """State of the sensor check while the tool moves through free space; None otherwise."""
     contact: Contact | None = None
-    """Depth and force of the contact, and where the tool was last free; None before the first cycle."""
+    """Depth and force of the contact, and the position where the tool was last free; None before the first cycle."""

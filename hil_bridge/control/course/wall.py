@@ -1,6 +1,6 @@
-"""Friction and walls: which part of a force against the way something in the way makes. Pure."""
+"""Friction and walls: the share of a force against the motion that an obstacle causes. Pure."""
 
 
 def beyond_friction(against: float, pressed: float, friction_share: float) -> float:
-    """Part of a force against the way, N, that friction at this contact force, N, does not explain."""
+    """Return the part of a force against the motion that friction at the given contact force does not explain, N."""
     return against - friction_share * max(pressed, 0.0)

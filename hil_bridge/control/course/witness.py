@@ -1,8 +1,9 @@
-"""The second witness: the force that the robot itself feels, beside that of the force sensor. Pure.
+"""Second witness: comparison of the force sensor with the robot's own force estimate. Pure.
 
-A robot's own force is coarse and has an offset, so it is no measure of the contact. It tells only whether the sensor
-can be right. A gross difference that lasts means that one of the two is wrong, or that something touches the robot
-beside the sensor. The run ends then, and the tool goes back. A witness that is silent changes nothing.
+A robot's own force estimate is coarse and has an offset, so it does not measure the contact. It only shows whether
+the sensor can be right. A large difference that persists means that the sensor or the robot is wrong, or that
+something touches the robot outside the sensor. The run then ends, and the tool retracts. If the robot reports no
+force, nothing changes.
 """
 
 import math
@@ -13,49 +14,52 @@ from hil_bridge.control.course.verdict import Observation
 from hil_bridge.errors.causes import Cause, Reason
 
 SHARE = 0.5
-"""Share of the larger force that may always be missing in the other. Chosen: a touch that both see 25 ms apart stays
-within it, and a sensor that tells a third of the force does not.
+"""Share of the larger force by which the other force may always be smaller. Chosen: a touch that both measure 25 ms
+apart stays within this share, and a sensor that reports a third of the force does not.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Witness:
-    """How far, and for how long, the robot's own force may be from the sensor's."""
+    """Limits of size and duration for a difference between the robot's own force and the sensor's force."""
 
     ordinary_n: float
-    """Difference that is still ordinary, N."""
+    """Largest normal difference, N."""
     lasting_s: float
-    """Time for which a larger one may last, s."""
+    """Maximum duration of a larger difference, s."""
 
-    def disagreed(self, before: float | None, seen: Observation) -> float | None:
-        """Time for which both have disagreed, s; None while they agree, or there is no witness.
+    def disagreed(self, before: float | None, observation: Observation) -> float | None:
+        """Return the time for which robot and sensor have disagreed, s; None while they agree, or if there is no
+        witness.
 
-        Each cycle is weighed by how many times the difference is what is allowed. The first one counts nothing: one
-        sample is no difference that lasts.
+        Each cycle is weighted by the ratio of the actual to the allowed difference. The first cycle counts 0,
+        because a single sample is not a lasting difference.
         """
-        witness = seen.sample.witness
+        witness = observation.sample.witness
         if witness is None or not math.isfinite(witness):
             return None
-        apart = abs(witness - seen.sample.force)
-        allowed = max(self.ordinary_n, SHARE * max(abs(witness), abs(seen.sample.force)))
+        apart = abs(witness - observation.sample.force)
+        allowed = max(self.ordinary_n, SHARE * max(abs(witness), abs(observation.sample.force)))
         if apart <= allowed:
             return None
-        return 0.0 if before is None else before + seen.dt * apart / allowed
+        return 0.0 if before is None else before + observation.dt * apart / allowed
 
-    def find_stop(self, disagreed: float | None, seen: Observation) -> Reason | None:
-        """Return the reason to stop for a difference that has lasted too long; None for another."""
+    def find_stop(self, disagreed: float | None, observation: Observation) -> Reason | None:
+        """Return the reason to stop if a difference has lasted too long; otherwise None."""
         if disagreed is None or disagreed < self.lasting_s:
             return None
-        force, witness = seen.sample.force, seen.sample.witness
+        force, witness = observation.sample.force, observation.sample.witness
         text = (
-            f"the force sensor tells {force:.1f} N, the robot itself feels {witness:.1f} N: look whether the "
+            f"the force sensor reports {force:.1f} N, the robot itself measures {witness:.1f} N: look whether the "
             "sensor reads what presses on the tool, and whether anything else touches the robot"
         )
         return Reason(Cause.WITNESS, text)
 
 
 def witness_of(limits: Limits, ordinary_n: float, delay_s: float) -> Witness | None:
-    """Return the rule for a robot that measures a force itself, by settings and facts; None if it is not requested."""
+    """Return the rule for a robot that measures a force itself, from settings and device facts; None if the check
+    is not requested.
+    """
     if limits.witness_n == 0.0:
         return None
     allowed_n = ordinary_n if limits.witness_n is None else limits.witness_n

@@ -1,4 +1,4 @@
-"""A retracting tool that yields to a force from the side, and leaves free space the way it came. Pure."""
+"""Retraction that yields to a force from the side, and the return through free space along the same path. Pure."""
 
 import math
 
@@ -10,25 +10,26 @@ from hil_bridge.control.course.wall import beyond_friction
 from hil_bridge.control.geometry.ways import Place
 
 YIELD_M = 10e-3
-"""Chosen: farthest that a tool goes aside while it retracts, m."""
+"""Maximum sideways motion of the tool while it retracts, m. Chosen."""
 _PUSHED_N = 5.0
-"""Chosen: force from the side, beyond friction, from which a tool that retracts yields, N."""
+"""Force from the side, beyond friction, above which a retracting tool begins to yield, N. Chosen."""
 _RELEASED_N = 1.0
-"""Chosen: force from the side down to which it continues yielding, N."""
+"""Force from the side below which a retracting tool stops yielding, N. Chosen."""
 _BACK_M = 1e-3
-"""Chosen: distance that a tool goes back through free space at least, m, whatever the force says."""
+"""Minimum distance that a tool moves back through free space, regardless of the force, m. Chosen."""
 
 
 def yield_to(
     state: StepState[M], contact: ContactSample, step: tuple[float, float], works_aside: bool
 ) -> StepState[M]:
-    """State of a tool that retracts, one step away from what pushes it from the side. `step` is that way, m, and the
-    share of the contact force that friction makes.
+    """Return the state of a retracting tool after one step away from a force from the side.
 
-    Pulled straight back, a tool that presses against a wall would scrape along it. It goes back along its path, where
-    it came from. A tool that works against the side too goes aside as well, and never on along its path. Where the
-    direction of the force is not verified, its length counts; where its moment contradicts it, the tool goes back the
-    way it came.
+    `step` holds the distance of the step, m, and the share of the contact force that friction may cause.
+
+    A tool that presses against a wall would scrape along it if it were pulled straight back. So it moves back along
+    its path. A tool that also works sideways moves aside as well, but never forward along its path. If the
+    direction of the force is not verified, its magnitude counts; if the moment contradicts the force, the tool
+    moves back along its path.
     """
     (pressed, x, y), (h, k), (way, friction_share) = contact.force, state.heading, step
     against = contact.against(state.heading)
@@ -52,17 +53,17 @@ def yield_to(
     return replace(state, at=(state.at[0] - way * h, state.at[1] - way * k), yielded=state.yielded + way)
 
 
-def go_back(state: StepState[M], origin: Place, contact: ContactSample, way: float) -> StepState[M]:
-    """State of a tool whose motion through free space failed, one step of this length, m, back towards `origin`, where
-    that motion began, m.
+def go_back(state: StepState[M], origin: Place, contact: ContactSample, distance: float) -> StepState[M]:
+    """Return the state after one step back towards `origin`, for a tool whose motion through free space failed.
+    `distance` is the length of the step, m; `origin` is where the motion began, m.
     """
     (x, y), (u, v) = state.at, origin
     left = math.hypot(x - u, y - v)
-    way = min(way, left, YIELD_M - state.yielded)
-    if not way > 0.0:
+    distance = min(distance, left, YIELD_M - state.yielded)
+    if not distance > 0.0:
         return state
     h, k = (x - u) / left, (y - v) / left
     freed = max(contact.against((h, k)), contact.aside) <= _RELEASED_N and not contact.sample.hidden
     if freed and state.yielded >= _BACK_M:
         return state
-    return replace(state, at=(x - way * h, y - way * k), yielded=state.yielded + way)
+    return replace(state, at=(x - distance * h, y - distance * k), yielded=state.yielded + distance)

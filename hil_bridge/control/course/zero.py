@@ -1,6 +1,6 @@
-"""Checks of a sensor before its reading is taken for zero, and before anything moves. Pure.
+"""Checks of a sensor before its reading is used as the zero, and before the robot moves. Pure.
 
-A reading is the mean of some frames in the sensor frame, fx fy fz in N and mx my mz in N·m, shape (6,).
+A reading is the mean of some frames in the sensor frame: fx fy fz in N and mx my mz in N·m, shape (6,).
 """
 
 import math
@@ -17,30 +17,34 @@ AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 """Names of the sensor's axes, in the order of a reading."""
 
 UNVERIFIED_SHARE = 0.1
-"""Chosen: part of a force that may lie on axes which nothing has verified. Were they mirrored, the sensor would tell 80
-% of it.
+"""Largest share of a force that may act on unverified axes. Chosen: if these axes were mirrored, the sensor would
+report 80 % of the force.
 """
 
 MAIN_SHARE = 0.5
-"""Share of the approach direction on a sensor's axis from which that axis matters. Chosen: tilted by less than 60°."""
+"""Smallest component of the approach direction on an axis of the sensor for which the axis matters. Chosen: an axis
+tilted by less than 60°.
+"""
 
 _MOMENT_ARM = 0.1
-"""Chosen: N·m of unrest for each N that is allowed, m, the order of a tool's length."""
+"""Allowed fluctuation of a moment, N·m, divided by the allowed fluctuation of a force, N, in m. Chosen: the order
+of magnitude of a tool's length.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Some frames of a sensor that was left alone."""
+    """Mean of several frames of a sensor without contact."""
 
     mean: tuple[float, ...]
-    """N and N·m in the sensor frame, (6,)."""
+    """Mean in the sensor frame, N and N·m, shape (6,)."""
     drift: tuple[float, ...]
-    """Mean of the newer half less that of the older one, N and N·m, (6,)."""
+    """Mean of the newer half less the mean of the older half, N and N·m, shape (6,)."""
     error_n: float = 0.0
-    """Standard error of the mean by the white noise of the frames, of the force axis where it is largest, N."""
+    """Standard error of the mean due to the white noise of the frames, for the noisiest force axis, N."""
 
     def unsteady(self, change_n: float) -> str:
-        """Which axis drifts by more than this, in words; empty for a reading at rest."""
+        """Return a description of an axis that drifts by more than `change_n`; empty if the reading is steady."""
         for axis, drift, limit, unit in zip(AXES, self.drift, _limits(change_n), _UNITS, strict=True):
             if abs(drift) > limit:
                 return f"{axis} drifts by {drift:+.2f} {unit}"
@@ -55,7 +59,7 @@ def _limits(change_n: float) -> tuple[float, ...]:
 
 
 def reading(wrenches: Sequence[Sequence[float]]) -> Reading:
-    """Joint finding from these frames; at least two of them, oldest first."""
+    """Return the mean of the given frames, oldest first. At least two frames are required."""
     table = np.asarray(wrenches, dtype=float)
     half = len(table) // 2
     drift = table[half:].mean(axis=0) - table[:half].mean(axis=0)
@@ -65,30 +69,34 @@ def reading(wrenches: Sequence[Sequence[float]]) -> Reading:
 
 
 def weight_reading(wrist: Wrist, quaternion: Quaternion) -> tuple[float, ...]:
-    """Return the sensor's reading for this tool and its own bias at this orientation, without contact, (6,)."""
+    """Return the reading of a sensor with this tool and its own bias at the given orientation, without contact,
+    shape (6,).
+    """
     weight = tool_gravity_wrench(quaternion, wrist.mass, wrist.centre_of_gravity)
     to_sensor = wrist.alignment().T
-    seen = np.concatenate([to_sensor @ weight[:3], to_sensor @ weight[3:]]) + np.asarray(wrist.bias)
-    return tuple(seen.tolist())
+    load = np.concatenate([to_sensor @ weight[:3], to_sensor @ weight[3:]]) + np.asarray(wrist.bias)
+    return tuple(load.tolist())
 
 
 def weight_fault(
     read: Sequence[float], expected: Sequence[float], tolerance_n: float, tolerance_nm: float
 ) -> str:
-    """Why a reading is not that of the tool alone, axis by axis and with what it looks like; empty while it is."""
+    """Return a description of how a reading differs from the weight of the tool, for each axis and with the likely
+    cause; empty if it matches.
+    """
     tolerances = (tolerance_n,) * 3 + (tolerance_nm,) * 3
     wrong = [k for k in range(len(AXES)) if not abs(read[k] - expected[k]) <= tolerances[k]]
     if not wrong:
         return ""
-    told = ", ".join(
+    deviations = ", ".join(
         f"{AXES[k]} reads {read[k]:.2f} {_UNITS[k]} where the tool's weight is {expected[k]:.2f} {_UNITS[k]}"
         for k in wrong
     )
-    return f"{told}: {_likeness(read, expected, tolerances)}"
+    return f"{deviations}: {_likeness(read, expected, tolerances)}"
 
 
 def _likeness(read: Sequence[float], expected: Sequence[float], tolerances: Sequence[float]) -> str:
-    """Possible causes of a reading, in words: always a touch, and one fault of an axis where it fits."""
+    """Return possible causes of a reading, as text: always a touch, and also a fault of one axis if it fits."""
     touch = "the tool touches something"
     main = max(range(3), key=lambda k: abs(expected[k]))
     value, weight, tolerance = read[main], expected[main], tolerances[main]
@@ -103,15 +111,15 @@ def _likeness(read: Sequence[float], expected: Sequence[float], tolerances: Sequ
         if quiet and abs(value) <= tolerance:
             return f"{touch}, {AXES[main]} is dead or scaled wrongly, or the tool is gone"
     return (
-        f"{touch}, the tool or the sensor's bias is another (`identify tool`), or an axis is scaled wrongly"
+        f"{touch}, the tool or the sensor's bias has changed (`identify tool`), or an axis is scaled wrongly"
     )
 
 
 def unverified_axes(
     wrist: Wrist | None, quaternion: Quaternion, tolerance_n: float, tolerance_nm: float
 ) -> tuple[int, ...]:
-    """Numbers of the axes on which a reading of the weight proves nothing: a dead one would read the same within its
-    tolerance. All of them where the tool's weight is not known.
+    """Return the indices of the axes that the tool's weight cannot verify, because a dead axis would give the same
+    reading within its tolerance. All axes are included if the tool's weight is unknown.
     """
     if wrist is None:
         return tuple(range(len(AXES)))
@@ -123,9 +131,9 @@ def unverified_axes(
 def doubtful_axes(
     wrist: Wrist, direction: Sequence[float], quaternion: Quaternion, unverified: Collection[int]
 ) -> tuple[int, ...]:
-    """Numbers of the force axes, of those that nothing has verified, on which too much of a force in this direction
-    lies; empty where they carry no more than `UNVERIFIED_SHARE` of it together. `direction` is a unit vector, base
-    frame.
+    """Return the indices of the unverified force axes that carry too large a share of a force in the given
+    direction; empty if together they carry no more than `UNVERIFIED_SHARE`. `direction` is a unit vector in the
+    base frame.
     """
     shares = wrist.in_sensor_axes(direction, quaternion).tolist()
     parts = {k: shares[k] ** 2 for k in range(3) if k in unverified}
@@ -135,15 +143,17 @@ def doubtful_axes(
 
 
 def main_axes(wrist: Wrist, approach: Sequence[float], quaternion: Quaternion) -> tuple[int, ...]:
-    """Numbers of the sensor's force axes on which the approach direction mainly lies."""
+    """Return the indices of the sensor's force axes with a major component of the approach direction."""
     shares = wrist.in_sensor_axes(approach, quaternion).tolist()
     return tuple(k for k, share in enumerate(shares) if abs(share) >= MAIN_SHARE)
 
 
 def lost_forces(wrist: Wrist | None, approach: Sequence[float], quaternion: Quaternion) -> tuple[float, ...]:
-    """Return the forces along the approach that a sensor reports, from its zero, after losing the tool's weight, N.
+    """Return the forces along the approach, relative to its zero, that a sensor would report after losing the
+    tool's weight, N.
 
-    It loses the weight on all axes, or on one that the approach mainly lies on. Empty if the weight is unknown.
+    The sensor may lose the weight on all axes, or on one of the main axes of the approach. Empty if the weight is
+    unknown.
     """
     if wrist is None:
         return ()
@@ -156,26 +166,27 @@ def lost_forces(wrist: Wrist | None, approach: Sequence[float], quaternion: Quat
 def lift_fault(
     change: float, before: float | None, after: float | None, change_n: float, moved_mm: float
 ) -> str:
-    """Why the force that changed on the way from the surface forbids a zero; empty while it may be taken.
+    """Return the reason why a force that changed during the motion from the surface forbids a zero; empty if the
+    zero may be taken.
 
-    `change` is the length of the change of the force, N; `before` and `after` are lengths of the contact force, N, None
-    where the tool's weight is not known.
+    `change` is the magnitude of the change of the force, N. `before` and `after` are magnitudes of the contact
+    force, N, or None if the tool's weight is unknown.
     """
     if change <= change_n:
         return ""
-    way = f"while the tool moved {moved_mm:.3f} mm against frame.approach"
+    motion = f"while the tool moved {moved_mm:.3f} mm against frame.approach"
     if before is None or after is None:
         return (
-            f"the force changed by {change:.1f} N {way}: the tool was touching, or frame.approach points the wrong "
+            f"the force changed by {change:.1f} N {motion}: the tool was touching, or frame.approach points the wrong "
             "way; "
             "free it (hil-bridge free), or correct frame.approach"
         )
     if after < before:
         return (
-            f"the tool was touching: the contact force fell from {before:.1f} to {after:.1f} N {way}; "
+            f"the tool was touching: the contact force fell from {before:.1f} to {after:.1f} N {motion}; "
             "free it (hil-bridge free), then start again"
         )
     return (
-        f"away is not away: the contact force rose from {before:.1f} to {after:.1f} N {way}; "
+        f"away is not away: the contact force rose from {before:.1f} to {after:.1f} N {motion}; "
         "correct frame.approach, or look what is behind the tool"
     )

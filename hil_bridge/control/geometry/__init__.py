@@ -1,1 +1,1 @@
-"""Frames, rotations and the wrist."""
+"""Geometry: frames, rotations, paths and the wrist."""

@@ -1,4 +1,4 @@
-"""How a program turns the tool: the orientation that a step wants, brought there no faster than allowed."""
+"""Rotation of the tool towards the orientation that a step requests, within the allowed speed."""
 
 import math
 from collections.abc import Sequence
@@ -8,38 +8,38 @@ from protocol.geometry import Pose, Quaternion, Vector, angle_between, product, 
 
 _NOWHERE: Vector = (0.0, 0.0, 0.0)
 _ALIGNED = math.radians(0.02)
-"""Chosen: an orientation that is nearer than this is not ordered again, rad."""
+"""Largest angle to the desired orientation at which no new orientation is ordered, rad. Chosen."""
 
 
 def tip_tool(home: Quaternion, axis: Vector) -> Quaternion:
-    """Return the orientation nearest to `home` whose tool z axis is this unit vector of the base frame."""
-    return product(_shortest(rotate(home, (0.0, 0.0, 1.0)), axis), home)
+    """Return the orientation nearest to `home` whose tool z axis is the given unit vector in the base frame."""
+    return product(_smallest_rotation(rotate(home, (0.0, 0.0, 1.0)), axis), home)
 
 
 def yaw_tool(home: Quaternion, approach: Vector, before: Place, heading: Place) -> Quaternion:
-    """`home` turned about the approach by the angle from one heading in the work frame to another."""
+    """Return `home` rotated about the approach by the angle between two headings in the work frame."""
     sine = before[0] * heading[1] - before[1] * heading[0]
     angle = math.atan2(sine, before[0] * heading[0] + before[1] * heading[1])
     # x towards y turns about the work frame's z axis, which points against the approach
     return product(turn_about(approach, -angle), home)
 
 
-def brought(before: Quaternion, wanted: Quaternion, angle: float) -> Quaternion:
-    """Return the next orientation towards the desired one, at most `angle`, rad, from the one before."""
-    if angle_between(before, wanted) < _ALIGNED:
+def rotate_towards(before: Quaternion, target: Quaternion, angle: float) -> Quaternion:
+    """Return the next orientation on the rotation from the previous to the desired one, after at most `angle`, rad."""
+    if angle_between(before, target) < _ALIGNED:
         return before
-    return towards(Pose(_NOWHERE, before), Pose(_NOWHERE, wanted), 0.0, angle).quaternion
+    return towards(Pose(_NOWHERE, before), Pose(_NOWHERE, target), 0.0, angle).quaternion
 
 
 def moment_at(wrench: Sequence[float], point: Vector) -> Vector:
-    """Moment of a wrench about another point of its frame, N·m."""
+    """Return the moment of a wrench about another point in its frame, N·m."""
     fx, fy, fz, mx, my, mz = wrench
     x, y, z = point
     return mx - (y * fz - z * fy), my - (z * fx - x * fz), mz - (x * fy - y * fx)
 
 
-def _shortest(a: Vector, b: Vector) -> Quaternion:
-    """Return the smallest rotation from one unit vector to another; of opposite ones, any half turn."""
+def _smallest_rotation(a: Vector, b: Vector) -> Quaternion:
+    """Return the smallest rotation from one unit vector to another; for opposite vectors, any rotation by 180°."""
     (x, y, z), (u, v, w) = a, b
     i, j, k = y * w - z * v, z * u - x * w, x * v - y * u
     real = 1.0 + x * u + y * v + z * w

@@ -1,6 +1,6 @@
-"""Paths in the plane of the work frame, as chains of straight pieces.
+"""Paths in the plane of the work frame, as chains of straight segments.
 
-Points are relative to where the path begins, m, along x (the travel direction) and y (across it).
+Points are relative to the start of the path, m, along x (the travel direction) and y (across it).
 """
 
 import math
@@ -10,51 +10,51 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 Place: TypeAlias = tuple[float, float]
-"""x and y in the work frame's plane; mm in settings, m elsewhere."""
+"""Point (x, y) in the plane of the work frame; mm in settings, m elsewhere."""
 
 PIECES_MAX = 100_000
-"""Chosen: most pieces of one way."""
+"""Maximum number of segments in a path. Chosen."""
 ROUNDING = 1e-9
-"""Slack for sums of steps, m."""
+"""Tolerance for the rounding error of summed steps, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """A chain of straight pieces, relative to its beginning, m."""
+    """Path as a chain of straight segments. Points are relative to its start, m."""
 
     points: tuple[Place, ...]
     headings: tuple[Place, ...]
-    """Unit vector of each piece."""
+    """Unit vector of each segment."""
     begins: tuple[float, ...]
-    """Length of the way at which each piece begins, m; the length of the whole comes last."""
+    """Path length at the start of each segment, m, followed by the total length."""
     length: float = field(init=False, repr=False, compare=False)
-    """m"""
+    """Length of the path, m."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "length", self.begins[-1])
 
     def piece(self, travel: float) -> int:
-        """Return the number of the piece that holds this length of the path."""
+        """Return the index of the segment at the given path length."""
         return bisect_right(self.begins, travel, 1, len(self.headings)) - 1
 
     def at(self, travel: float) -> Place:
-        """Return the place at this length of the path, m; straight on beyond its end."""
+        """Return the point at the given path length, m. Beyond its end, the path continues straight."""
         return self.place_and_heading(travel)[0]
 
     def place_and_heading(self, travel: float) -> tuple[Place, Place]:
-        """Return the place at this length of the path, m, as `at`, and the unit vector of its piece."""
+        """Return the point at the given path length, m, as `at` does, and the unit vector of its segment."""
         number = self.piece(travel) if len(self.headings) > 1 else 0
         (x, y), heading, rest = self.points[number], self.headings[number], travel - self.begins[number]
         return (x + rest * heading[0], y + rest * heading[1]), heading
 
     def points_until(self, travel: float) -> tuple[Place, ...]:
-        """Its corners up to this length of it, m, and the place there."""
+        """Return the corners up to the given path length, m, followed by the point at that length."""
         if travel >= self.length:
             return self.points
         return (*self.points[: self.piece(travel) + 1], self.at(travel))
 
     def along(self, low: float, high: float, place: Place) -> float:
-        """Length of the way, m, at its point nearest to a place, between two lengths of it."""
+        """Return the path length of the point nearest to a given point, m, between two path lengths."""
         if len(self.headings) == 1:
             return self._on(0, place)
         first, last = self.piece(low), self.piece(high)
@@ -72,13 +72,15 @@ class Way:
         return nearest
 
     def _on(self, number: int, place: Place) -> float:
-        """Length of the way where a place is beside this piece."""
+        """Return the path length at which the given point projects onto the segment."""
         (x, y), (u, v) = self.points[number], self.headings[number]
         return self.begins[number] + ((place[0] - x) * u + (place[1] - y) * v)
 
 
 def way_of(corners_mm: Sequence[Place]) -> Way:
-    """Return the path through these places, mm, relative to the first. Raises ValueError for one without length."""
+    """Return the path through the given points, mm, relative to the first point. Raises ValueError if the path has
+    no length.
+    """
     x0, y0 = corners_mm[0]
     places = [((x - x0) * 1e-3, (y - y0) * 1e-3) for x, y in corners_mm]
     points, headings, begins = [places[0]], [], [0.0]

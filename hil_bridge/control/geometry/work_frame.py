@@ -1,4 +1,4 @@
-"""The work frame: axes in the base frame, and the face of the tool."""
+"""Work frame, with its axes in the base frame, and the end face of the tool."""
 
 from typing import NamedTuple
 
@@ -8,28 +8,28 @@ from protocol.geometry import Vector
 
 
 class WorkFrame(Struct, frozen=True):
-    """Axes of the work frame in the base frame, unit vectors, and its origin."""
+    """Work frame: its axes as unit vectors in the base frame, and its origin."""
 
     approach: Vector
-    """Into the surface: against the frame's z axis."""
+    """Direction into the surface, opposite to the frame's z axis."""
     x: Vector
-    """The travel direction."""
+    """Travel direction."""
     y: Vector
     origin: Vector | None = None
-    """Base frame, m; None for the start point."""
+    """Origin in the base frame, m; None to use the start point."""
     plane: Vector | None = None
-    """A point of the plane from which the safe height counts, base frame, m; None for the start point."""
+    """Point on the plane from which the safe height is measured, base frame, m; None for the start point."""
 
 
 class Face(NamedTuple):
-    """The tool's end, in the tool frame."""
+    """End face of the tool, in the tool frame."""
 
     centre: Vector = (0.0, 0.0, 0.0)
-    """From the point about which contact moments are given, m."""
+    """Centre of the face relative to the reference point of the contact moments, m."""
     radius: float = 0.0
-    """Radius of a flat face, m; 0 for a tool that touches in a point."""
+    """Radius of a flat face, m; 0 for a tool with a point contact."""
 
 
 def along(vector: Vector, axis: Vector) -> float:
-    """Component of a vector along a unit vector."""
+    """Return the component of a vector along a unit vector."""
     return vector[0] * axis[0] + vector[1] * axis[1] + vector[2] * axis[2]

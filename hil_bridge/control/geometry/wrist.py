@@ -1,7 +1,8 @@
-"""The way from the readings of the wrist sensor to the contact wrench on the tool.
+"""Conversion of the wrist sensor's readings to the contact wrench on the tool.
 
-There are three frames: the sensor frame, in which it counts; the same place along the tool's axes; and the tool frame.
-In the second the tool's weight is taken off. The contact wrench is about the tool frame's origin.
+There are three frames: the sensor frame, in which the sensor measures; a frame with the same origin and the tool's
+axes; and the tool frame. The tool's weight is subtracted in the second frame. The contact wrench is about the
+origin of the tool frame.
 """
 
 from collections.abc import Sequence
@@ -26,30 +27,34 @@ NO_WRENCH = (0.0,) * 6
 
 @dataclass(frozen=True, slots=True)
 class Wrist:
-    """Mounting of the sensor between flange and tool, and its reading without any contact."""
+    """Mounting of the sensor between flange and tool, and its reading without contact."""
 
     orientation: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    """Sensor frame in the tool frame, w x y z."""
+    """Orientation of the sensor frame in the tool frame, w x y z."""
     position: Vector = (0.0, 0.0, 0.0)
-    """Sensor's origin in the tool frame, m."""
+    """Origin of the sensor in the tool frame, m."""
     flip: bool = False
-    """Negate Fx and Mx: for a sensor that counts left-handed as seen from the tool (JR3 manual 5907E)."""
+    """Whether to negate Fx and Mx. This is required for a sensor with left-handed axes, viewed from the tool (JR3
+    manual 5907E).
+    """
     bias: tuple[float, ...] = NO_WRENCH
-    """Reading of the sensor with nothing on it, as it counts (before the flip), N and N·m, shape (6,)."""
+    """Reading of the sensor without load, before the flip, N and N·m, shape (6,)."""
     mass: float = 0.0
     """Mass below the sensor, kg."""
     centre_of_gravity: Vector = (0.0, 0.0, 0.0)
-    """Centre of that mass, from the sensor's origin along the tool frame's axes, m."""
+    """Centre of gravity of that mass relative to the sensor's origin, along the axes of the tool frame, m."""
 
     def alignment(self) -> Array:
-        """Matrix (3, 3) that takes forces, and likewise moments, as the sensor counts them to the tool's axes."""
+        """Return the matrix of shape (3, 3) that rotates forces and moments from the sensor's axes to the tool's
+        axes.
+        """
         matrix = rotation_matrix(self.orientation)
         return matrix * (-1.0, 1.0, 1.0) if self.flip else matrix
 
     def in_sensor_axes(self, direction_base: Sequence[float], quaternion: Sequence[float]) -> Array:
-        """Return a direction of the base in the three force axes of the sensor, shape (3,)."""
-        seen: Array = self.alignment().T @ rotation_matrix(quaternion).T @ np.asarray(direction_base)
-        return seen
+        """Return the components of a base-frame direction along the sensor's three force axes, shape (3,)."""
+        in_sensor: Array = self.alignment().T @ rotation_matrix(quaternion).T @ np.asarray(direction_base)
+        return in_sensor
 
     def contact_wrench(
         self,
@@ -57,11 +62,13 @@ class Wrist:
         quaternion: Sequence[float],
         quaternion_tare: Sequence[float] | None,
     ) -> Array:
-        """Wrench of the environment on the tool, about the tool frame's origin, N and N·m, shape (6,).
+        """Return the wrench of the environment on the tool about the origin of the tool frame, N and N·m, shape
+        (6,).
 
-        `measured` is in the sensor frame; quaternions are w x y z, tool in base. Counted from a zero that was taken at
-        `quaternion_tare`, it lacks the bias and the weight at that orientation. Then only the weight's change since
-        that zero is taken off. None: no zero was taken, bias and weight are taken off as they are known.
+        `measured` is in the sensor frame. Quaternions are w x y z, tool in base. A reading relative to a zero taken
+        at `quaternion_tare` does not contain the bias and the weight at that orientation, so only the change of the
+        weight since then is subtracted. If it is None, no zero was taken, and the known bias and weight are
+        subtracted.
         """
         counted = np.asarray(measured, dtype=float)
         if quaternion_tare is None:
@@ -77,10 +84,10 @@ class Wrist:
     def at_orientation(
         self, quaternion: Sequence[float], quaternion_tare: Sequence[float] | None, *directions_base: Vector
     ) -> "WristAtOrientation":
-        """`contact_wrench` and these directions, worked out once for as long as the tool keeps this orientation.
+        """Return `contact_wrench` and the given directions, precomputed for one orientation of the tool.
 
-        A robot that tells its orientation with noise asks for it in every cycle. Raises ValueError as
-        `rotation_matrix` does.
+        For a robot that reports a noisy orientation, it is called in every cycle. Raises ValueError for the same
+        quaternions as `rotation_matrix`.
         """
         matrix, biased, weight = _fixed(self)
         rows = unit_rows(quaternion)
@@ -103,15 +110,15 @@ Rows = tuple[tuple[float, ...], ...]
 
 
 class Fixed(NamedTuple):
-    """The numbers of a wrist that do not change when the tool turns."""
+    """Values of a wrist that do not depend on the tool's orientation."""
 
     matrix: Rows
-    """As `WristAtOrientation.matrix`."""
+    """Matrix of `WristAtOrientation.matrix`."""
     biased: tuple[float, ...]
-    """Contact wrench that the bias alone makes, N and N·m, (6,)."""
+    """Contact wrench due to the bias alone, N and N·m, shape (6,)."""
     weight: Rows | None
-    """Matrix (6, 3): it takes the upward direction along the tool's axes to the part of the contact wrench that the
-    weight below the sensor makes, N and N·m. None without a weight.
+    """Matrix, shape (6, 3), from the upward direction along the tool's axes to the contribution of the weight below
+    the sensor to the contact wrench, N and N·m. None without a weight.
     """
 
 
@@ -136,17 +143,19 @@ def _rows(columns: Sequence[Array]) -> Rows:
 
 @dataclass(frozen=True, slots=True)
 class WristAtOrientation:
-    """A wrist at one orientation, in plain numbers: arrays of three would take ten times as long in every cycle."""
+    """Wrist at one orientation, in plain numbers, because arrays of three elements would take ten times as long in
+    every cycle.
+    """
 
     matrix: Rows
-    """Matrix that takes a measured wrench to the contact wrench, before the offset is added, (6, 6)."""
+    """Matrix from a measured wrench to the contact wrench before the offset is added, shape (6, 6)."""
     offset: tuple[float, ...]
-    """Contact wrench where nothing is measured, N and N·m, (6,)."""
+    """Contact wrench for a measurement of 0, N and N·m, shape (6,)."""
     directions: Rows
-    """The directions asked for, along the tool's axes."""
+    """Requested directions, along the tool's axes."""
 
     def contact_wrench(self, measured: Sequence[float]) -> Wrench:
-        """As `Wrist.contact_wrench` at this orientation."""
+        """Return the contact wrench at this orientation, as `Wrist.contact_wrench` does."""
         fx, fy, fz, mx, my, mz = measured
         _, _, _, (a, b, c, d, e, f), (g, h, i, j, k, m), (n, o, p, q, r, s) = self.matrix
         _, _, _, x, y, z = self.offset
@@ -161,13 +170,15 @@ class WristAtOrientation:
         )
 
     def contact_force(self, measured: Sequence[float]) -> Vector:
-        """Return the force of `contact_wrench` alone, N. Moments do not affect it."""
+        """Return only the force of `contact_wrench`, N. The force does not depend on moments."""
         fx, fy, fz, _, _, _ = measured
         (a, b, c, _, _, _), (d, e, f, _, _, _), (g, h, i, _, _, _), _, _, _ = self.matrix
         x, y, z, _, _, _ = self.offset
         return a * fx + b * fy + c * fz + x, d * fx + e * fy + f * fz + y, g * fx + h * fy + i * fz + z
 
     def force_along(self, number: int, wrench: Sequence[float]) -> float:
-        """As `force_along` in one of the directions asked for, N, positive while the tool presses that way."""
+        """Return the force along one of the requested directions, N, positive while the tool presses in that
+        direction.
+        """
         x, y, z = self.directions[number]
         return -(x * wrench[0] + y * wrench[1] + z * wrench[2])

@@ -1,1 +1,1 @@
-"""Control laws: from a force error to a step of depth."""
+"""Control laws, which convert a force error to a change of depth."""

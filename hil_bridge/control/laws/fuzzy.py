@@ -1,10 +1,10 @@
-"""Fuzzy inference: quantised error and change of error to an output level, of the paper's rules or others.
+"""Fuzzy inference from the quantised error and change of error to an output level.
 
-Three surfaces over the same inputs. `paper` looks the answer up in the table that is printed with the rules.
-`rules` looks it up in a table computed from the rules: AND is the minimum, implication the minimum,
-aggregation the maximum, the answer the centre of gravity over the output's levels, rounded to the nearest
-level. `continuous` is the limit of ever finer levels that the paper mentions: memberships interpolated
-between levels, nothing rounded.
+The rules are those of the paper or of another rule base. Three surfaces use the same inputs. `paper` looks up the
+output in the table that is printed with the rules. `rules` looks it up in a table computed from the rules: AND is
+the minimum, implication the minimum, and aggregation the maximum. The output is the centre of gravity over the
+output levels, rounded to the nearest level. `continuous` is the limit of ever finer levels that the paper mentions:
+memberships are interpolated between levels, and nothing is rounded.
 """
 
 import math
@@ -18,28 +18,30 @@ from hil_bridge.control.laws.rules import PAPER_RULES, RuleBase, Table, Term
 from hil_bridge.control.laws.tables import LEVELS
 
 Terms = list[list[tuple[str, float, float]]]
-"""For each level the terms that hold somewhere between it and the next, with their degrees at both."""
+"""For each level, the terms with a degree above 0 between it and the next level, with their degrees at both levels."""
 Strengths = dict[str, float]
-"""Degrees to which terms hold, by name; terms that do not hold are left out."""
+"""Degrees of the terms, by name. Terms with degree 0 are omitted."""
 
 TOP_LEVEL = LEVELS[-1]
 
 
 class Surface(StrEnum):
-    """Which control surface answers."""
+    """Control surface that computes the output."""
 
     PAPER = "paper"
-    """The table as printed with the rules (the paper's Table 3, its one asymmetric entry included); where a
-    rule base prints none, as `rules`.
+    """Table printed with the rules (the paper's Table 3, including its one asymmetric entry); same as `rules` for a
+    rule base without a printed table.
     """
     RULES = "rules"
-    """The table as the rules give it."""
+    """Table computed from the rules."""
     CONTINUOUS = "continuous"
-    """The rules without quantisation of inputs and output."""
+    """Rules without quantisation of inputs and output."""
 
 
 class Inference(Struct, frozen=True):
-    """One evaluation of a surface; levels of the rule base but on the continuous surface."""
+    """Result of one evaluation of a surface, as levels of the rule base. The levels are integers except on the
+    continuous surface.
+    """
 
     level_error: float
     level_change: float
@@ -47,7 +49,7 @@ class Inference(Struct, frozen=True):
 
 
 class InferenceSystem:
-    """A rule base made ready to answer within microseconds."""
+    """Rule base with precomputed tables, so that an evaluation takes microseconds."""
 
     def __init__(self, base: RuleBase, surface: Surface) -> None:
         self.base = base
@@ -58,13 +60,13 @@ class InferenceSystem:
             term.name: [(place, degree) for place, degree in enumerate(term.degrees) if degree > 0.0]
             for term in base.output.terms
         }
-        """Places among the output's levels at which each term holds, and its degree there."""
+        """For each term, the indices of the output levels with a degree above 0, and the degree at each."""
         self._rules: dict[str, dict[str, tuple[str, str]]] = {term.name: {} for term in base.error.terms}
         for rule in base.rules:
             name = f"{rule.error}∧{rule.change}→{rule.output}"
             self._rules[rule.error][rule.change] = name, rule.output
         self._explanations: dict[tuple[int, int], dict[str, float]] = {}
-        # Computed here and not when first needed: that would be within a control cycle.
+        # Precomputed, because the first use would be within a control cycle.
         self._table: Table | None = None
         if surface == Surface.PAPER and base.printed is not None:
             self._table = base.printed
@@ -72,14 +74,17 @@ class InferenceSystem:
             self._table = self.computed_table()
 
     def evaluate(self, error_percent: float, change_percent: float) -> Inference:
-        """Output level for an error and its change, percent of the desired force. ValueError for a NaN."""
-        found = self.explain(error_percent, change_percent)
-        return Inference(found["level_error"], found["level_change"], found["level_output"])
+        """Return the output level for an error and its change, in percent of the desired force. Raises ValueError
+        if an input is NaN.
+        """
+        inference = self.explain(error_percent, change_percent)
+        return Inference(inference["level_error"], inference["level_change"], inference["level_output"])
 
     def explain(self, error_percent: float, change_percent: float) -> dict[str, float]:
-        """Return the rules that fire, by names such as `NB∧ZO→PM`, and to what degree; then the levels of `evaluate`.
+        """Return the active rules with their degrees, by names such as `NB∧ZO→PM`, followed by the levels from
+        `evaluate`.
 
-        With quantised inputs the rules are those of the two levels, even where a printed table says otherwise.
+        With quantised inputs the rules are evaluated at the two levels, even where a printed table differs.
         """
         error, change = self.base.error, self.base.change
         if self._table is None:
@@ -90,21 +95,22 @@ class InferenceSystem:
             return _explanation(rules, *levels, self._centre(outputs))
         i = _index(error_percent, error.edges_percent)
         j = _index(change_percent, change.edges_percent)
-        found = self._explanations.get((i, j))
-        if found is None:
+        cached = self._explanations.get((i, j))
+        if cached is None:
             levels, rules = (error.levels[i], change.levels[j]), self._fire(i, j)[0]
-            found = self._explanations[i, j] = _explanation(rules, *levels, self._table[i][j])
-        return found.copy()
+            cached = self._explanations[i, j] = _explanation(rules, *levels, self._table[i][j])
+        return cached.copy()
 
     def infer(self, row: float, column: float) -> float:
-        """Centre of gravity over the output's levels for two places among the levels of error and change.
+        """Return the centre of gravity over the output levels for two positions among the levels of error and
+        change.
 
-        A place is a level's number counted from 0, or lies between two.
+        A position is the index of a level, counted from 0, or a value between two indices.
         """
         return self._centre(self._fire(row, column)[1])
 
     def _centre(self, outputs: Strengths) -> float:
-        """Implication by the minimum, aggregation by the maximum, centre of gravity."""
+        """Return the output from implication by the minimum, aggregation by the maximum, and centre of gravity."""
         levels, shapes = self.base.output.levels, self._shapes
         heights = [0.0] * len(levels)
         for output, strength in outputs.items():
@@ -119,7 +125,7 @@ class InferenceSystem:
         return moment / area
 
     def computed_table(self) -> Table:
-        """Return the output level that the rules give for each level of error (row) and change (column)."""
+        """Return the output level from the rules for each level of error (row) and change (column)."""
         columns = range(len(self.base.change.levels))
         levels = self.base.output.levels
         return tuple(
@@ -128,7 +134,7 @@ class InferenceSystem:
         )
 
     def _fire(self, row: float, column: float) -> tuple[Strengths, Strengths]:
-        """Return the rules that fire, and the output terms, each as far as the strongest rule that names it."""
+        """Return the active rules, and the output terms, each with the degree of the strongest rule that names it."""
         changes = _memberships(column, self._change_terms)
         fired: Strengths = {}
         outputs: Strengths = {}
@@ -144,39 +150,39 @@ class InferenceSystem:
 
 
 def _explanation(rules: Strengths, error: float, change: float, output: float) -> dict[str, float]:
-    """Return the rules and the three levels, by name."""
+    """Return the degrees of the rules and the three levels, by name."""
     return {**rules, "level_error": error, "level_change": change, "level_output": output}
 
 
 @cache
 def paper_system(surface: Surface) -> InferenceSystem:
-    """Return the paper's rule base with one of the surfaces."""
+    """Return the paper's rule base with the given surface."""
     return InferenceSystem(PAPER_RULES, surface)
 
 
 def evaluate(surface: Surface, error_percent: float, change_percent: float) -> Inference:
-    """Output level of the paper's rules for an error and its change, percent of the desired force.
+    """Return the output level of the paper's rules for an error and its change, in percent of the desired force.
 
-    Raises ValueError for a NaN.
+    Raises ValueError if an input is NaN.
     """
     return paper_system(surface).evaluate(error_percent, change_percent)
 
 
 def computed_matrix() -> Table:
-    """Table 3 as it follows from Table 2 and the rules."""
+    """Return Table 3 as computed from Table 2 and the rules."""
     return paper_system(Surface.RULES).computed_table()
 
 
 def infer(level_error: float, level_change: float) -> float:
-    """Centre of gravity that the paper's rules give for two levels within −6…+6, not only whole ones."""
+    """Return the centre of gravity from the paper's rules for two levels within −6…+6, which may be fractional."""
     return paper_system(Surface.CONTINUOUS).infer(level_error + TOP_LEVEL, level_change + TOP_LEVEL)
 
 
 def quantise(percent: float, edges: tuple[float, ...], levels: tuple[float, ...] = LEVELS) -> float:
-    """Level of a percentage. Raises ValueError for a NaN.
+    """Return the level of a percentage. Raises ValueError for NaN.
 
-    Assumed: a value exactly on an edge belongs to the level nearer zero; the paper's ranges share their
-    borders.
+    Assumed: a value exactly on an edge belongs to the level nearer zero, because neighbouring ranges in the paper
+    share their edges.
     """
     return levels[_index(percent, edges)]
 
@@ -188,9 +194,10 @@ def _index(percent: float, edges: tuple[float, ...]) -> int:
 
 
 def _position(percent: float, edges: tuple[float, ...]) -> float:
-    """Place among the levels: each edge lies half-way between its two levels, straight lines between edges.
+    """Return the position of a percentage among the levels, interpolated linearly between edges. Each edge is
+    half-way between its two levels.
 
-    The outermost levels have no outer edge, so their line continues with the slope of their neighbour.
+    The outermost levels have no outer edge, so their line continues with the slope of the neighbouring line.
     """
     if math.isnan(percent):
         raise ValueError("cannot grade a value that is not a number")
@@ -221,16 +228,16 @@ def _between_levels(terms: tuple[Term, ...]) -> Terms:
 
 
 def _memberships(position: float, terms: Terms) -> list[tuple[str, float]]:
-    """Terms that hold to some degree, interpolated between levels."""
+    """Return the terms with a degree above 0, interpolated between levels."""
     left = int(position)
     share = position - left
-    rest, held = 1 - share, []
+    rest, degrees = 1 - share, []
     for name, low, high in terms[left]:
         if (degree := low * rest + high * share) > 0.0:
-            held.append((name, degree))
-    return held
+            degrees.append((name, degree))
+    return degrees
 
 
 def _nearest(value: float, levels: tuple[float, ...]) -> float:
-    # Of two equally near, the one nearer zero: opposite inputs then keep opposite outputs.
+    # A tie is resolved towards zero, so that opposite inputs give opposite outputs.
     return min(levels, key=lambda level: (abs(level - value), abs(level)))

@@ -1,7 +1,8 @@
-"""The controllers of the paper and the one that knows the robot's position resolution.
+"""The paper's controllers, and a controller that accounts for the robot's position resolution.
 
-Depth grows into the surface, force is positive while pressing, so too much force gives a negative correction.
-Eq. (1), (2): error f_e(k) = f_a(k) − f_d and change f_ce(k) = f_e(k) − f_e(k−1), both in percent of f_d.
+Depth grows into the surface, and force is positive while pressing, so a force above the desired force gives a
+negative correction. Eq. (1), (2): error f_e(k) = f_a(k) − f_d and change f_ce(k) = f_e(k) − f_e(k−1), both in
+percent of f_d.
 """
 
 import math
@@ -25,38 +26,42 @@ from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Measu
 from protocol.marks import SettingError
 
 OUTPUT_STEPS: Mapping[str, Range] = {"output_step_mm": Range(0.01, 0.5, by_factor=True)}
-"""Chosen: from a fine robot's steps to four of the paper's."""
+"""Range of the output step for tuning, mm. Chosen: from the resolution step of a fine robot to four times the step
+of the paper's robot.
+"""
 
 
 class FuzzyState(Struct, frozen=True):
     """State of the fuzzy PI between samples."""
 
     error: float | None = None
-    """Force error of the sample before, N; None before the first one, whose change counts as 0."""
+    """Force error of the previous sample, N; None before the first sample. The change at the first sample counts as
+    0.
+    """
 
 
 class AdaptiveState(Struct, frozen=True):
     """State of the adaptive controllers between samples."""
 
     error: float | None = None
-    """Force error of the sample before, N."""
+    """Force error of the previous sample, N."""
     estimate: StiffnessEstimate = StiffnessEstimate()
 
 
 @dataclass(frozen=True, slots=True)
 class _Fuzzy:
-    """Settings of every controller with a rule base."""
+    """Settings shared by all controllers with a rule base."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
     sample_ms: ClassVar[float] = SAMPLE_MS
 
     ranges: ClassVar[Mapping[str, Range]] = OUTPUT_STEPS
     output_step_mm: float = POSITION_STEP_MM
-    """K: correction of one output level of the fuzzy PI. The paper takes one resolution step of the robot."""
+    """K: correction per output level of the fuzzy PI, mm. The paper uses one resolution step of the robot."""
     surface: Surface = Surface.PAPER
-    """Printed matrix, matrix computed from the rules, or the rules without quantisation."""
+    """Control surface: the printed matrix, the matrix computed from the rules, or the rules without quantisation."""
     rules_file: str = ""
-    """TOML file with a rule base; empty takes the paper's."""
+    """TOML file with a rule base; if empty, the paper's rule base."""
     _system: InferenceSystem = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -64,12 +69,12 @@ class _Fuzzy:
         object.__setattr__(self, "_system", _ready(self.surface, self.rules_file))
 
     def _infer(self, before: float | None, error: float, reference: float) -> dict[str, float]:
-        """Levels of both inputs and of the answer, and the rules behind it with their weights."""
+        """Return the levels of both inputs and of the output, and the active rules with their weights."""
         change = 0.0 if before is None else error - before
         return self._system.explain(100.0 * error / reference, 100.0 * change / reference)
 
     def _correction(self, explanation: dict[str, float], gain: float) -> float:
-        """Answer of the rules, m."""
+        """Return the correction from the rules, m."""
         return gain * explanation["level_output"] * self.output_step_mm * 1e-3
 
     def _correct(
@@ -79,7 +84,7 @@ class _Fuzzy:
         gain: float = 1.0,
         stiffness: float | None = None,
     ) -> Command:
-        """Return the answer of the fuzzy PI."""
+        """Return the command of the fuzzy PI."""
         correction = self._correction(explanation, gain)
         return Command(
             position=measurement.commanded + correction,
@@ -93,22 +98,22 @@ class _Fuzzy:
 
 @dataclass(frozen=True, slots=True)
 class FuzzyPi(_Fuzzy):
-    """Fixed gains: x(k+1) = x_commanded(k) + K · G(f_e/f_d, f_ce/f_d). Source: the paper's Fig. 2 and
+    """Fuzzy PI with fixed gains: x(k+1) = x_commanded(k) + K · G(f_e/f_d, f_ce/f_d). Source: the paper's Fig. 2 and
     Table 3.
     """
 
     name: ClassVar[str] = "fuzzy"
 
     def initial(self) -> FuzzyState:
-        """State before the first sample in contact."""
+        """Return the state before the first sample in contact."""
         return FuzzyState()
 
     def step(
         self, state: FuzzyState, measurement: Measurement, reference: float
     ) -> tuple[FuzzyState, Command]:
-        """One sample. A measurement that is not finite moves nothing and is forgotten.
+        """Return the command for one sample. A measurement that is not finite causes no motion and is ignored.
 
-        Raises ValueError for a reference that is not above 0, for errors are fractions of it.
+        Raises ValueError for a reference that is not above 0, because errors are relative to it.
         """
         check_reference(reference)
         if not measurement.is_finite:
@@ -119,14 +124,15 @@ class FuzzyPi(_Fuzzy):
 
 @dataclass(frozen=True, slots=True)
 class _Adaptive(_Fuzzy):
-    """The fuzzy PI beside an estimate of the stiffness. Without an estimate the fuzzy PI works alone."""
+    """Fuzzy PI with an estimate of the stiffness. Without an estimate, the fuzzy PI works alone."""
 
     resolution_mm: float = POSITION_STEP_MM
-    """Smallest step of the robot's position."""
+    """Resolution of the robot's position, mm."""
     force_uncertainty_n: float = 0.5
-    """Half-width of the force noise."""
+    """Half-width of the force noise, N."""
     feedforward_limit_mm: float | None = None
-    """Farthest that the feedforward may move the command in a sample, either way; the paper has no such limit."""
+    """Largest move of the command by the feedforward per sample in either direction, mm; the paper has no such limit.
+    """
     _gates: Gates = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -139,13 +145,13 @@ class _Adaptive(_Fuzzy):
         object.__setattr__(self, "_gates", gates)
 
     def initial(self) -> AdaptiveState:
-        """State before the first sample in contact."""
+        """Return the state before the first sample in contact."""
         return AdaptiveState()
 
     def step(
         self, state: AdaptiveState, measurement: Measurement, reference: float
     ) -> tuple[AdaptiveState, Command]:
-        """One sample. A measurement that is not finite moves nothing and is forgotten.
+        """Return the command for one sample. A measurement that is not finite causes no motion and is ignored.
 
         Raises ValueError for a reference that is not above 0.
         """
@@ -168,17 +174,17 @@ class _Adaptive(_Fuzzy):
         return update(estimate, self._gates, measurement.position, self._force(measurement))
 
     def _force(self, measurement: Measurement) -> float:
-        """Force of the reported position, N."""
+        """Return the force that corresponds to the reported position, N."""
         return measurement.force
 
     def _answer(
         self, measurement: Measurement, reference: float, explanation: dict[str, float], stiffness: float
     ) -> Command:
-        """Return the answer for a known stiffness, N/m."""
+        """Return the command for a known stiffness, N/m."""
         raise NotImplementedError
 
     def _feedforward(self, measurement: Measurement, reference: float, stiffness: float) -> float:
-        """Place where the force is expected to be the wanted one, m."""
+        """Return the position at which the desired force is expected, m."""
         expected = measurement.position - (self._force(measurement) - reference) / stiffness
         if self.feedforward_limit_mm is None:
             return expected
@@ -188,11 +194,11 @@ class _Adaptive(_Fuzzy):
 
 @dataclass(frozen=True, slots=True)
 class FuzzyAdaptive(_Adaptive):
-    """The paper's adaptation: x(k+1) = x_est(k) + g · K · G(f_e/f_d, f_ce/f_d).
+    """The paper's adaptive controller: x(k+1) = x_est(k) + g · K · G(f_e/f_d, f_ce/f_d).
 
-    x_est = x(k) − (f(k) − f_d)/k_est is eq. (5), k_est is eq. (4), and g is 1, for log10 k_est in (4, 5)
-    one half, above 5 one quarter (k in N/m). Assumed: at exactly 5, which the paper leaves out, one half.
-    Without an estimate, and without contact, the fuzzy PI works alone.
+    x_est = x(k) − (f(k) − f_d)/k_est is eq. (5), k_est is eq. (4). g is 1; one half for log10 k_est in (4, 5); one
+    quarter above 5 (k in N/m). Assumed: one half at exactly 5, which the paper leaves open. Without an estimate, and
+    without contact, the fuzzy PI works alone.
     """
 
     name: ClassVar[str] = "fuzzy-adaptive"
@@ -218,20 +224,19 @@ class FuzzyAdaptive(_Adaptive):
 
 @dataclass(frozen=True, slots=True)
 class ResolutionAware(_Adaptive):
-    """Feedforward alone, and rest where no reachable position is nearer.
+    """Feedforward only, and no motion where no reachable position is nearer.
 
     x(k+1) = x_est(k) of eq. (5) while |f_e| > k_est · Δx_res/2 + uncertainty, else the command stays. Derived:
-    positions are Δx_res apart, hence forces k_est · Δx_res, so no step can make a smaller error better. The fuzzy
-    correction is never 0 for long on a hard surface and would keep the limit cycle alive. Estimate and feedforward take
-    the force that acted when the position was true, where it is known. Without an estimate, and without contact, the
+    positions are Δx_res apart, hence forces k_est · Δx_res, so no step can reduce a smaller error. On a hard surface
+    the fuzzy correction is never 0 for long and would sustain the limit cycle. Estimate and feedforward use the force
+    at the moment for which the position was reported, where it is known. Without an estimate, and without contact, the
     fuzzy PI works alone.
     """
 
     name: ClassVar[str] = "resolution-aware"
 
     feedforward_limit_mm: float | None = 2.0
-    """Farthest that the feedforward may move the command in a sample, either way, whatever the estimate.
-    Chosen.
+    """Largest move of the command by the feedforward per sample in either direction, mm, whatever the estimate. Chosen.
     """
 
     def _force(self, measurement: Measurement) -> float:
@@ -266,7 +271,7 @@ class ResolutionAware(_Adaptive):
 
 
 def scheduled_gain(stiffness: float) -> float:
-    """Return the paper's adaptation rule: factor on the fuzzy output for a stiffness in N/m."""
+    """Return the factor on the fuzzy output for a stiffness in N/m, by the paper's adaptation rule."""
     decade = math.log10(stiffness)
     if decade <= 4.0:
         return 1.0

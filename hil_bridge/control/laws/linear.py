@@ -1,8 +1,8 @@
-"""The controllers of textbooks, to compare with: incremental PI and admittance.
+"""Textbook controllers for comparison: incremental PI and admittance.
 
-Both push the command in proportion to the missing force, so both have a loop gain that is proportional to the stiffness
-of the surface. Tuned for one surface, they creep on softer ones and oscillate on harder ones. Scheduling scales them by
-the estimated stiffness.
+Both move the command in proportion to the missing force, so their loop gain is proportional to the stiffness of the
+surface. A controller tuned for one surface is slow on softer ones and oscillates on harder ones. Gain scheduling
+scales the gains by the estimated stiffness.
 """
 
 import math
@@ -33,12 +33,12 @@ from hil_bridge.control.types import (
 )
 
 _STREAM_INTEGRAL_PER_S = 10.0
-"""Share of the error that the PI makes up for in a second, on a robot that streams. Chosen: with half of it the error
-on a contour is twice as large, with twice as much the force overshoots.
+"""Share of the error that the PI corrects per second on a streaming robot. Chosen: with half of this value, the
+error on a contour is twice as large; with twice this value, the force overshoots.
 """
 _STREAM_STEP_MM = 0.05
-"""Step of the position that the estimate counts with on such a robot. Chosen: on a soft surface the smallest move that
-counts then changes the force by more than its noise.
+"""Position resolution that the estimate assumes for a streaming robot, mm. Chosen: on a soft surface, the smallest
+move that counts then changes the force by more than its noise.
 """
 
 
@@ -46,16 +46,16 @@ class PiState(Struct, frozen=True):
     """State of the PI between samples."""
 
     error: float | None = None
-    """f_d − f of the sample before, N; None before the first one, whose change counts as 0."""
+    """f_d − f of the previous sample, N; None before the first sample. The change at the first sample counts as 0."""
     estimate: Stiffness = Stiffness()
 
 
 @dataclass(frozen=True, slots=True)
 class Pi:
-    """x(k+1) = x_commanded(k) + [K_p · (e(k) − e(k−1)) + K_i · e(k)] / k_t, e = f_d − f. Source: textbook PI
-    in velocity form, gains relative to the stiffness k_t that they were tuned at.
+    """x(k+1) = x_commanded(k) + [K_p · (e(k) − e(k−1)) + K_i · e(k)] / k_t, e = f_d − f.
 
-    With `gain_scheduling` the estimated stiffness takes the place of k_t; before there is one, the stiffest.
+    Source: textbook PI in velocity form, gains relative to the stiffness k_t that they were tuned at. With
+    `gain_scheduling`, the estimated stiffness replaces k_t; before there is an estimate, `stiffest_n_m` does.
     """
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
@@ -78,26 +78,28 @@ class Pi:
         "proportional": Range(0.0, 1.0),
         "integral": Range(0.005, 1.5, by_factor=True),
     }
-    """Chosen: from hardly any answer to one that swings at the stiffness tuned at."""
+    """Ranges of the parameters for `hil-bridge tune`. Chosen: from hardly any response to a response that
+    oscillates at the stiffness of tuning.
+    """
 
     proportional: float = 0.2
-    """K_p: share of a change of the error that is answered in a sample."""
+    """K_p: share of a change of the error that is corrected per sample."""
     integral: float = 0.4
-    """K_i: share of the error that is made up for in a sample. Chosen with the other for little overshoot at
-    the delay of the computer link, nearly two samples.
+    """K_i: share of the error that is corrected per sample. Chosen together with K_p for little overshoot at the delay
+    of the computer link, nearly two samples.
     """
     tuned_at_n_m: float = 5000.0
-    """k_t: stiffness that the gains were tuned at; the paper's sponge."""
+    """k_t: stiffness that the gains were tuned at, N/m; the paper's sponge."""
     gain_scheduling: bool = False
-    """Whether the gains follow the estimated stiffness."""
+    """Whether the estimated stiffness scales the gains."""
     stiffest_n_m: float = 100_000.0
-    """With scheduling, stiffness assumed before there is an estimate: the hardest surface that may come."""
+    """Stiffness that gain scheduling assumes before there is an estimate, N/m: that of the hardest expected surface."""
     correction_limit_mm: float = 2.0
-    """Farthest that the command may move in a sample, either way. Chosen."""
+    """Largest move of the command per sample in either direction, mm. Chosen."""
     resolution_mm: float = POSITION_STEP_MM
-    """Smallest step of the reported position, for the estimate."""
+    """Resolution of the reported position, for the estimate, mm."""
     force_uncertainty_n: float = 0.1
-    """Standard deviation of the force, for the estimate."""
+    """Standard deviation of the force, for the estimate, N."""
 
     def __post_init__(self) -> None:
         require_not_negative(self, "proportional")
@@ -105,11 +107,11 @@ class Pi:
         _pairing(self)
 
     def initial(self) -> PiState:
-        """State before the first sample in contact."""
+        """Return the state before the first sample in contact."""
         return PiState()
 
     def step(self, state: PiState, measurement: Measurement, reference: float) -> tuple[PiState, Command]:
-        """One sample. A measurement that is not finite moves nothing and is forgotten.
+        """Return the command for one sample. A measurement that is not finite causes no motion and is ignored.
 
         Raises ValueError for a reference that is not above 0.
         """
@@ -120,32 +122,32 @@ class Pi:
         error = reference - measurement.force
         change = 0.0 if state.error is None else error - state.error
         gain = _gain(self, estimate)
-        wanted = gain * (self.proportional * change + self.integral * error) / self.tuned_at_n_m
-        correction = _limit(wanted, self.correction_limit_mm)
+        requested = gain * (self.proportional * change + self.integral * error) / self.tuned_at_n_m
+        correction = _limit(requested, self.correction_limit_mm)
         return PiState(error, estimate), _answer(measurement, correction, estimate, gain)
 
 
 class AdmittanceState(Struct, frozen=True):
-    """Where the virtual body is."""
+    """State of the virtual body."""
 
     time: float | None = None
-    """When the force was sampled last, s; None before the first sample."""
+    """Time of the last force sample, s; None before the first sample."""
     offset: float = 0.0
-    """Way of the virtual body from the begin of the contact, m, as commanded."""
+    """Commanded displacement of the virtual body since the start of the contact, m."""
     velocity: float = 0.0
     """Velocity of the virtual body, m/s."""
     anchor: float = 0.0
-    """Commanded position at which contact began, m: the spring is relaxed there."""
+    """Commanded position at which contact began, m. The spring is relaxed there."""
     estimate: Stiffness = Stiffness()
 
 
 @dataclass(frozen=True, slots=True)
 class Admittance:
-    """M · a + D · v + K · (x − x_0) = f_d − f: the command is where a virtual body is after the cycle.
+    """M · a + D · v + K · (x − x_0) = f_d − f: the command is the position of a virtual body after the cycle.
 
-    Source: textbook admittance control. Discretised exactly for a force that stays constant over a cycle, at
-    the time that the cycle before took. Without spring the body rests at f = f_d only. With
-    `gain_scheduling` mass, damper and spring are scaled by the estimated stiffness over the one tuned at.
+    Source: textbook admittance control. Discretised exactly for a force that stays constant over a cycle, with the
+    duration of the previous cycle. Without a spring, the body is in equilibrium only at f = f_d. With
+    `gain_scheduling`, mass, damper and spring are scaled by the estimated stiffness over the stiffness of tuning.
     """
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
@@ -169,32 +171,33 @@ class Admittance:
         "mass_kg": Range(1.0, 500.0, by_factor=True),
         "damping_ns_m": Range(100.0, 20_000.0, by_factor=True),
     }
-    """Chosen: about a tenth to ten times of the defaults for all sample times."""
+    """Ranges of the parameters for `hil-bridge tune`. Chosen: about a tenth to ten times the defaults, for all
+    sample times.
+    """
 
     mass_kg: float = 66.0
     """M. Chosen: with the damper a time constant of 30 ms, a fraction of the cycle."""
     damping_ns_m: float = 2200.0
-    """D. Chosen: at the stiffness tuned at, two fifths of the error are made up for in a cycle of 0.18 s."""
+    """D. Chosen: at the stiffness of tuning, two fifths of the error are corrected in a cycle of 0.18 s."""
     spring_n_m: float = 0.0
-    """K. Above 0 the force rests below or above the desired one, by K times the distance from the first
-    contact.
+    """K. Above 0, the force settles below or above the desired force, by K times the distance from the first contact.
     """
     tuned_at_n_m: float = 5000.0
-    """Stiffness that mass and damper were chosen for; the paper's sponge."""
+    """Stiffness that mass and damper were chosen for, N/m; the paper's sponge."""
     gain_scheduling: bool = False
-    """Whether mass, damper and spring follow the estimated stiffness."""
+    """Whether the estimated stiffness scales mass, damper and spring."""
     stiffest_n_m: float = 100_000.0
-    """With scheduling, stiffness assumed before there is an estimate: the hardest surface that may come."""
+    """Stiffness that gain scheduling assumes before there is an estimate, N/m: that of the hardest expected surface."""
     cycle_ms: float = SAMPLE_MS
-    """Cycle taken for the first one, before any was measured, and the longest that is believed, five of
-    them.
+    """Duration assumed for the first cycle, before any was measured, ms. A measured duration counts for at most five
+    times as much.
     """
     correction_limit_mm: float = 2.0
-    """Farthest that the command may move in a sample, either way. Chosen."""
+    """Largest move of the command per sample in either direction, mm. Chosen."""
     resolution_mm: float = POSITION_STEP_MM
-    """Smallest step of the reported position, for the estimate."""
+    """Resolution of the reported position, for the estimate, mm."""
     force_uncertainty_n: float = 0.1
-    """Standard deviation of the force, for the estimate."""
+    """Standard deviation of the force, for the estimate, N."""
 
     def __post_init__(self) -> None:
         require_above_zero(
@@ -204,13 +207,13 @@ class Admittance:
         _pairing(self)
 
     def initial(self) -> AdmittanceState:
-        """State before the first sample in contact."""
+        """Return the state before the first sample in contact."""
         return AdmittanceState()
 
     def step(
         self, state: AdmittanceState, measurement: Measurement, reference: float
     ) -> tuple[AdmittanceState, Command]:
-        """One sample. A measurement that is not finite moves nothing and is forgotten.
+        """Return the command for one sample. A measurement that is not finite causes no motion and is ignored.
 
         Raises ValueError for a reference that is not above 0.
         """
@@ -221,16 +224,16 @@ class Admittance:
         first = state.time is None
         anchor = measurement.commanded if first else state.anchor
         gain = _gain(self, estimate)
-        # The part that the supervisor or the rounding to words took off does not belong to the body's motion.
+        # Motion that the supervisor or rounding removed is not part of the body's motion.
         offset, velocity = self._move(
             measurement.commanded - anchor,
             state.velocity,
             gain * (reference - measurement.force),
             self._cycle(state, measurement),
         )
-        wanted = anchor + offset - measurement.commanded
-        correction = _limit(wanted, self.correction_limit_mm)
-        if correction != wanted:
+        requested = anchor + offset - measurement.commanded
+        correction = _limit(requested, self.correction_limit_mm)
+        if correction != requested:
             velocity = 0.0
         state = AdmittanceState(measurement.time, offset, velocity, anchor, estimate)
         return state, _answer(measurement, correction, estimate, gain)
@@ -241,8 +244,8 @@ class Admittance:
         return measured if 0 < measured <= 5 * nominal else nominal
 
     def _move(self, offset: float, velocity: float, force: float, cycle: float) -> tuple[float, float]:
-        """Return the body after a cycle. Scaling mass, damper and spring is the same as scaling the force inversely,
-        so the force comes already scaled.
+        """Return the body after a cycle. Scaling mass, damper and spring is equivalent to scaling the force
+        inversely, so the given force is already scaled.
         """
         system = np.array(
             [
@@ -260,7 +263,7 @@ def _pairing(model: Pi | Admittance) -> Pairing:
 
 
 def _gain(model: Pi | Admittance, estimate: Stiffness) -> float:
-    """Stiffness tuned at over the one there is, with scheduling; else 1."""
+    """Return the ratio of the stiffness of tuning to the current stiffness; 1 without gain scheduling."""
     return model.tuned_at_n_m / (estimate.value or model.stiffest_n_m) if model.gain_scheduling else 1.0
 
 

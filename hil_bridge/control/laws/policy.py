@@ -1,7 +1,7 @@
-"""A policy as a controller: any function from an observation to an action, under the guard like every other law.
+"""Policy controller: any function from an observation to an action, supervised like every other control law.
 
-The observation is made from that which the client has decoded, and from nothing else. The action is a share of the
-farthest way that the set point may move in one sample, on each axis that the policy leads.
+The observation contains only values that the client has decoded. The action holds, for each axis that the policy
+controls, a share of the largest move of the set point in one sample.
 """
 
 import hashlib
@@ -25,23 +25,25 @@ from protocol.marks import SettingError
 
 Observed: TypeAlias = NDArray[np.float32]
 Policy: TypeAlias = Callable[[Observed], ArrayLike]
-"""Takes an observation, shape `(len(OBSERVED),)`, and answers an action in −1 … 1 for each axis. It must be pure: the
-same observation, the same action. A replay is exact because of this.
+"""Function from an observation, shape `(len(OBSERVED),)`, to an action in −1 … 1 for each axis. It must be pure:
+equal observations give equal actions. This makes a replay exact.
 """
 Axis: TypeAlias = Literal["along", "across", "turn"]
 AXES: tuple[Axis, ...] = ("along", "across", "turn")
-"""Axes of an action: the approach direction; the third direction of the work frame, beside the way; and the turn about
-that direction, which tips the tool towards the way.
+"""Axes of an action: the approach direction; the third direction of the work frame, perpendicular to the path; and
+the rotation about the third direction, which tilts the tool towards the path.
 """
 TURN = AXES[2]
 FILE_LIMIT_BYTES = 1 << 28
-"""Longest file of a policy. Chosen: as the longest text file; a policy of a million weights has 4 MB."""
+"""Maximum size of a policy file, bytes. Chosen: equal to the limit of a text file. A policy with a million weights
+has 4 MB.
+"""
 TRIAL_S = 5.0
-"""Chosen: for so long a policy may think about its first observation; a loop in it might never end."""
+"""Time limit for a policy's first observation, s. Chosen. A loop in the policy might never end."""
 
 
 class Quantity(NamedTuple):
-    """One number of an observation."""
+    """Quantity in an observation, which is one number of it."""
 
     name: str
     low: float
@@ -49,48 +51,54 @@ class Quantity(NamedTuple):
     meaning: str
 
 
-_FORCE, _MOMENT, _PLACE, _WAY, _AGE = 1e4, 1e3, 100.0, 1.0, 10.0
+_FORCE, _MOMENT, _POSITION, _LEAD, _AGE = 1e4, 1e3, 100.0, 1.0, 10.0
 _WRENCH = ("force_x_n", "force_y_n", "force_z_n", "moment_x_nm", "moment_y_nm", "moment_z_nm")
 OBSERVED: tuple[Quantity, ...] = (
     Quantity(
-        "error_n", -_FORCE, _FORCE, "wanted force less the contact force along the approach direction, N"
+        "error_n", -_FORCE, _FORCE, "desired force less the contact force along the approach direction, N"
     ),
     Quantity(
         "force_n", -_FORCE, _FORCE, "contact force along the approach direction, N, positive while pressing"
     ),
-    Quantity("change_n", -_FORCE, _FORCE, "its change since the sample before, N; 0 for the first one"),
+    Quantity(
+        "change_n", -_FORCE, _FORCE, "change of that force since the previous sample, N; 0 for the first one"
+    ),
     *(Quantity(name, -_FORCE, _FORCE, "contact force on the tool, tool frame, N") for name in _WRENCH[:3]),
     *(
         Quantity(name, -_MOMENT, _MOMENT, "contact moment on the tool, tool frame, N·m")
         for name in _WRENCH[3:]
     ),
-    *(Quantity(f"{axis}_m", -_PLACE, _PLACE, "reported position, base frame, m") for axis in "xyz"),
+    *(Quantity(f"{axis}_m", -_POSITION, _POSITION, "reported position, base frame, m") for axis in "xyz"),
     *(Quantity(f"q{axis}", -1.0, 1.0, "reported orientation, tool in base") for axis in "wxyz"),
     Quantity(
-        "depth_m", -_PLACE, _PLACE, "reported position along the approach direction, from the start point, m"
+        "depth_m",
+        -_POSITION,
+        _POSITION,
+        "reported position along the approach direction, from the start point, m",
     ),
-    Quantity("ahead_m", -_WAY, _WAY, "way by which the commanded depth is before the reported one, m"),
-    Quantity("travel_m", -_PLACE, _PLACE, "reported position along the way, from the start point, m"),
+    Quantity("ahead_m", -_LEAD, _LEAD, "commanded depth less the reported one, m"),
+    Quantity("travel_m", -_POSITION, _POSITION, "reported position along the path, from the start point, m"),
     Quantity("force_age_s", 0.0, _AGE, "age of the force, s"),
-    Quantity("pose_age_s", 0.0, _AGE, "age of the reported pose, s; 0 where it is not known"),
-    Quantity("dt_s", 0.0, _AGE, "time since the sample before, s"),
-    Quantity("unchanged_s", 0.0, _AGE, "time for which the sensor has told the same counts, s"),
+    Quantity("pose_age_s", 0.0, _AGE, "age of the reported pose, s; 0 if unknown"),
+    Quantity("dt_s", 0.0, _AGE, "time since the previous sample, s"),
+    Quantity("unchanged_s", 0.0, _AGE, "time for which the sensor has reported the same counts, s"),
     Quantity("overdue_s", 0.0, _AGE, "time by which the sensor's next frame is late, s"),
     Quantity("in_contact", 0.0, 1.0, "1 while the tool touches the surface"),
-    Quantity("saturated", 0.0, 1.0, "1 where an axis of the sensor is at the end of its range"),
-    Quantity("held", 0.0, 1.0, "1 while an operator holds the tool in its place"),
-    Quantity("fault", 0.0, 1.0, "1 where a device tells a fault"),
+    Quantity("saturated", 0.0, 1.0, "1 while an axis of the sensor is at the end of its range"),
+    Quantity("held", 0.0, 1.0, "1 while an operator holds the tool at its position"),
+    Quantity("fault", 0.0, 1.0, "1 while a device reports a fault"),
 )
-"""The numbers of an observation, in their order. A number beyond its range is told as the end of the range."""
+"""Numbers of an observation, in order. A number outside its range is clipped to the end of the range."""
 LOW: Observed = np.array([one.low for one in OBSERVED], np.float32)
 HIGH: Observed = np.array([one.high for one in OBSERVED], np.float32)
 _NO_SAMPLE = (0.0,) * 10
 
 
 def observe(measurement: Measurement, reference: float, before: float | None) -> Observed:
-    """Return the observation of a sample; `reference` is the target force, `before` the force of the sample before, N.
+    """Return the observation of a sample, shape `(len(OBSERVED),)`. `reference` is the desired force, `before` the
+    force of the previous sample, N.
 
-    Shape `(len(OBSERVED),)`. A number that is none is 0.
+    A number that is not finite becomes 0.
     """
     force, sample = measurement.force, measurement.sample
     pose_age = unchanged = overdue = held = fault = 0.0
@@ -128,14 +136,14 @@ def observe(measurement: Measurement, reference: float, before: float | None) ->
 
 
 class PolicyState(Struct, frozen=True):
-    """State of a policy's controller."""
+    """State of a policy controller."""
 
     force: float | None = None
-    """Force of the sample before, N; None before the first one."""
+    """Force of the previous sample, N; None before the first sample."""
 
 
 def _check(controller: "PolicyController | PolicyFile") -> None:
-    """Raise SettingError for a setting that cannot be."""
+    """Raise SettingError for an invalid setting."""
     for name in ("speed_mm_s", "turn_deg_s", "sample_ms"):
         value = getattr(controller, name)
         if not (math.isfinite(value) and value > 0.0):
@@ -148,7 +156,7 @@ def _answer(
     measurement: Measurement,
     reference: float,
 ) -> tuple[PolicyState, Command]:
-    """Return the set point after the policy's action. A force or a position that is not a number moves nothing."""
+    """Return the set point after the policy's action. A force or a position that is not a number causes no motion."""
     if not measurement.is_finite:
         return state, Command(measurement.commanded, 0.0)
     action = np.asarray(controller.policy(observe(measurement, reference, state.force)), np.float64).reshape(
@@ -158,7 +166,7 @@ def _answer(
     if action.shape != (len(axes),):
         raise ValueError(f"the policy answers {action.size} numbers, not one for each of {', '.join(axes)}")
     if not np.isfinite(action).all():
-        raise ValueError(f"the policy answers {action.tolist()}: no numbers")
+        raise ValueError(f"the policy answers {action.tolist()}, which is not all numbers")
     farthest = controller.speed_mm_s * 1e-3 * measurement.dt
     within = dict(zip(axes, np.clip(action, -1.0, 1.0).tolist(), strict=True))
     along, across = (within.get(axis, 0.0) * farthest for axis in AXES[:2])
@@ -173,24 +181,24 @@ _TUNINGS = tuple(Tuning(cycle_ms, {}) for cycle_ms in STREAM_SAMPLES_MS)
 
 @dataclass(frozen=True)
 class PolicyController:
-    """A policy that a program gives as an object: `simulate(controller=PolicyController(policy))`."""
+    """Policy that a program passes as an object: `simulate(controller=PolicyController(policy))`."""
 
     name: ClassVar[str] = "given-policy"
     tunings: ClassVar[tuple[Tuning, ...]] = _TUNINGS
 
     policy: Policy
     axes: tuple[Axis, ...] = AXES[:1]
-    """Axes of the action, in its order."""
+    """Axes of the action, in order."""
     speed_mm_s: float = 5.0
-    """Speed at which the set point moves for an action of 1, mm/s. Chosen: below the guard's limit for going deeper."""
+    """Speed of the set point for an action of 1, mm/s. Chosen: below the guard's limit for motion into the surface."""
     turn_deg_s: float = 5.0
-    """Speed at which the tool turns for an action of 1, °/s. Chosen: below the guard's limit, `limits.turn_deg_s`."""
+    """Turning speed of the tool for an action of 1, °/s. Chosen: below the guard's limit, `limits.turn_deg_s`."""
     sample_ms: float = SAMPLE_MS
-    """Sample time that the policy was made for, ms; a run takes that of the robot's cycle."""
+    """Sample time that the policy was made for, ms; a run sets it to that of the robot's cycle."""
 
     @property
     def turns(self) -> bool:
-        """Whether it turns the tool."""
+        """Return whether the policy turns the tool."""
         return TURN in self.axes
 
     def __post_init__(self) -> None:
@@ -201,19 +209,19 @@ class PolicyController:
             raise ConfigError(f"axes must be one or more of {', '.join(AXES)}, each once, got {self.axes!r}")
 
     def initial(self) -> PolicyState:
-        """State before the first sample in contact."""
+        """Return the state before the first sample in contact."""
         return PolicyState()
 
     def step(
         self, state: PolicyState, measurement: Measurement, reference: float
     ) -> tuple[PolicyState, Command]:
-        """One sample. Raises ValueError for an answer of the policy that is no action."""
+        """Return the command for one sample. Raises ValueError if the policy returns an invalid action."""
         return _answer(self, state, measurement, reference)
 
 
 @dataclass(frozen=True)
 class PolicyFile:
-    """A policy in an ONNX file. Its input is one observation, its output an action: 1 to 3 numbers for the axes along,
+    """Policy in an ONNX file. Its input is one observation, its output an action: 1 to 3 numbers for the axes along,
     across and turn, in this order.
 
     The file is read once, before the run. It needs the extra `onnx`.
@@ -223,15 +231,15 @@ class PolicyFile:
     tunings: ClassVar[tuple[Tuning, ...]] = _TUNINGS
 
     file: str = ""
-    """Path of the ONNX file; looked for beside the configuration where it is relative."""
+    """Path of the ONNX file; a relative path is resolved against the folder of the configuration."""
     sha256: str = ""
-    """SHA-256 of the file: another content is refused. Empty takes any."""
+    """Expected SHA-256 of the file; a file with a different one is refused. Empty accepts any file."""
     speed_mm_s: float = 5.0
-    """Speed at which the set point moves for an action of 1, mm/s: that with which the policy was trained."""
+    """Speed of the set point for an action of 1, mm/s: the one that the policy was trained with."""
     turn_deg_s: float = 5.0
-    """Speed at which the tool turns for an action of 1, °/s: that with which the policy was trained."""
+    """Turning speed of the tool for an action of 1, °/s: the one that the policy was trained with."""
     sample_ms: float = SAMPLE_MS
-    """Sample time that the policy was made for, ms; a run takes that of the robot's cycle."""
+    """Sample time that the policy was made for, ms; a run sets it to that of the robot's cycle."""
     policy: Policy = field(init=False, repr=False, compare=False)
     axes: tuple[Axis, ...] = field(init=False, repr=False, compare=False)
 
@@ -245,7 +253,9 @@ class PolicyFile:
         except ConfigError as error:
             raise SettingError("file", str(error)) from error
         if len(content) > FILE_LIMIT_BYTES:
-            raise SettingError("file", f"{self.file} is longer than {FILE_LIMIT_BYTES} bytes: no policy is")
+            raise SettingError(
+                "file", f"{self.file} is longer than {FILE_LIMIT_BYTES} bytes, too long for a policy"
+            )
         digest = hashlib.sha256(content).hexdigest()
         if self.sha256 and self.sha256.lower() != digest:
             raise SettingError("sha256", f"is not that of {self.file}, which has {digest}")
@@ -258,23 +268,25 @@ class PolicyFile:
 
     @property
     def turns(self) -> bool:
-        """Whether it turns the tool."""
+        """Whether the policy turns the tool."""
         return TURN in self.axes
 
     def initial(self) -> PolicyState:
-        """State before the first sample in contact."""
+        """Return the state before the first sample in contact."""
         return PolicyState()
 
     def step(
         self, state: PolicyState, measurement: Measurement, reference: float
     ) -> tuple[PolicyState, Command]:
-        """One sample. Raises ValueError for an answer of the policy that is no action."""
+        """Return the command for one sample. Raises ValueError if the policy returns an invalid action."""
         return _answer(self, state, measurement, reference)
 
 
 @lru_cache(maxsize=4)
 def _load(content: bytes, path: str) -> tuple[Policy, int]:
-    """Load the policy of an ONNX file, and the number of axes that it controls. Raises ConfigError, SettingError."""
+    """Return the policy from an ONNX file, and the number of axes that it controls. Raises ConfigError or
+    SettingError.
+    """
     try:
         import onnxruntime
     except ImportError as error:
@@ -282,15 +294,15 @@ def _load(content: bytes, path: str) -> tuple[Policy, int]:
             f"a policy in a file needs the package onnxruntime; {install_command('onnx')}"
         ) from error
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1  # the same sums in the same order
+    options.intra_op_num_threads = options.inter_op_num_threads = 1  # sums in a reproducible order
     options.log_severity_level = 4
     trial = onnxruntime.RunOptions()
     trial.log_severity_level = 4
     try:
         session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-        (given,) = session.get_inputs()
-        shape = (1, len(OBSERVED)) if len(given.shape) == 2 else (len(OBSERVED),)
-        name = given.name
+        (model_input,) = session.get_inputs()
+        shape = (1, len(OBSERVED)) if len(model_input.shape) == 2 else (len(OBSERVED),)
+        name = model_input.name
 
         def policy(observation: Observed) -> ArrayLike:
             (answer, *_) = session.run(None, {name: observation.reshape(shape)})
@@ -304,11 +316,11 @@ def _load(content: bytes, path: str) -> tuple[Policy, int]:
         finally:
             patience.cancel()
         count = int(np.asarray(first).size)
-    except Exception as error:  # the file may hold anything
+    except Exception as error:  # the file may contain anything
         text = (str(error).splitlines() or [""])[0]
         if trial.terminate:
-            text = f"it has not answered within {TRIAL_S:g} s"
-        problem = f"{path} is no ONNX policy from {len(OBSERVED)} numbers (float32) to an action: {text}"
+            text = f"it did not answer within {TRIAL_S:g} s"
+        problem = f"{path} is not an ONNX policy from {len(OBSERVED)} numbers (float32) to an action: {text}"
         raise SettingError("file", problem) from error
     if not 1 <= count <= len(AXES):
         raise SettingError("file", f"{path} answers {count} numbers; an action has 1 to {len(AXES)}")

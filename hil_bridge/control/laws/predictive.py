@@ -1,9 +1,10 @@
-"""The controller that looks ahead along the travel, to the position at which the desired force will act.
+"""Predictive controller, which extrapolates along the travel to the position at which the desired force will act.
 
-Each pair of reported position x and force f of the same moment gives a wanted position z = x + (f_d − f)/k. There the
-desired force f_d would act at this travel. Travel and depth go through the same line, queue and servo, so a command is
-a point (travel, depth) of a path, whatever the delay. The controller therefore takes z as a function of travel and fits
-a straight line to its last few values. The command is that line's value at the travel that is sent with it.
+Each pair of position x and force f at the same time gives a target position z = x + (f_d − f)/k, at which the
+desired force f_d would act for this travel. Travel and depth pass through the same link, queue and servo, so a
+command is a point (travel, depth) of a path, regardless of the delay. The controller therefore treats z as a
+function of travel and fits a straight line to its last few values. The command is the value of that line at the
+travel that is sent with it.
 """
 
 import math
@@ -35,34 +36,36 @@ from hil_bridge.control.types import (
 )
 
 _PROBE_RANGE = 50.0
-"""Stiffest surface over the softest that is assumed while probing. Chosen: with the default, 2 kN/m is the softest."""
-_SWING_FACTOR, _CALM_FACTOR, _ROBUSTNESS_MOST = 1.5, 0.95, 8.0
-"""Robustness factor: a swing multiplies it by the first, every other sample by the second; the third is its largest
-value. Chosen.
+"""Ratio of the stiffest to the softest surface that is assumed while probing. Chosen: with the default, the softest
+surface has 2 kN/m.
 """
-_ROBUSTNESS_LEAST = 1.0 / _SWING_FACTOR
-"""Its smallest value: the next swing makes it 1."""
+_REVERSAL_FACTOR, _CALM_FACTOR, _ROBUSTNESS_MOST = 1.5, 0.95, 8.0
+"""Factors on the robustness factor, and its largest value. A reversal of the error multiplies the robustness factor
+by the first; every other sample multiplies it by the second. Chosen.
+"""
+_ROBUSTNESS_LEAST = 1.0 / _REVERSAL_FACTOR
+"""Smallest value of the robustness factor. The next reversal raises it to 1."""
 
 _LANDING_MS = 100.0
-"""`landing_ms` of robots that stream. Chosen: twice the time that an order takes with EGM."""
+"""`landing_ms` of streaming robots. Chosen: twice the time that an order takes with EGM."""
 _STEPS_MM = {2.0: 0.02, 4.0: FINE_STEP_MM, 12.0: FINE_STEP_MM}
-"""`resolution_mm` by sample time, ms. Chosen: an arm of Universal Robots leaves its targets by a little more in each
-sample than the resolution of its position.
+"""`resolution_mm`, in mm, by sample time, in ms. Chosen: in each sample, a Universal Robots arm deviates from its
+targets by a little more than the resolution of its position.
 """
 _SPAN_MS = 100.0
-"""`Pairing.span_ms` with a model of the servo, which has no dead band. Chosen: an arm of Universal Robots leaves its
-targets by another error after that time, see `follow_error_ms` of the emulated one.
+"""`Pairing.span_ms` for a controller with a model of the servo, which has no dead band. Chosen: after this time,
+the following error of a Universal Robots arm has changed; see `follow_error_ms` of the emulated arm.
 """
 _NEAR_SHARE = 0.03
-"""Share of the desired force: closer than this the first touch is over. Chosen."""
+"""Force error below which the first touch is over, as a share of the desired force. Chosen."""
 _LANDINGS = 3.0
-"""Times of `landing_ms` after which it is over in any case: a surface that falls away must not be followed late.
-Chosen.
+"""Time limit of the first touch, as a multiple of `landing_ms`. Chosen. Without it, the controller would follow a
+receding surface too late.
 """
 
 
 Pair: TypeAlias = tuple[float, float, float]
-"""Travel, m, position, m, and force, N, of one moment."""
+"""Travel, m, position, m, and force, N, at the same time."""
 
 
 class PredictiveState(Struct, frozen=True):
@@ -70,36 +73,36 @@ class PredictiveState(Struct, frozen=True):
 
     estimate: Stiffness = Stiffness()
     pairs: tuple[Pair, ...] = ()
-    """Newest last, all of the present contact."""
+    """Pairs of the current contact, oldest first."""
     slope: float = 0.0
-    """Depth that the surface gains per travel, as far as known."""
+    """Depth that the surface gains per metre of travel, as far as known."""
     side: int = 0
     """Sign of the last force error that was clearly above the noise."""
     robustness: float = 0.0
-    """Factor on the stiffness while the error swings from side to side; below 1 the stiffness is used as it is."""
+    """Factor on the stiffness while the error oscillates. A value below 1 has no effect."""
     landing: float = 0.0
-    """Time in contact until the force is near the desired one, s; infinite from then on. A contact that is lost and
-    found again does not restart, for the stiffness is known.
+    """Time in contact until the force is near the desired force, s; infinite once it is. The time does not restart
+    when lost contact is regained, because the stiffness is known.
     """
     served: Served | None = None
-    """The model of the robot's servo; None without contact."""
+    """State of the servo model; None without contact."""
 
 
 @dataclass(frozen=True, slots=True)
 class Predictive:
     """x(k+1) = ẑ(travel commanded with it), ẑ the weighted line through z_i = x_i + (f_d − f_i)/k_est.
 
-    Derived. The gain 1/k_est falls by itself on harder surfaces. The weights are inverse variances of four parts:
-    quantisation of the position, force noise, standard error of k_est, and departure of a curved surface from a line.
-    The standard error counts times the distance to the desired force. A move inwards takes k_est larger by its standard
-    error. Before there is an estimate, a move inwards assumes the stiffest surface, and a move outwards the softest one
-    that the approach allows.
+    Derived. The gain 1/k_est falls by itself on harder surfaces. The weights are inverse variances with four parts:
+    quantisation of the position, force noise, standard error of k_est, and deviation of a curved surface from a line.
+    The standard error is scaled by the distance to the desired force. For a move inwards, k_est is increased by its
+    standard error. Before there is an estimate, a move inwards assumes the stiffest surface, and a move outwards the
+    softest one that the approach allows.
 
-    Deadband rest: the command stays where no position that the robot can take is nearer, unless the surface moves. That
-    is where |f_e| ≤ k_est · Δx_res/2 + uncertainty.
+    Deadband rest: unless the surface moves, the command stays where it is while no position that the robot can take is
+    nearer. That is the case for |f_e| ≤ k_est · Δx_res/2 + uncertainty.
 
-    Robustness factor: an error that swings from side to side shows that k_est is too low, because of damping or
-    friction. From the second swing on, each swing raises the stiffness that is used in its place for a while.
+    Robustness factor: an error that oscillates shows that k_est is too low, because of damping or friction. From the
+    second reversal on, each reversal raises the stiffness used in place of k_est for a while.
     """
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
@@ -117,44 +120,50 @@ class Predictive:
         "smallest_radius_mm": Range(10.0, 1000.0, by_factor=True),
         "landing_ms": Range(0.0, 300.0),
     }
-    """Chosen: about a tenth to ten times of the defaults, as far as a line through pairs makes sense."""
+    """Ranges of the parameters for `hil-bridge tune`. Chosen: about a tenth to ten times the defaults, as far as a
+    line through pairs makes sense.
+    """
 
     window: int = 6
-    """Pairs that the line goes through."""
+    """Number of pairs that the line is fitted to."""
     stiffest_n_m: float = 100_000.0
-    """Stiffness assumed for moves inwards before any was estimated."""
+    """Stiffness assumed for moves inwards while there is no estimate, N/m."""
     caution: float = 1.0
-    """Standard errors of the estimate by which it is taken larger for a move inwards."""
+    """Number of standard errors added to the estimate for a move inwards."""
     steepest: float = 0.3
-    """Standard deviation of the expected slopes, m deeper per m of travel: an uncertain slope is taken smaller."""
+    """Standard deviation of the expected slopes, m deeper per m of travel; an uncertain slope is reduced accordingly.
+    """
     smallest_radius_mm: float = 100.0
-    """Radius of curvature of the surface down to which pairs far behind still count in full."""
+    """Radius of curvature of the surface, mm, down to which old pairs keep their full weight."""
     step_limit_mm: float = 2.0
-    """Farthest that the command may move in a sample, either way. Chosen."""
+    """Largest move of the command per sample in either direction, mm. Chosen."""
     resolution_mm: float = POSITION_STEP_MM
-    """Smallest step of the robot's position."""
+    """Resolution of the robot's position, mm."""
     force_uncertainty_n: float = 0.1
-    """Standard deviation of the force."""
+    """Standard deviation of the force, N."""
     landing_ms: float = 0.0
-    """Time in which a move inwards makes 63 % of its way at a first touch: until the force has been near the desired
-    one, or this time has passed three times. 0, or a longer sample time, makes the whole move.
+    """Time in which a move inwards covers 63 % of its distance at a first touch, ms. It applies until the force has
+    been near the desired force, or three times this time has passed. With 0 or a longer sample time, each move is made
+    at once.
     """
     servo_lag_ms: float = 0.0
-    """Time by which the robot comes after its orders, for a model of its servo that tells the position in place of the
-    robot; 0 takes the position that it reports. Written out for a robot that reports it with noise.
+    """Time by which the robot lags behind its orders, ms, for a servo model whose position replaces the reported one; 0
+    uses the reported position. It is set for robots that report a noisy position.
     """
     servo_damping: float = 1.0
-    """Damping ratio of that model."""
+    """Damping ratio of the servo model."""
     servo_error_mm: float = 0.15
-    """Farthest that the model's position may be from the reported one. Chosen: the largest error behind its target that
-    an arm of Universal Robots has here.
+    """Largest difference between the model's position and the reported one, mm. Chosen: the largest following error of
+    a Universal Robots arm here.
     """
     pairing: Pairing = field(init=False, repr=False, compare=False)
     """Settings for the pairing of force and position."""
     constants: tuple[float, float, float] = field(init=False, repr=False, compare=False)
-    """Constants of the line: variance of a rounded position, m², half the curvature, 1/m, and weight of slope 0."""
+    """Constants of the fitted line: variance of a rounded position, m², half the curvature, 1/m, and weight of the
+    slope 0.
+    """
     servo: Servo | None = field(init=False, repr=False, compare=False)
-    """The model of the robot's servo; None where the reported position is taken."""
+    """Model of the robot's servo; None if the reported position is used."""
 
     def __post_init__(self) -> None:
         require_above_zero(self, "window", "stiffest_n_m", "steepest", "smallest_radius_mm", "step_limit_mm")
@@ -173,13 +182,13 @@ class Predictive:
         object.__setattr__(self, "servo", servo if modelled else None)
 
     def initial(self) -> PredictiveState:
-        """State before the first sample in contact."""
+        """Return the state before the first sample in contact."""
         return PredictiveState()
 
     def step(
         self, state: PredictiveState, measurement: Measurement, reference: float
     ) -> tuple[PredictiveState, Command]:
-        """One sample. A measurement that is not finite moves nothing and is left out.
+        """Return the command for one sample. A measurement that is not finite causes no motion and is ignored.
 
         Raises ValueError for a reference that is not above 0.
         """
@@ -222,13 +231,15 @@ class Predictive:
     def _follow(
         self, state: PredictiveState, stiffness: float, measurement: Measurement, reference: float
     ) -> tuple[PredictiveState, Command]:
-        """Return the answer given an estimate, and the state after it. `state` has this sample's pair."""
+        """Return the command for a known stiffness, and the state after it. `state` already contains this sample's
+        pair.
+        """
         estimate, pairs = state.estimate, state.pairs
         error, relative_error = measurement.force - reference, estimate.relative_error(self.pairing)
         band = stiffness * self.resolution_mm * 1e-3 / 2 + self.force_uncertainty_n
         side = 1 if error > 2.0 * band else -1 if error < -2.0 * band else state.side
         swung = side * state.side < 0
-        robustness = state.robustness * (_SWING_FACTOR if swung else _CALM_FACTOR)
+        robustness = state.robustness * (_REVERSAL_FACTOR if swung else _CALM_FACTOR)
         robustness = within(robustness, _ROBUSTNESS_LEAST, _ROBUSTNESS_MOST)
         guard = 1.0 if robustness < 1.0 else robustness
         predicted, slope, slope_error = self._fit(
@@ -266,45 +277,49 @@ class Predictive:
         ), command
 
     def _probe(self, pairs: tuple[Pair, ...], measurement: Measurement, reference: float) -> float:
-        """Correction while the stiffness is unknown, m."""
+        """Return the correction while the stiffness is unknown, m."""
         error = reference - measurement.force
         if error >= 0:
-            return error / self._stiffest(pairs)
+            return error / self._stiffness_bound(pairs)
         if measurement.free_position is None:
             return error / self.stiffest_n_m
-        # Contact began behind the last position without it, so the surface is at least this stiff.
+        # Contact began beyond the last free position, so the surface is at least this stiff.
         travelled = max(measurement.position - measurement.free_position, self.resolution_mm * 1e-3)
         return error * travelled / (2 * max(measurement.force_at_position, -error))
 
     def _land(self, state: PredictiveState, correction: float, dt: float) -> float:
-        """Return the part of a correction that a sample of this time, s, makes at a first touch."""
+        """Return the correction that one sample makes at a first touch, m. `dt` is the duration of the sample, s."""
         landing = self.landing_ms * 1e-3
         if correction <= 0.0 or dt >= landing or state.landing > _LANDINGS * landing:
             return correction
         return correction * dt / landing
 
-    def _stiffest(self, pairs: tuple[Pair, ...]) -> float:
-        """Upper bound of the stiffness, twice over, from moves inwards that hardly changed the force, N/m."""
+    def _stiffness_bound(self, pairs: tuple[Pair, ...]) -> float:
+        """Return twice the upper bound of the stiffness, N/m, derived from moves inwards that hardly changed the
+        force.
+        """
         (_, newest, pressing), least = pairs[-1], self.stiffest_n_m / _PROBE_RANGE
         for _, position, force in pairs[:-1]:
-            moved = newest - position - self.resolution_mm * 1e-3
-            if moved > self.resolution_mm * 1e-3 / 2:
+            displacement = newest - position - self.resolution_mm * 1e-3
+            if displacement > self.resolution_mm * 1e-3 / 2:
                 pressed = max(pressing - force, 0.0) + 2 * self.force_uncertainty_n
-                return within(2 * pressed / moved, least, self.stiffest_n_m)
+                return within(2 * pressed / displacement, least, self.stiffest_n_m)
         return self.stiffest_n_m
 
     def _search(self, stiffness: float | None, reference: float) -> float:
-        """Correction while contact is lost, m."""
+        """Return the correction while contact is lost, m."""
         if stiffness is None:
             return max(reference / self.stiffest_n_m, self.resolution_mm * 1e-3)
-        # A third: a contact found again shows two cycles late, and the force must not be threefold by then.
+        # A third, because regained contact is reported two cycles late, and the force must not have tripled by then.
         return reference / (3 * stiffness)
 
     def _fit(
         self, pairs: tuple[Pair, ...], stiffness: float, relative_error: float, at: float, reference: float
     ) -> tuple[float, float, float]:
-        """Fit a straight line through the target positions: its value at this travel, its slope, and the standard error
-        of that. Weighted least squares with a slope that is 0 ± `steepest` before any pair is seen.
+        """Return the value of a line fitted through the target positions at the given travel, its slope, and the
+        standard error of the value.
+
+        The fit is a weighted least squares fit, with an assumed slope of 0 ± `steepest` before the first pair.
         """
         relative_error = relative_error if relative_error < 1.0 else 1.0
         inwards, doubt = stiffness * (1.0 + self.caution * relative_error), relative_error / stiffness
@@ -314,26 +329,28 @@ class Predictive:
         base = pairs[-1][1]
         for travel, position, force in pairs:
             short, away = reference - force, travel - at
-            wanted = position - base + short / (inwards if short > 0.0 else stiffness)
+            target = position - base + short / (inwards if short > 0.0 else stiffness)
             unsure, bent = doubt * short, bend * away * away
             weight = 1.0 / (still + unsure * unsure + bent * bent)
             far = weight * away
             s0 += weight
             s1 += far
             s2 += far * away
-            t0 += weight * wanted
-            t1 += far * wanted
+            t0 += weight * target
+            t1 += far * target
         determinant = s0 * s2 - s1 * s1
         slope = (s0 * t1 - s1 * t0) / determinant
         return base + (s2 * t0 - s1 * t1) / determinant, slope, math.sqrt(s0 / determinant)
 
     def _answer(self, measurement: Measurement, estimate: Stiffness, correction: float) -> Command:
-        """Return the command with this correction when no line is followed. Its gain is 0 without an estimate."""
+        """Return the command with the given correction for a sample in which no line is followed. Its gain is 0
+        without an estimate.
+        """
         correction = self._limit(correction)
         gain = 1.0 / (1.0 + estimate.relative_error(self.pairing))
         return Command(measurement.commanded + correction, correction, estimate.value, gain)
 
     def _limit(self, correction: float) -> float:
-        """As much of a correction as a sample may make, m."""
+        """Return the correction limited to the largest correction of one sample, m."""
         limit = self.step_limit_mm * 1e-3
         return within(correction, -limit, limit)

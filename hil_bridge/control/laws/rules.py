@@ -1,8 +1,8 @@
-"""Rule bases of a fuzzy controller: what an operator writes down, checked for completeness, as TOML.
+"""Rule bases of a fuzzy controller, read from TOML and checked for completeness.
 
-A base has two inputs, the force error and its change in percent of the desired force, and one output. Each input is cut
-into levels by edges. Each linguistic term says to what degree every level belongs to it. A rule names the output's term
-for a pair of input terms. The output's levels are factors on one output step.
+A rule base has two inputs, the force error and its change in percent of the desired force, and one output. Edges
+divide each input into levels. Each linguistic term defines the degree to which every level belongs to it. A rule
+gives the output term for a pair of input terms. The output levels are factors on one output step.
 """
 
 import math
@@ -27,15 +27,15 @@ Table = tuple[tuple[float, ...], ...]
 
 
 class Term(NamedTuple):
-    """A linguistic term."""
+    """Linguistic term."""
 
     name: str
     degrees: tuple[float, ...]
-    """Degree 0 … 1 to which each level of the variable belongs to the term."""
+    """Degree (0 … 1) to which each level of the variable belongs to the term."""
 
 
 class Rule(NamedTuple):
-    """If the error is … and its change is …, the output is …: three names of terms."""
+    """Rule given by three names of terms: if the error is … and its change is …, the output is …."""
 
     error: str
     change: str
@@ -44,26 +44,26 @@ class Rule(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """The error, its change or the output."""
+    """Linguistic variable: the error, its change or the output."""
 
     name: str
     levels: tuple[float, ...]
-    """Names of the levels, ascending; for the output also their worth in output steps."""
+    """Names of the levels, ascending. For the output they are also its values in output steps."""
     edges_percent: tuple[float, ...]
-    """Borders between neighbouring levels, ascending; none for the output."""
+    """Edges between neighbouring levels, ascending, in percent; empty for the output."""
     terms: tuple[Term, ...]
 
     def __post_init__(self) -> None:
-        """Raise ValueError for numbers or lengths that do not make a variable."""
+        """Raise ValueError if the numbers or lengths do not form a valid variable."""
         _check_ascending(f"{self.name}.levels", self.levels)
         # The continuous surface extends the outermost levels by the slope between two edges.
         if len(self.levels) < 3:
             raise ValueError(f"{self.name}.levels must be at least 3, got {len(self.levels)}")
         if not self.terms:
-            raise ValueError(f"{self.name}.terms: there are none")
+            raise ValueError(f"{self.name}.terms is empty")
         names = [term.name for term in self.terms]
         if twice := [name for name in names if names.count(name) > 1]:
-            raise ValueError(f"{self.name}.terms: {twice[0]} is given twice")
+            raise ValueError(f"{self.name}.terms: {twice[0]} is defined twice")
         for name, degrees in self.terms:
             where = f"{self.name}.terms.{name}"
             if len(degrees) != len(self.levels):
@@ -79,19 +79,19 @@ class Variable:
 
 @dataclass(frozen=True, slots=True)
 class RuleBase:
-    """Everything that fuzzy inference needs."""
+    """Complete rule base of a fuzzy controller."""
 
     error: Variable
     change: Variable
     output: Variable
     rules: tuple[Rule, ...]
     printed: Table | None = None
-    """Output levels for error level (row) and change level (column), where a source prints such a table beside its
-    rules. It may differ from the rules' own answers.
+    """Output levels for error level (row) and change level (column), if a source prints such a table with its
+    rules. The printed table may differ from the table computed from the rules.
     """
 
     def __post_init__(self) -> None:
-        """Raise ValueError with the first rule or term that is missing, contradictory or useless."""
+        """Raise ValueError for the first rule or term that is missing, contradictory or unused."""
         for variable in (self.error, self.change):
             _check_input(variable)
         known = [{term.name for term in v.terms} for v in (self.error, self.change, self.output)]
@@ -104,7 +104,7 @@ class RuleBase:
             if before != rule.output:
                 raise ValueError(
                     f"inference.rules, number {number}: error {rule.error} with change {rule.change} "
-                    f"gives {rule.output}, but {before} in a rule before"
+                    f"gives {rule.output}, but {before} in an earlier rule"
                 )
         missing = [
             f"error {e.name} with change {c.name}"
@@ -114,7 +114,7 @@ class RuleBase:
         ]
         if missing:
             more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
-            raise ValueError(f"inference.rules: there is none for {missing[0]}{more}")
+            raise ValueError(f"inference.rules: no rule for {missing[0]}{more}")
         if self.printed is not None:
             self._check_printed(self.printed)
 
@@ -128,9 +128,9 @@ class RuleBase:
 
 
 def parse_rules(text: str, source: str = "rules") -> RuleBase:
-    """Parse the rule base in a TOML text. Raises ConfigError that names `source` and the entry.
+    """Return the rule base from a TOML text. Raises ConfigError, with `source` and the entry in its text.
 
-    `levels` and `[terms]` at the top hold for every variable that has none of its own.
+    `levels` and `[terms]` at the top level apply to every variable that does not define its own.
     """
     values = parse_toml(text, source)
     try:
@@ -140,12 +140,14 @@ def parse_rules(text: str, source: str = "rules") -> RuleBase:
 
 
 def read_rules(path: str | Path) -> RuleBase:
-    """Read the rule base in a TOML file. Raises ConfigError that names the file and the entry."""
+    """Return the rule base from a TOML file. Raises ConfigError, with the file and the entry in its text."""
     return parse_rules(read_text(Path(path), TOML_LIMIT_BYTES), str(path))
 
 
 def rules_as_toml(base: RuleBase) -> str:
-    """Return a TOML text that `parse_rules` reads as the same rule base: a start for one's own."""
+    """Return a TOML text from which `parse_rules` returns the same rule base, as a starting point for a custom rule
+    base.
+    """
     lines = ["# Rule base of a fuzzy force controller.", ""]
     lines += [
         "# Borders between the levels of an input, percent of the desired force; degree to which each level",
@@ -199,10 +201,10 @@ def _check_ascending(where: str, numbers: Sequence[float]) -> None:
 def _check_input(variable: Variable) -> None:
     where = f"{variable.name}.edges_percent"
     _check_ascending(where, variable.edges_percent)
-    wanted = len(variable.levels) - 1
-    if len(variable.edges_percent) != wanted:
+    edge_count = len(variable.levels) - 1
+    if len(variable.edges_percent) != edge_count:
         raise ValueError(
-            f"{where} must be {wanted} numbers, one fewer than levels, got {len(variable.edges_percent)}"
+            f"{where} must be {edge_count} numbers, one fewer than levels, got {len(variable.edges_percent)}"
         )
     for index, level in enumerate(variable.levels):
         if not any(term.degrees[index] for term in variable.terms):
@@ -240,7 +242,9 @@ def _variable(name: str, values: dict[str, Any], known: set[str]) -> Variable:
 def _check_keys(prefix: str, section: dict[str, Any], known: set[str]) -> None:
     for key in section:
         if key not in known:
-            raise ValueError(f"{prefix}{key} is no entry of a rule base; known: {', '.join(sorted(known))}")
+            raise ValueError(
+                f"{prefix}{key} is not an entry of a rule base; known: {', '.join(sorted(known))}"
+            )
 
 
 def _table(where: str, value: object) -> dict[str, Any]:
@@ -280,4 +284,4 @@ def _by_error(rules: Sequence[Rule]) -> list[tuple[str, list[Rule]]]:
 
 
 PAPER_RULES = _read_built_in()
-"""The paper's Tables 1 and 2, the rules recovered from its Table 3, and that table as printed."""
+"""The paper's Tables 1 and 2, the rules recovered from its Table 3, and Table 3 as printed."""

@@ -1,9 +1,9 @@
-"""Where the robot is by its orders: a model of its servo.
+"""Model of the robot's servo, which computes the robot's position from its orders.
 
-A robot may report its position with a noise that is larger than the moves of a sample. Its orders have none, and the
-force shows each error of the arm at once. So the model leads the orders through a loop of second order, as late as the
-robot is, and the position stays within a bound of the reported one. Source: internal model control, as textbooks have
-it.
+The position that a robot reports may have more noise than the tool moves in one sample. Orders have no noise, and
+the force responds at once to each position error of the arm. So the model passes the orders through a second-order
+loop with the robot's lag, and keeps the position within a bound around the reported position. Source: textbook
+internal model control.
 """
 
 from dataclasses import dataclass
@@ -15,35 +15,36 @@ from hil_bridge.control.types import Measurement
 
 
 class Served(Struct, frozen=True):
-    """State of the loop."""
+    """State of the second-order loop."""
 
     position: float
-    """m"""
+    """Modelled position, m."""
     speed: float = 0.0
-    """m/s"""
+    """Modelled speed, m/s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Servo:
-    """A loop of second order."""
+    """Second-order loop that models the robot's servo."""
 
     lag_s: float
-    """Time by which a steady motion comes after its orders, s."""
+    """Time by which the robot lags behind its orders in steady motion, s."""
     damping: float
-    """Damping ratio."""
+    """Damping ratio of the loop."""
     error_m: float
-    """Farthest that the position is taken to be from the reported one, m."""
+    """Largest difference between the modelled and the reported position, m."""
 
     def begin(self, measurement: Measurement, coming: bool) -> Served:
-        """Return the state at the first sample in contact: the robot is where it reports.
+        """Return the state at the first sample in contact, at the reported position of the robot.
 
-        `coming`: it comes with an even speed, as at a first touch; else it stands.
+        `coming` states whether the robot approaches at a constant speed, as at a first touch; otherwise it is
+        stationary.
         """
         speed = (measurement.commanded - measurement.position) / self.lag_s if coming else 0.0
         return Served(measurement.position, speed)
 
     def after(self, served: Served, measurement: Measurement) -> Served:
-        """Return the state after a sample. Backward Euler: stable for any time."""
+        """Return the state after a sample, by the backward Euler method, which is stable for any step size."""
         reported, dt = measurement.position, measurement.dt
         frequency = 2.0 * self.damping / self.lag_s
         pull = dt * frequency

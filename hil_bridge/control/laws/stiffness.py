@@ -1,12 +1,13 @@
 """Contact stiffness by recursive least squares with forgetting, over force–position pairs aligned in time.
 
-Model: while pressing, f = k · (x − s), where the surface s lies s' deeper per metre of travel. Between two pairs Δf = k
-· φ with φ = Δx − s' · Δtravel, so k = Σ w φ Δf / Σ w φ², the weights w = λⁿ/r fading with every pair that came after. r
-is the variance of Δf − k φ: the force noise of two samples and k² times the quantisation of two reported positions. On
-all but the softest surfaces the second part is the larger one. Since φ itself carries that quantisation, each φ² is
-lessened by its variance. Without this the estimate of small moves is too low, and a stiffness that is too low is a gain
-that is too high. Source: textbook recursive least squares in information form, bias-compensated; the paper has eq. (4)
-alone.
+Model: while pressing, f = k · (x − s), where the surface s becomes s' deeper per metre of travel. Between two
+pairs, Δf = k · φ with φ = Δx − s' · Δtravel. So k = Σ w φ Δf / Σ w φ², with the weights w = λⁿ/r, which decrease
+with every later pair. r is the variance of Δf − k φ: the force noise of two samples, plus k² times the quantisation
+of two reported positions. On all but the softest surfaces the second part is larger.
+
+Because φ itself contains this quantisation, each φ² is reduced by its variance. Without this correction, the
+estimate from small moves would be too low, and the gain therefore too high. Source: textbook recursive least
+squares in information form, bias-compensated; the paper has only eq. (4).
 """
 
 import math
@@ -22,40 +23,42 @@ from hil_bridge.control.types import POSITION_STEP_MM, Measurement
 from protocol.marks import SettingError
 
 _SLOPE_GAIN = 0.3
-"""Share of a newly seen slope that is believed. Chosen: a position off by one step is a third of it."""
+"""Weight of a newly measured slope. Chosen: a position error of one step then affects the slope by only a third of
+its size.
+"""
 _LEAST_TRAVEL = 0.2e-3
-"""Travel below which two samples say nothing of the slope, m. Chosen: more than a resolution step."""
+"""Smallest travel between two samples from which a slope is measured, m. Chosen: more than a resolution step."""
 _FIRST_SPAN_S = 0.8
-"""Time over which moves add up while there is no estimate, s. Chosen: five samples of 172 … 187 ms reach it and four do
-not.
+"""Time over which moves are accumulated while there is no estimate, s. Chosen: five samples of 172 … 187 ms reach
+this time and four do not.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Pairing:
-    """Settings for pairs: their uncertainty, and the conditions under which they count."""
+    """Uncertainty of the pairs, and the conditions under which a pair is used."""
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
 
     resolution_mm: float = POSITION_STEP_MM
-    """Smallest step of the reported position."""
+    """Resolution of the reported position, mm."""
     force_uncertainty_n: float = 0.1
-    """Standard deviation of the force."""
+    """Standard deviation of the force, N."""
     forgetting: float = 0.8
-    """λ: what older pairs still count when a pair has been added. Chosen: half of them after three."""
+    """λ: factor on the weight of older pairs for each new pair. Chosen: half after three pairs."""
     smallest_move: float = 1.5
-    """Move from which a pair counts, in resolution steps. Once there is an estimate, it is the mean of |φ| and of
-    |Δf|/k; otherwise pairs would be chosen in which |φ| is large by quantisation alone. Chosen: a reversal moves the
-    robot by one step less than it reports.
+    """Smallest move that makes a pair count, in resolution steps. Once there is an estimate, the move is the mean of
+    |φ| and |Δf|/k; otherwise, pairs with a |φ| that is large only by quantisation would be preferred. Chosen: at a
+    reversal, the robot moves one step less than it reports.
     """
     span_ms: float = 0.0
-    """Time over which small moves add up once there is an estimate; 0 compares neighbouring samples alone."""
+    """Time over which small moves add up once there is an estimate, ms; 0 compares only neighbouring samples."""
     stiffness_min: float = 1e2
-    """Smallest stiffness that is believed, N/m."""
+    """Smallest plausible stiffness, N/m."""
     stiffness_max: float = 1e6
-    """Largest stiffness that is believed, N/m: sensor, tool and robot are no stiffer together."""
+    """Largest plausible stiffness, N/m: sensor, tool and robot together are no stiffer."""
     step_variance: float = field(init=False, repr=False, compare=False)
-    """Variance of the difference of two reported positions, m²: two roundings to whole steps."""
+    """Variance of the difference between two reported positions, each rounded to a step, m²."""
 
     def __post_init__(self) -> None:
         require_above_zero(
@@ -76,14 +79,14 @@ class Pairing:
 
 
 class Stiffness(Struct, frozen=True):
-    """Sums of the least squares and the older half of the next difference."""
+    """Sums of the least squares fit, and the older sample of the next difference."""
 
     moved: float = 0.0
-    """Σ w φ² less its bias, with w relative: in m²."""
+    """Σ w φ² less its bias, with relative weights w, m²."""
     pressed: float = 0.0
     """Σ w φ Δf, N·m."""
     force: float | None = None
-    """Force of the older pair, N; None when the next pair begins again."""
+    """Force of the older pair, N; None if the next sample starts a new pair."""
     position: float = 0.0
     """Position of the older pair, m."""
     travel: float = 0.0
@@ -91,15 +94,15 @@ class Stiffness(Struct, frozen=True):
     age: float = 0.0
     """Time since the older pair, s."""
     slope: float = 0.0
-    """Depth that the surface gains per travel, going by x − f/k."""
+    """Depth that the surface gains per metre of travel, according to x − f/k."""
 
     @property
     def value(self) -> float | None:
-        """Estimate in N/m; None before the first pair that counted."""
+        """Estimated stiffness, N/m; None before the first valid pair."""
         return self.pressed / self.moved if self.moved > 0.0 else None
 
     def relative_error(self, pairing: Pairing) -> float:
-        """Return the standard error of the estimate, relative to it; infinite without one."""
+        """Return the relative standard error of the estimate; infinite if there is no estimate."""
         if not self.moved > 0.0:
             return math.inf
         noise = pairing.force_uncertainty_n * self.moved / self.pressed
@@ -109,11 +112,12 @@ class Stiffness(Struct, frozen=True):
 def observe(
     estimate: Stiffness, pairing: Pairing, measurement: Measurement, slope: float | None = None
 ) -> Stiffness:
-    """Take one sample. `slope` is how much deeper the surface lies per travel, where the caller knows it better.
+    """Return the estimate after one sample. `slope` is the depth that the surface gains per metre of travel, if the
+    caller has a better value.
 
-    Without contact the estimate stays and pairs begin again. A sample that is saturated or not finite is passed over.
-    So is a move that is too small: its older half is replaced once it is older than `span_ms`, for sums of small moves
-    carry the robot's dead band.
+    Without contact, the estimate is kept and the next sample starts a new pair. A sample that is saturated or not
+    finite is ignored. A move that is too small is not used. Its older sample is replaced once it is older than
+    `span_ms`, because sums of small moves contain the robot's dead band.
     """
     if not measurement.in_contact:
         return replace(estimate, force=None)
@@ -124,13 +128,13 @@ def observe(
     if estimate.force is None:
         return replace(estimate, force=force, position=position, travel=travel, age=0.0)
     travelled = travel - estimate.travel
-    moved = position - estimate.position - slope * travelled
+    displacement = position - estimate.position - slope * travelled
     pressed = force - estimate.force
     known = estimate.value
     learnt = estimate.slope
     if known is not None and abs(travelled) > _LEAST_TRAVEL:
-        seen = (position - estimate.position - pressed / known) / travelled
-        learnt = slope + _SLOPE_GAIN * (within(seen, -1.0, 1.0) - slope)
+        measured_slope = (position - estimate.position - pressed / known) / travelled
+        learnt = slope + _SLOPE_GAIN * (within(measured_slope, -1.0, 1.0) - slope)
     newer = Stiffness(
         moved=estimate.moved,
         pressed=estimate.pressed,
@@ -140,19 +144,19 @@ def observe(
         age=0.0,
         slope=learnt,
     )
-    size = abs(moved) if known is None else (abs(moved) + abs(pressed) / known) / 2.0
+    size = abs(displacement) if known is None else (abs(displacement) + abs(pressed) / known) / 2.0
     if size < pairing.smallest_move * pairing.resolution_mm * 1e-3 * (1 - 1e-6):
-        # Until there is an estimate, small moves of a careful beginning add up, though not for ever. A
-        # surface that moves sideways under the tool would enter the quotient without bound.
+        # Until there is an estimate, small moves of a slow approach add up for a limited time. Otherwise, a
+        # surface that moves sideways under the tool would distort the quotient without limit.
         age = estimate.age + measurement.dt
         span = _FIRST_SPAN_S if known is None else pairing.span_ms * 1e-3
         return replace(estimate, age=age) if age < span else newer
-    possible = moved and pairing.stiffness_min <= pressed / moved <= pairing.stiffness_max
+    possible = displacement and pairing.stiffness_min <= pressed / displacement <= pairing.stiffness_max
     if not possible or abs(pressed) < 2 * pairing.force_uncertainty_n:
         return newer
     kept = pairing.forgetting
     return replace(
         newer,
-        moved=kept * estimate.moved + moved**2 - min(pairing.step_variance, moved**2 / 2),
-        pressed=kept * estimate.pressed + moved * pressed,
+        moved=kept * estimate.moved + displacement**2 - min(pairing.step_variance, displacement**2 / 2),
+        pressed=kept * estimate.pressed + displacement * pressed,
     )

@@ -1,1 +1,1 @@
-"""A program of a run: its legs in one row, checked as a whole and then taken one after the other. Pure."""
+"""Program of a run: a sequence of legs, checked together and then carried out one after the other. Pure."""

@@ -1,4 +1,4 @@
-"""The answer of a plug-in's step, checked before it is used. Pure."""
+"""Check of the response from a plug-in's step before it is used. Pure."""
 
 import math
 from typing import Any
@@ -15,9 +15,9 @@ from hil_bridge.errors.failures import WrongAnswer
 
 
 def check_result(context: StepContext, leg: Leg, before: StepState, result: Any) -> None:
-    """Check the answer of a step to one sample. `before` is the state that it was given.
+    """Check the response of a step to one sample. `before` is the state that the step received.
 
-    Raises WrongAnswer where a part has another type. Raises ValueError for an order that is not finite or out of
+    Raises WrongAnswer if a part has the wrong type. Raises ValueError for an order that is not finite or out of
     reach, for a zero that could hide a contact, and for an end of the run.
     """
     _require(leg, result, StepResult, "a StepResult")
@@ -30,7 +30,7 @@ def check_result(context: StepContext, leg: Leg, before: StepState, result: Any)
     _require(leg, result.trouble, (Reason, type(None)), "a Reason as its trouble")
     _require(leg, state.tally, Tally, "a Tally in the state of its StepResult")
     _require(leg, result.zero, tuple, "a tuple as zero")
-    bool(result.done)  # of numpy, too
+    bool(result.done)  # may be a numpy type
     if order.command is not None:
         as_command(order.command)
     if Phase.END in (order.phase, state.stroke.phase):
@@ -50,23 +50,25 @@ def check_result(context: StepContext, leg: Leg, before: StepState, result: Any)
 
 
 def _check_zero(context: StepContext, leg: Leg, result: StepResult) -> None:
-    """Check a zero by the rules of the step `zero`: a retraction reads the force taken off as one from behind."""
+    """Check a zero by the rules of the step `zero`. A retraction would interpret the subtracted force as a force
+    from behind.
+    """
     if len(result.zero) != 6:
         raise ValueError(f"its zero has {len(result.zero)} numbers, not the 6 of a wrench")
     if not (leg.phase is Phase.ZERO and result.done):
         raise ValueError("it sets a zero, which only a step with the phase zero may do, when it is done")
     force = math.dist(result.zero[:3], context.course.zero[:3] or (0.0, 0.0, 0.0))
     if not force <= LARGEST_ZERO_N:
-        raise ValueError(f"its zero takes {force:.1f} N off; allowed are {LARGEST_ZERO_N:g} N")
+        raise ValueError(f"its zero takes {force:.1f} N off; allowed: at most {LARGEST_ZERO_N:g} N")
 
 
 def farthest_answer(limits: Limits) -> float:
-    """Distance from the command before beyond which an answer cannot be meant, m; no place in the workspace is as
-    far.
+    """Return the largest plausible distance of a commanded position from the previous command, m. The workspace is
+    smaller.
     """
     return limits.correction_total_mm * 1e-3 + math.dist(limits.workspace_min_m, limits.workspace_max_m)
 
 
-def _require(leg: Leg, part: Any, kind: type | tuple[type, ...], words: str) -> None:
+def _require(leg: Leg, part: Any, kind: type | tuple[type, ...], description: str) -> None:
     if not isinstance(part, kind):
-        raise WrongAnswer(leg.step, "take", part, words)
+        raise WrongAnswer(leg.step, "take", part, description)

@@ -1,4 +1,4 @@
-"""Forces and moments in the work frame: from the program's own zero, and at a flat face. Pure."""
+"""Forces and moments in the work frame, relative to the program's own zero, and on a flat face. Pure."""
 
 from hil_bridge.control.course.contact_sample import ContactSample
 from hil_bridge.control.course.state import Course
@@ -12,18 +12,20 @@ from protocol.geometry import Vector, normalise, rotate
 def subtract_zero(
     course: Course, frame: WorkFrame, sample: Sample, force: Vector
 ) -> tuple[Vector, tuple[float, ...]]:
-    """Force along the approach, x and y, N, and wrench of a sample from the program's zero."""
+    """Return the contact force along the approach, x and y, N, and the wrench of a sample, relative to the
+    program's zero.
+    """
     quaternion = sample.orientation or course.home
     if quaternion is None or len(sample.wrench) != 6:
         return force, sample.wrench
     turned = rotate(normalise(quaternion), course.zero[:3])
-    a, t, b = (along(turned, way) for way in (frame.approach, frame.x, frame.y))
+    a, t, b = (along(turned, axis) for axis in (frame.approach, frame.x, frame.y))
     wrench = tuple(value - zero for value, zero in zip(sample.wrench, course.zero, strict=True))
     return (force[0] + a, force[1] + t, force[2] + b), wrench
 
 
 def find_across(frame: WorkFrame, sample: Sample) -> float:
-    """Contact force along y, N, of a recording that has it in the wrench alone; 0 where it is not known."""
+    """Return the contact force along y, N, for a recording that contains it only in the wrench; 0 if unknown."""
     if sample.orientation is None or len(sample.wrench) != 6:
         return 0.0
     return -along(rotate(sample.orientation, sample.wrench[:3]), frame.y)
@@ -32,14 +34,16 @@ def find_across(frame: WorkFrame, sample: Sample) -> float:
 def measure_skew(
     frame: WorkFrame, face: Face, contact: ContactSample, per_angle: float
 ) -> tuple[Vector, Place | None]:
-    """Measure the tool's axis, and how its face's moments say that it must tip, in the task frame."""
+    """Return the tool's axis, and the tilt that corrects the skew measured by the moments on its face, in the task
+    frame.
+    """
     orientation = contact.sample.orientation
     if orientation is None or not per_angle or len(contact.wrench) != 6:
         return (1.0, 0.0, 0.0), None
     quaternion = normalise(orientation)
     axis = rotate(quaternion, (0.0, 0.0, 1.0))
     u, v, _ = moment_at(contact.wrench, face.centre)
-    # the tool yields to the moment: a turn about it by moment / stiffness tips the axis
+    # the tool yields to the moment: a rotation by moment / stiffness tilts the axis
     x, y, z = rotate(quaternion, (v / per_angle, -u / per_angle, 0.0))
-    a, t, b = (along(axis, way) for way in (frame.approach, frame.x, frame.y))
+    a, t, b = (along(axis, direction) for direction in (frame.approach, frame.x, frame.y))
     return (a, t, b), (along((x, y, z), frame.x), along((x, y, z), frame.y))

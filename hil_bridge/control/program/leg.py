@@ -1,4 +1,4 @@
-"""One step of a program in one pass, and the row of all of them."""
+"""Leg of a program, which is one step in one pass, and the sequence of all legs."""
 
 from dataclasses import dataclass
 
@@ -10,39 +10,41 @@ from hil_bridge.control.steps.seam import Step
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leg(StepPlan):
-    """One step, in one pass."""
+    """One step in one pass."""
 
     step: Step
-    """Its settings, and what it does."""
+    """Settings and behaviour of the step."""
     repeat: Pass = ALONE
-    """Its place in the passes of a repeat."""
+    """Position of the step in the passes of a repeat."""
     foreign: bool = False
-    """The step comes from a plug-in: its answers are checked, and its retractions supervised as any order."""
+    """Whether the step comes from a plug-in. If so, its responses are checked, and its retractions are supervised
+    like any order.
+    """
 
     @property
     def label(self) -> str:
-        """Its number and its word: "3 (track)"."""
+        """Number and word of the step, for example "3 (track)"."""
         return label_of(self.number, self.step, self.repeat.turn)
 
     @property
     def presses(self) -> bool:
-        """Whether the tool is in contact at its end."""
+        """Whether the tool is in contact at the end of the leg."""
         return self.step.presses
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The legs of a program, and where they lead."""
+    """Legs of a program in order, and their start points."""
 
     legs: tuple[Leg, ...]
     places: tuple[Place | None, ...]
-    """Where each leg begins in the work frame, mm; None where only the run determines that."""
+    """Start point of each leg in the work frame, mm; None if it is known only during the run."""
     written: bool = True
-    """An operator has written the steps: messages name each by its number."""
+    """Whether an operator has written the steps. If so, messages identify each step by its number."""
 
 
 class StepFailed(Exception):
-    """A step raised the error that is this one's cause."""
+    """Failure of a step. The exception of the step is its cause."""
 
     def __init__(self, leg: Leg) -> None:
         super().__init__(leg.label)
@@ -50,5 +52,5 @@ class StepFailed(Exception):
 
 
 def label_of(number: str, step: Step, turn: int) -> str:
-    """Return a step's number and word."""
+    """Return the number and word of a step."""
     return f"{number} ({step.do}{(turn and f', pass {turn}') or ''})"

@@ -1,4 +1,4 @@
-"""A program made ready: its steps in one row, each with its stroke; checked before anything moves."""
+"""Preparation of a program: its steps in sequence, each with its stroke, checked before any motion."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -14,34 +14,34 @@ from hil_bridge.control.program.leg import Leg, Row, label_of
 from hil_bridge.control.steps.repeat import unroll
 from hil_bridge.control.steps.seam import Step, StepLimits
 from hil_bridge.errors import StepError
-from hil_bridge.errors.failures import failure, is_ours, of_others
+from hil_bridge.errors.failures import failure, involves_plugin, is_ours
 
 LEGS_MAX = 5000
-"""Chosen: most steps of a program, passes counted."""
+"""Maximum number of steps in a program, counting all passes. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """All that legs are made of, beside their steps."""
+    """Data from which legs are made, in addition to their steps."""
 
     stroke: Stroke
-    """The stroke with the run's own parameters."""
+    """Stroke with the parameters of the run."""
     limits: Limits
-    """Those of the run."""
+    """Limits of the run."""
     speed_mm_s: float = math.inf
-    """Path velocity of the robot."""
+    """Path velocity of the robot, mm/s."""
     origin_known: bool = False
-    """Paths count from a given place, not from the start point."""
+    """Whether paths are relative to a given origin instead of the start point."""
     follows: bool = False
-    """The force is controlled along the estimated normal in every step that presses."""
+    """Whether the force is controlled along the estimated normal in every step that presses."""
     shows_ground: bool = True
-    """The controller is then shown depths from the plane that the normal predicts."""
+    """Whether the controller receives depths from the plane that the normal predicts, if it follows the normal."""
 
 
 def legs_of(steps: Sequence[Step], ground: Ground, written: bool = True) -> Row:
-    """Return the steps in one row; `written` tells whether the user has written them.
+    """Return the sequence of legs for the given steps. `written` is True if the user wrote the steps.
 
-    Raises ConfigError with the number of the first step that cannot be.
+    Raises ConfigError with the number of the first invalid step.
     """
     legs: list[Leg] = []
     places: list[Place | None] = []
@@ -50,7 +50,7 @@ def legs_of(steps: Sequence[Step], ground: Ground, written: bool = True) -> Row:
     for number, step, turn in unroll(tuple(steps)):
         if len(legs) >= LEGS_MAX:
             raise StepError(f"more than {LEGS_MAX} steps, with the passes of a repeat")
-        with _blaming(label_of(number, step, turn.turn)):
+        with _label_errors(label_of(number, step, turn.turn)):
             leg = _leg(number, step, ground, (place, presses))
             leg = step.reach(leg, back_mm)
             back_mm = step.back_from(leg, back_mm)
@@ -65,44 +65,44 @@ def legs_of(steps: Sequence[Step], ground: Ground, written: bool = True) -> Row:
         presses = step.presses
         place = after
     if presses or not legs:
-        raise StepError("the last step must be a retract, so that no program ends pressing")
+        raise StepError("the last step must be a retract, because a program must not end in contact")
     return Row(tuple(legs), tuple(places), written)
 
 
 def seconds(row: Row) -> list[float]:
-    """Time that each leg takes about, s: without the corners that are taken slower."""
-    taken = []
+    """Return the approximate duration of each leg, s. Slower motion in corners is not included."""
+    durations = []
     for leg, place in zip(row.legs, row.places, strict=True):
-        with _blaming(leg.label):
+        with _label_errors(leg.label):
             time = leg.step.seconds(leg, place)
         if not math.isfinite(time):
             raise StepError("it never ends; give speed_mm_s above 0, or for_s", leg.label)
-        taken.append(time)
-    return taken
+        durations.append(time)
+    return durations
 
 
 def _inherits_side(before: Sequence[Leg], leg: Leg) -> bool:
-    """Whether the tool may still lean on what the steps before have met beside their way."""
+    """Return whether the tool may still touch an obstacle next to the path of an earlier step."""
     if not before or not before[-1].works_aside:
         return False
     return before[-1].presses or leg.phase is Phase.RETRACT
 
 
 @contextmanager
-def _blaming(label: str) -> Iterator[None]:
-    """Turn what a step refuses, and what one of a plug-in raises, into a StepError with this label."""
+def _label_errors(label: str) -> Iterator[None]:
+    """Convert the rejection by a step, and any exception of a plug-in's step, to a StepError with the given label."""
     try:
         yield
     except ValueError as error:
         raise StepError(str(error), label) from error
     except Exception as error:
-        if not of_others(error):
+        if not involves_plugin(error):
             raise
         raise StepError(failure(error), label) from error
 
 
 def _leg(number: str, step: Step, ground: Ground, before: tuple[Place | None, bool]) -> Leg:
-    """Return the leg of a step. `before` is where the tool is, mm, and whether it presses there."""
+    """Return the leg of a step. `before` holds the position of the tool, mm, and whether it presses there."""
     place, presses = before
     tight = _tighten(ground.limits, step.limits)
     speed = step.speed_mm_s
@@ -112,14 +112,14 @@ def _leg(number: str, step: Step, ground: Ground, before: tuple[Place | None, bo
             f"robot.velocity_mm_s, now {ground.speed_mm_s:g}"
         )
     step.check(presses, tight)
-    way = step.make_way(place)
+    path = step.make_way(place)
     parameters = _parameters(ground.stroke.parameters, step)
-    profile = _profile(step, parameters, way)
+    profile = _profile(step, parameters, path)
     for newton in (force for _, force in profile if step.controls):
         if newton <= parameters.contact_threshold_n:
             raise ValueError(
                 f"force_n of {newton:g} N must be above task.contact_threshold_n of "
-                f"{parameters.contact_threshold_n:g} N: with less the tool does not touch"
+                f"{parameters.contact_threshold_n:g} N: with less, the tool is not in contact"
             )
         if newton >= tight.force_limit_n:
             raise ValueError(
@@ -133,7 +133,7 @@ def _leg(number: str, step: Step, ground: Ground, before: tuple[Place | None, bo
         stroke=replace(ground.stroke, parameters=parameters, force_limit_n=tight.force_limit_n),
         limits=tight,
         profile=profile,
-        way=way,
+        way=path,
         follows=follows,
         shows_ground=follows and ground.shows_ground,
         phase=step.phase,
@@ -144,13 +144,13 @@ def _leg(number: str, step: Step, ground: Ground, before: tuple[Place | None, bo
     )
 
 
-def _profile(step: Step, parameters: TaskParameters, way: Way | None) -> tuple[tuple[float, float], ...]:
-    """Way, m, and wanted force, N."""
-    given = step.force_n
-    pairs = given if isinstance(given, tuple) else ((0.0, parameters.force_n),)
+def _profile(step: Step, parameters: TaskParameters, path: Way | None) -> tuple[tuple[float, float], ...]:
+    """Return pairs of path length, m, and desired force, N."""
+    force = step.force_n
+    pairs = force if isinstance(force, tuple) else ((0.0, parameters.force_n),)
     profile = tuple((mm * 1e-3, newton) for mm, newton in pairs)
-    if way is not None and len(profile) > 1 and profile[-1][0] < way.length - 1e-9:
-        end, length = profile[-1][0] * 1e3, way.length * 1e3
+    if path is not None and len(profile) > 1 and profile[-1][0] < path.length - 1e-9:
+        end, length = profile[-1][0] * 1e3, path.length * 1e3
         raise ValueError(
             f"force_n ends at {end:g} mm, but the path is {length:.1f} mm long: give the force of its end"
         )
@@ -158,7 +158,7 @@ def _profile(step: Step, parameters: TaskParameters, way: Way | None) -> tuple[t
 
 
 def _parameters(task: TaskParameters, step: Step) -> TaskParameters:
-    """Return the task's parameters with those of the step."""
+    """Return the parameters of the task, overridden by the parameters of the step."""
     changes = {name: value for name, value in step.parameters(task).items() if value is not None}
     force = step.force_n
     if force is not None:
@@ -179,8 +179,8 @@ def _tighten(limits: Limits, own: StepLimits) -> Limits:
             continue
         if value > getattr(limits, name):
             raise ValueError(
-                f"limits.{name} of {value:g} is wider than that of the run, {getattr(limits, name):g}: "
-                "a step can only be stricter"
+                f"limits.{name} of {value:g} exceeds that of the run, {getattr(limits, name):g}: "
+                "a step can only tighten a limit"
             )
         changes[name] = value
     return replace(limits, **changes) if changes else limits

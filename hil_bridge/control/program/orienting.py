@@ -1,9 +1,9 @@
-"""The orientation that a step wants, and the way to it: no faster than the guard allows. Pure."""
+"""Orientation that a step requests, and the rotation towards it within the allowed speed. Pure."""
 
 import math
 
 from hil_bridge.control.course.facing import Facing, inward
-from hil_bridge.control.geometry.turning import brought, tip_tool, yaw_tool
+from hil_bridge.control.geometry.turning import rotate_towards, tip_tool, yaw_tool
 from hil_bridge.control.geometry.ways import Place
 from hil_bridge.control.geometry.work_frame import WorkFrame
 from hil_bridge.control.program.leg import Leg
@@ -13,7 +13,7 @@ from protocol.geometry import Quaternion, product, turn_about
 
 
 def heading_of(leg: Leg, state: ProgramState) -> Place:
-    """Direction of the path at the commanded place, unit vector in x and y."""
+    """Return the direction of the path at the commanded point, as a unit vector in x and y."""
     if leg.way is None:
         return state.course.facing.heading
     return leg.way.headings[leg.way.piece(state.step.local)]
@@ -22,18 +22,18 @@ def heading_of(leg: Leg, state: ProgramState) -> Place:
 def turn_tool(
     state: ProgramState, leg: Leg, frame: WorkFrame, facing: Facing, dt: float
 ) -> Quaternion | None:
-    """Return the orientation to command, as far towards that of the leg as may be turned in one sample; None to leave
-    the tool alone.
+    """Return the orientation to command, rotated towards the orientation of the leg as far as one sample allows;
+    None to keep the current orientation.
     """
     home, turned = state.course.home, state.course.turned
     if home is None or (goal := _choose_orientation(state, leg, frame, facing)) is None:
         return turned
     rate = math.radians(leg.limits.turn_deg_s) * TURNED_SHARE
-    return brought(turned or home, goal, rate * dt)
+    return rotate_towards(turned or home, goal, rate * dt)
 
 
 def _choose_orientation(state: ProgramState, leg: Leg, frame: WorkFrame, facing: Facing) -> Quaternion | None:
-    """Return the orientation that a leg leads to; None where it leaves the tool as it is."""
+    """Return the orientation that a leg requests; None if it keeps the current orientation."""
     course, lean = state.course, state.step.lean
     home, turned = course.home, course.turned
     assert home is not None

@@ -1,4 +1,4 @@
-"""The outcome of each step of a program: what its sums say when it ends. Pure."""
+"""Outcome of each step of a program, from its accumulated sums. Pure."""
 
 from msgspec.structs import replace
 
@@ -11,7 +11,7 @@ from protocol.geometry import Vector
 
 
 def outcome(state: ProgramState, leg: Leg, now: float, at: Vector | None = None) -> Done:
-    """Outcome of a leg that has ended at this time, s on the run's clock, with the tool at this place."""
+    """Return the outcome of a leg that ended at the given time (s on the run's clock) and tool position."""
     course, step, criterion = state.course, state.step, leg.step.criterion
     tally = step.tally
     share = tally.within / tally.total if tally.total and criterion is not None else None
@@ -21,13 +21,13 @@ def outcome(state: ProgramState, leg: Leg, now: float, at: Vector | None = None)
         kept = (
             "never in contact"
             if share is None
-            else f"{100 * share:.1f} % of the {'time' if leg.way is None else 'way'}"
+            else f"{100 * share:.1f} % of the {'time' if leg.way is None else 'path'}"
         )
-        text = f"force within ±{criterion.within_n:g} N: {kept}, wanted {criterion.for_percent:g} %"
+        text = f"force within ±{criterion.within_n:g} N: {kept}, required {criterion.for_percent:g} %"
     (x, y, z), count = step.found
-    found = (x / count, y / count, z / count) if count else None
+    position_sum = (x / count, y / count, z / count) if count else None
     if leg.step.finds_end:
-        found = at
+        position_sum = at
     return Done(
         leg=course.leg,
         began=now if course.began is None else course.began,
@@ -36,20 +36,20 @@ def outcome(state: ProgramState, leg: Leg, now: float, at: Vector | None = None)
         force_mean=tally.force / tally.total if tally.total else None,
         within=share,
         passed=passed,
-        found=found if leg.step.name else None,
+        found=position_sum if leg.step.name else None,
         text=text,
         resumable=tally.good,
     )
 
 
 def cut(state: ProgramState, leg: Leg, now: float, reason: Reason | None) -> Done:
-    """Outcome of a leg that was cut at this time, s on the run's clock."""
+    """Return the outcome of a leg that was interrupted at the given time, s on the run's clock."""
     text = "" if reason is None else str(reason)
     return replace(outcome(state, leg, now), passed=False, text=text, found=None)
 
 
 def ending(state: ProgramState, leg: Leg) -> Reason | None:
-    """Why a leg that leads along the surface ended: its time, or its way; None for another leg."""
+    """Return what ended a leg along the surface: its time or the end of its path; None for any other leg."""
     if leg.way is None:
         return None
     if leg.step.for_s is not None and state.step.local < leg.way.length - ROUNDING:

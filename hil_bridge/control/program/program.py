@@ -1,7 +1,7 @@
-"""A program as a pure state machine: one leg after the other, each by its step and its stroke.
+"""Program as a pure state machine: a sequence of legs, each carried out by its step and its stroke.
 
-A run without steps is the program of an approach, a straight way and a retraction. See
-`docs/explanation/one-cycle.md` for one sample from the sensor to the order.
+A run without steps is the program of an approach, a straight path and a retraction. See
+`docs/explanation/one-cycle.md` for the path of one sample from the sensor to the order.
 """
 
 import math
@@ -11,7 +11,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from hil_bridge.control.course.contact_sample import ContactSample
-from hil_bridge.control.course.facing import Facing, Look, elsewhere, inward
+from hil_bridge.control.course.facing import Facing, FacingSample, elsewhere, inward
 from hil_bridge.control.course.intent import Intent, Phase, Target
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.state import Course, StepState
@@ -36,29 +36,29 @@ _TRACK, _RETRACT, _END, _APPROACH = Phase.TRACK, Phase.RETRACT, Phase.END, Phase
 _MOVE = Phase.MOVE
 
 _SLIDES = 0.05
-"""Chosen: share of the speed from which the tool counts as sliding along its path."""
+"""Smallest share of the speed at which the tool counts as sliding along its path. Chosen."""
 POINT = Face()
-"""A tool that touches in a point, where its contact moments are told about."""
+"""Tool with a point contact at the reference point of the contact moments."""
 FACING = Facing()
-"""The estimate of the normal by default."""
+"""Default estimator of the normal."""
 
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """Takes samples through the legs of a row."""
+    """Program that carries out its legs, sample by sample."""
 
     row: Row
     stroke: Stroke
-    """The stroke with the run's own parameters."""
+    """Stroke with the parameters of the run."""
     frame: WorkFrame
     facing: Facing = FACING
     face: Face = POINT
     safe_height: float = 0.0
-    """Height over the start point, or the frame's plane, at which the tool goes to other places, m."""
+    """Height above the start point, or above the plane of the frame, at which the tool moves to other points, m."""
 
     @property
     def parameters(self) -> TaskParameters:
-        """The run's own parameters."""
+        """Parameters of the run."""
         return self.stroke.parameters
 
     @property
@@ -71,19 +71,19 @@ class Program:
         return any(leg.step.orientation != "fixed" for leg in self.row.legs)
 
     def initial(self) -> ProgramState:
-        """State at the start point, away from the surface."""
+        """Return the state at the start point, away from the surface."""
         return ProgramState()
 
     def finish(self, state: ProgramState, reason: Reason) -> ProgramState:
-        """Retract from the next sample on and end, for a reason from outside."""
+        """Return the state that retracts from the next sample on and ends, for an external reason."""
         return self._end(state, reason, failed=False)
 
     def fail(self, state: ProgramState, reason: Reason) -> ProgramState:
-        """Retract from the next sample on and end, because something is wrong."""
+        """Return the state that retracts from the next sample on and ends, because of a failure."""
         return self._end(state, self.where(state, reason), failed=True)
 
     def _end(self, state: ProgramState, reason: Reason, failed: bool) -> ProgramState:
-        """Return the state that retracts; a reason that is known already stays."""
+        """Return the state that retracts from the next sample on. An earlier reason is kept."""
         if state.course.reason or state.phase is _END:
             return state
         stroke = state.step.stroke
@@ -92,19 +92,19 @@ class Program:
         return ProgramState(replace(state.course, reason=reason, failed=failed), step)
 
     def where(self, state: ProgramState, reason: Reason) -> Reason:
-        """Return a reason with the step in which the run stops, if an operator has written the steps."""
+        """Return a reason with the step in which the run stops added, if an operator has written the steps."""
         return reason if state.course.began is None else self.in_step(state.course.leg, reason)
 
     def in_step(self, number: int, reason: Reason) -> Reason:
-        """Return a reason that came in this leg with its step, if an operator has written the steps."""
+        """Return a reason that arose in the given leg with its step added, if an operator has written the steps."""
         return reason.in_step(self.row.legs[number].label) if self.row.written else reason
 
     def completed(self, state: ProgramState) -> Reason | None:
-        """Return why a run that went as intended has ended; None where its steps report that."""
+        """Return the reason why a successful run has ended; None if its steps report it."""
         return state.course.reason or (None if self.row.written else state.course.travelled)
 
     def hold(self, state: ProgramState, measurement: Measurement) -> Intent:
-        """Return the answer that changes nothing."""
+        """Return the intent that changes nothing."""
         phase = self.row.legs[state.course.leg].phase if state.course.began is None else state.phase
         return self._intent(state, Order(phase, measurement.commanded))
 
@@ -113,11 +113,11 @@ class Program:
     def sense(
         self, state: ProgramState, sample: Sample, start: Vector, ordered: float, dt: float
     ) -> tuple[ProgramState, ContactSample]:
-        """Return the sample in the work frame and from the program's own zero.
+        """Return the sample in the work frame, relative to the program's own zero.
 
-        The measurement has the length along the path. Its force is that along the surface's normal where that is
-        followed. `start` is the position that was reported at the start point, base frame, m. `ordered` is the depth
-        that was ordered before, m, `dt` the time since then, s.
+        The measurement contains the path length. Its force is along the surface's normal if the step follows the
+        normal. `start` is the reported position at the start point, base frame, m. `ordered` is the previously
+        ordered depth, m. `dt` is the time since that order, s.
         """
         course, step = state.course, state.step
         frame, wrench, paired, (h, k) = self.frame, sample.wrench, sample.paired_force, step.heading
@@ -134,7 +134,7 @@ class Program:
             paired = None if paired is None else paired + (force[0] - sample.force)
         leg, travel = self.row.legs[course.leg], place[0]
         if course.began is None and leg.way is not None and course.reason is None:
-            course, step = _on_the_way(course, step, leg)
+            course, step = _begin_path(course, step, leg)
             h, k = step.heading
         against = force[1] * h + force[2] * k
         if leg.way is not None:
@@ -174,8 +174,8 @@ class Program:
         x, y = 0.0, 0.0
         if frame.origin is not None:
             x, y = (
-                sum((p - o) * n for p, o, n in zip(position, frame.origin, axis, strict=True)) - moved
-                for axis, moved in zip((frame.x, frame.y), place, strict=True)
+                sum((p - o) * n for p, o, n in zip(position, frame.origin, axis, strict=True)) - travelled
+                for axis, travelled in zip((frame.x, frame.y), place, strict=True)
             )
         plane = frame.plane or position
         deep = sum((p - q) * n for p, q, n in zip(plane, position, frame.approach, strict=True))
@@ -185,14 +185,14 @@ class Program:
     def _along_normal(
         self, state: ProgramState, leg: Leg, contact: ContactSample
     ) -> tuple[ProgramState, ContactSample]:
-        """Return the estimate after this sample, and the sample with the force along the normal."""
+        """Return the estimate of the normal after this sample, and the sample with the force along the normal."""
         heading, measurement = heading_of(leg, state), contact.measurement
         if state.in_contact:
             stiffness = state.step.stroke.stiffness or self.parameters.expected_stiffness_n_m
             per_angle = max(stiffness, 1.0) * self.face.radius**2 / 4.0
             slides = leg.way is not None and abs(state.step.feed) > _SLIDES
             indented = measurement.force_at_position / max(stiffness, 1.0) if leg.shows_ground else 0.0
-            look = Look(
+            reading = FacingSample(
                 measurement.dt,
                 measurement.travel,
                 measurement.position - indented,
@@ -200,7 +200,7 @@ class Program:
                 heading if slides else (0.0, 0.0),
                 *measure_skew(self.frame, self.face, contact, per_angle),
             )
-            facing = self.facing.after(state.course.facing, look, per_angle or 1.0)
+            facing = self.facing.after(state.course.facing, reading, per_angle or 1.0)
             state = ProgramState(replace(state.course, facing=facing), state.step)
         fall, force = state.course.facing.fall, measurement.force
         if not (math.isfinite(force) and force > self.parameters.loss_threshold_n):
@@ -220,10 +220,12 @@ class Program:
     # --- one sample
 
     def step(self, state: ProgramState, contact: ContactSample) -> tuple[ProgramState, Intent]:
-        """Take one sample, after `sense`. Steps that end without it are passed over."""
+        """Return the state and the intent after one sample from `sense`. Steps that end without using the sample
+        are skipped.
+        """
         measurement = contact.measurement
         finite = math.isfinite(measurement.force + measurement.position + measurement.against)
-        if not (finite or state.course.reason):  # a retraction of ours needs neither
+        if not (finite or state.course.reason):  # a built-in retraction needs neither
             leg = self.row.legs[state.course.leg]
             if leg.phase is not _RETRACT or leg.foreign:
                 return state, self.hold(state, measurement)
@@ -232,12 +234,12 @@ class Program:
                 state = self._begin(state, contact.sample.now)
             course = state.course
             leg = self.row.legs[course.leg]
-            result = _ask(leg, StepContext(leg, course, contact), state.step)
+            result = _step_answer(leg, StepContext(leg, course, contact), state.step)
             if result is None:
                 state = self._next(state, leg, contact)
                 continue
             state = ProgramState(replace(course, zero=result.zero) if result.zero else course, result.state)
-            if result.trouble is not None:  # whatever the step asked for: nothing goes deeper from here on
+            if result.trouble is not None:  # no order goes deeper from now on, regardless of the step
                 depth = min(result.order.depth, measurement.commanded)
                 state = self.fail(state, result.trouble)
                 return state, self._intent(state, replace(result.order, depth=depth))
@@ -250,25 +252,25 @@ class Program:
         return self._leave(state, contact)
 
     def _leave(self, state: ProgramState, contact: ContactSample) -> tuple[ProgramState, Intent]:
-        """Go back out of the surface where the tool is; then the run ends."""
+        """Retract from the surface at the tool's position, and then end the run."""
         course, step = state.course, state.step
         leg = self.row.legs[course.leg]
         if course.began is not None:
             done = cut(state, leg, contact.sample.now, course.reason)
             course = replace(course, done=(*course.done, done), began=None)
         before = step.at
-        way = self.stroke.way(self.parameters.retract_speed_mm_s, contact.measurement.dt)
+        distance = self.stroke.way(self.parameters.retract_speed_mm_s, contact.measurement.dt)
         if course.failed and leg.phase in (_MOVE, Phase.SEEK):
-            step = go_back(step, course.origin, contact, way)
+            step = go_back(step, course.origin, contact, distance)
         else:
-            step = yield_to(step, contact, (way, self.stroke.friction_share), leg.works_aside)
+            step = yield_to(step, contact, (distance, self.stroke.friction_share), leg.works_aside)
         stroke, order = self.stroke.step(step.stroke, contact.measurement)
-        if step.at != before and stroke.phase is _END:  # not before the tool is off what pushed it
+        if step.at != before and stroke.phase is _END:  # not before the tool is clear of the obstacle
             stroke = replace(stroke, phase=_RETRACT)
         state = ProgramState(course, replace(step, stroke=stroke))
         intent = self._intent(state, order)
         aside = math.hypot(contact.force[1], contact.force[2])
-        least = max(self.parameters.contact_threshold_n, -contact.force[0])  # not by what hangs above
+        least = max(self.parameters.contact_threshold_n, -contact.force[0])  # not for an obstacle above
         if leg.works_aside and aside > least:
             intent = replace(intent, in_contact=True)
         return state, intent
@@ -278,12 +280,12 @@ class Program:
         leg, stroke = self.row.legs[state.course.leg], state.step.stroke
         seeks, phase = self._seeks(state), leg.phase
         presses = seeks or stroke.phase is _TRACK
-        if phase is _TRACK:  # a touch that is sought or tested yet stays so, whatever step comes
+        if phase is _TRACK:  # a touch that is not confirmed yet stays so in any next step
             stroke = stroke if seeks else leg.stroke.tracking(stroke)
-        else:  # a stroke begins elsewhere: what was learnt of places belongs to the one before
+        else:  # a stroke at another position: the learnt positions belong to the previous one
             memory = None if phase is _APPROACH else stroke.controller
             stroke = replace(stroke, phase=phase, turn=None, lost_at=None, controller=memory, touch=None)
-        course, step = _on_the_way(state.course, state.step, leg)
+        course, step = _begin_path(state.course, state.step, leg)
         again: dict[str, Any] = {"first_pass": None, "this_pass": (0.0, 0.0)} if leg.repeat.is_first else {}
         facing = course.facing if presses else elsewhere(course.facing)
         course = replace(course, began=now, facing=facing, **again)
@@ -291,22 +293,24 @@ class Program:
         return ProgramState(course, StepState(stroke, step.at, step.heading, ground))
 
     def _seeks(self, state: ProgramState) -> bool:
-        """Return whether the step before has ended with its touch still to be proven; an approach finds its touch."""
+        """Return whether the previous step has ended before its touch was confirmed. An approach confirms its own
+        touch.
+        """
         if state.phase is not _APPROACH or not state.course.done:
             return False
         before = self.row.legs[state.course.done[-1].leg]
         return before.step.controls or not before.stroke.is_proven(state.step.stroke)
 
     def _next(self, state: ProgramState, leg: Leg, contact: ContactSample) -> ProgramState:
-        """Return the state behind a leg: its outcome, and where the row continues."""
+        """Return the state after a leg: its outcome, and the leg at which the program continues."""
         course, step, repeat = state.course, state.step, leg.repeat
         done = outcome(state, leg, contact.sample.now, contact.sample.position)
         number, first, this = course.leg + 1, course.first_pass, course.this_pass
         if leg.way is not None:
             this = this[0] + step.tally.deep, this[1] + step.tally.total
         if repeat.leave_to is not None:
-            (deep, way), this = this, (0.0, 0.0)
-            mean = deep / way if way else None
+            (deep, path), this = this, (0.0, 0.0)
+            mean = deep / path if path else None
             first = mean if first is None else first
             removed = 0.0 if mean is None or first is None else mean - first
             if repeat.removed is not None and mean is not None and removed >= repeat.removed:
@@ -326,7 +330,7 @@ class Program:
         return ProgramState(course, step)
 
     def _intent(self, state: ProgramState, order: Order) -> Intent:
-        """Return the order of a step with the place and orientation of the program."""
+        """Return the order of a step, completed with the position and orientation of the program."""
         course, step, stroke, notes = state.course, state.step, state.step.stroke, {}
         x, y = step.at
         if step.feed != 1.0:
@@ -352,8 +356,8 @@ class Program:
         )
 
 
-def _on_the_way(course: Course, step: StepState, leg: Leg) -> tuple[Course, StepState]:
-    """Return the state at the begin of a leg's path, from where the tool was ordered to."""
+def _begin_path(course: Course, step: StepState, leg: Leg) -> tuple[Course, StepState]:
+    """Return the state at the start of a leg's path, from the tool's commanded position."""
     heading = step.heading if leg.way is None else leg.way.headings[0]
     return (
         replace(course, origin=step.at, base=step.stroke.travel, reached=0.0),
@@ -361,9 +365,9 @@ def _on_the_way(course: Course, step: StepState, leg: Leg) -> tuple[Course, Step
     )
 
 
-def _ask(leg: Leg, context: StepContext, state: StepState) -> StepResult | None:
-    """Return the step's answer to a sample; None for a step that is over before it. Raises StepFailed for all that the
-    step raises, and for an invalid answer.
+def _step_answer(leg: Leg, context: StepContext, state: StepState) -> StepResult | None:
+    """Return the response of the step to a sample; None if the step is over before the sample. Raises StepFailed
+    for every exception of the step, and for an invalid response.
     """
     try:
         if leg.step.is_over(context, state):

@@ -1,4 +1,4 @@
-"""Whether the paths of a program stay where the tool may be; before anything moves. Pure."""
+"""Check that the paths of a program stay within the workspace, made before any motion. Pure."""
 
 from collections.abc import Iterator
 from operator import itemgetter
@@ -13,11 +13,13 @@ from protocol.geometry import Vector
 
 
 def corners(row: Row, frame: WorkFrame, start: Vector) -> Iterator[tuple[str, Vector]]:
-    """Corners of all paths at the depth of the start, base frame, m, with the label of their step. Those of a move lie
-    at the safe height, and a retract ends where it would after the deepest approach.
+    """Yield the corners of all paths at the depth of the start, base frame, m, each with the label of its step.
 
-    Paths that begin where only the run knows are left out, and the way of a run without steps: its time ends it, or the
-    border, along which it continues.
+    The corners of a move lie at the safe height. The corner of a retract is its end point after the deepest
+    approach.
+
+    A path whose start is known only during the run is omitted. The path of a run without steps is omitted as well:
+    it ends by time, or at the border, along which it continues.
     """
     if not row.written:
         return
@@ -40,7 +42,9 @@ def corners(row: Row, frame: WorkFrame, start: Vector) -> Iterator[tuple[str, Ve
 
 
 def check_workspace(row: Row, frame: WorkFrame, start: Vector, limits: Limits) -> None:
-    """Raise ConfigError for the first path that leaves the workspace; the tool stands at `start`, base frame, m."""
+    """Raise ConfigError for the first path that leaves the workspace. `start` is the position of the tool, base
+    frame, m.
+    """
     for label, (x, y, z) in corners(row, frame, start):
         for axis, value, low, high in zip(
             "xyz", (x, y, z), limits.workspace_min_m, limits.workspace_max_m, strict=True
@@ -54,21 +58,21 @@ def check_workspace(row: Row, frame: WorkFrame, start: Vector, limits: Limits) -
 
 
 def outermost(row: Row, frame: WorkFrame, start: Vector) -> list[tuple[str, Vector]]:
-    """Return the corners that lie farthest out in each direction of the base frame, of each step; each place once."""
-    found: dict[Vector, str] = {}
+    """Return the outermost corners of each step in each direction of the base frame, without duplicates."""
+    corners_found: dict[Vector, str] = {}
     by_step: dict[str, list[Vector]] = {}
     for label, place in corners(row, frame, start):
         by_step.setdefault(label, []).append(place)
     for label, places in by_step.items():
         for axis in range(3):
             for choose in (min, max):
-                found.setdefault(choose(places, key=itemgetter(axis)), label)
-    return [(label, place) for place, label in found.items()]
+                corners_found.setdefault(choose(places, key=itemgetter(axis)), label)
+    return [(label, place) for place, label in corners_found.items()]
 
 
-def ways_across(program: Program) -> tuple[Vector, ...]:
-    """Directions in which a program goes across the approach, unit vectors, base frame; both axes of the work frame
-    where they are many, or known in the run alone.
+def directions_across(program: Program) -> tuple[Vector, ...]:
+    """Return the directions in which a program moves across the approach, as unit vectors in the base frame. If
+    there are many, or they are known only during the run, return both axes of the work frame.
     """
     frame, headings = program.frame, set()
     for leg in program.row.legs:
@@ -78,8 +82,8 @@ def ways_across(program: Program) -> tuple[Vector, ...]:
             headings |= {(1.0, 0.0), (0.0, 1.0)}
     if len(headings) > 2:
         headings = {(1.0, 0.0), (0.0, 1.0)}
-    found = []
+    directions = []
     for h, k in sorted(headings):
         x, y, z = (h * u + k * v for u, v in zip(frame.x, frame.y, strict=True))
-        found.append((x, y, z))
-    return tuple(found)
+        directions.append((x, y, z))
+    return tuple(directions)

@@ -1,4 +1,4 @@
-"""A program that was cut, from where its force was last within its band. Pure."""
+"""Remaining part of an interrupted program, from the point up to which its force was last within its band. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,19 +14,19 @@ from hil_bridge.control.steps.zero import Zero
 from hil_bridge.errors import ConfigError
 
 OVERLAP_MM = 2.0
-"""Chosen: part of the path that a resumed run covers once more."""
+"""Length of the path that a resumed run covers again, mm. Chosen."""
 FIRST = 3
-"""Legs that come before the step that was cut: move, zero, approach."""
+"""Number of legs before the interrupted step: move, zero and approach."""
 
 
 def resume_row(row: Row, point: ResumePoint, stroke: Stroke) -> Row:
-    """Return the rest of a program: over to the place, a zero, an approach, and on.
+    """Return the remaining program: a move to the point, a zero, an approach, and the remaining steps.
 
-    Raises ConfigError for a point that is no part of it.
+    Raises ConfigError for a point that is not part of the program.
     """
     if not 0 <= point.leg < len(row.legs):
         raise ConfigError(
-            f"task.resume: the program has {len(row.legs)} steps, and no number {point.leg + 1}"
+            f"task.resume: the program has {len(row.legs)} steps, but no number {point.leg + 1}"
         )
     first = row.legs[point.leg]
     move = Move(to_mm=point.place_mm)
@@ -37,7 +37,7 @@ def resume_row(row: Row, point: ResumePoint, stroke: Stroke) -> Row:
     if first.step.controls:
         before = next((leg for leg in row.legs[point.leg :: -1] if leg.step.do == "approach"), None)
         head.append(_leg(Approach(), first, stroke) if before is None else before)
-    else:  # a zero more: the places of the rest stay the same
+    else:  # one more zero, so that the indices of the rest stay the same
         head.append(_leg(Zero(), first, stroke))
     head = [replace(leg, repeat=leg.repeat._replace(leave_to=None, is_first=False)) for leg in head]
     shift = FIRST - point.leg
@@ -64,7 +64,7 @@ def _leg(step: Step, like: Leg, stroke: Stroke) -> Leg:
 
 
 def _cut(leg: Leg, point: ResumePoint) -> Leg:
-    """Return the step without the finished part of its path."""
+    """Return the step without the part of its path that is already finished."""
     done, step = point.way_mm * 1e-3, leg.step.resumed(point.spent_s)
     if leg.way is None or not done:
         return replace(leg, step=step)
@@ -72,19 +72,22 @@ def _cut(leg: Leg, point: ResumePoint) -> Leg:
     return replace(leg, step=step, way=rest_of(leg.way, done), profile=profile)
 
 
-def rest_of(way: Way, done: float) -> Way:
-    """Return the path from this length of it on, m, relative to that place; at least its last hair."""
-    done = min(done, way.length - 1e-6)
-    number, (x, y) = way.piece(done), way.at(done)
-    points = [(0.0, 0.0), *((u - x, v - y) for u, v in way.points[number + 1 :])]
-    begins = [0.0, *(begin - done for begin in way.begins[number + 1 :])]
-    return Way(tuple(points), way.headings[number:], tuple(begins))
+def rest_of(path: Way, done: float) -> Way:
+    """Return the path from the given path length on, m, relative to the point there. At least a short last segment
+    remains.
+    """
+    done = min(done, path.length - 1e-6)
+    number, (x, y) = path.piece(done), path.at(done)
+    points = [(0.0, 0.0), *((u - x, v - y) for u, v in path.points[number + 1 :])]
+    begins = [0.0, *(begin - done for begin in path.begins[number + 1 :])]
+    return Way(tuple(points), path.headings[number:], tuple(begins))
 
 
 def good_until(leg: Leg, samples: Sequence[tuple[Place, float, float]], band_share: float) -> float:
-    """Way of a leg, m, until which the force was last within its band.
+    """Return the path length of a leg up to which the force was last within its band, m.
 
-    `samples` are commanded places relative to its beginning, m, force and wanted force, N, of its cycles in contact.
+    `samples` holds, for each cycle in contact, the commanded position relative to the start of the leg, m, the
+    force and the desired force, N.
     """
     if leg.way is None:
         return 0.0

@@ -1,4 +1,4 @@
-"""The state of a program from one sample to the next."""
+"""State of a program between samples."""
 
 from msgspec import Struct
 
@@ -7,7 +7,7 @@ from hil_bridge.control.course.state import Course, StepState
 
 
 class ProgramState(Struct, frozen=True, gc=False):
-    """Where a program is: its own part, and that of its step."""
+    """State of a program: the part of the program itself, and the part of its step."""
 
     course: Course = Course()
     step: StepState = StepState()

@@ -1,1 +1,1 @@
-"""The kinds of steps: each one with its settings, its part in a run, its words and its picture; and the paths."""
+"""Kinds of steps, each with its settings, its behaviour in a run, its description and its drawing; and the paths."""

@@ -1,5 +1,5 @@
-"""The axis across the path: yielding to a force, pressing with one, or where the controller leads; and the turn about
-it, where the controller tips the tool. Pure.
+"""Axis across the path, which yields to a force, presses with a force or follows the controller, and the rotation
+by which the controller tilts the tool. Pure.
 """
 
 import math
@@ -11,13 +11,13 @@ from hil_bridge.control.steps.plan import StepPlan
 from hil_bridge.control.types import ControllerFailed, Measurement, ask, begin
 
 TURNED_SHARE = 0.999
-"""Share of the guard's limits of turning that is used: rounding must not make the guard clamp."""
+"""Share of the supervisor's rotation limits that is used, so that rounding does not cause clamping."""
 _YIELD_S = 0.3
-"""Chosen: time constant with which the tool yields."""
+"""Time constant with which the tool yields, s. Chosen."""
 
 
 class AcrossSettings(Protocol):
-    """Settings of a step for the axis across its path, as in `Track`."""
+    """Settings of a step for the axis across its path. `Track` defines them."""
 
     @property
     def across(self) -> str: ...
@@ -32,10 +32,11 @@ class AcrossSettings(Protocol):
 def aside_by(
     plan: StepPlan, step: AcrossSettings, aside: float, pressed: tuple[StrokeState, Order], dt: float
 ) -> float:
-    """Return the distance to the left of the path, m: `aside` with what the controller adds in this sample. `pressed`
-    is what the stroke has made of it.
+    """Return the distance to the left of the path, m: `aside` plus the motion that the controller adds in this
+    sample.
 
-    It is no faster than the travel: what the guard cuts off would be made up for while the tool retracts.
+    `pressed` is the result of the stroke. The motion is no faster than the travel. Otherwise, the tool would catch
+    up on motion that the supervisor had clamped while it retracts.
     """
     stroke, order = pressed
     command = order.command
@@ -46,11 +47,12 @@ def aside_by(
 
 
 def leaning(plan: StepPlan, before: float, pressed: tuple[StrokeState, Order], dt: float) -> float:
-    """Return the angle by which the controller tips the tool towards the travel, rad, after this sample.
+    """Return the angle by which the controller tilts the tool towards the travel after this sample, rad.
 
-    `before` is the angle before it; `pressed` is the stroke's result.
+    `before` is the previous angle. `pressed` is the result of the stroke.
 
-    It is no faster and no farther than the guard allows, so that nothing that was cut off is made up for later.
+    The angle changes no faster and no farther than the supervisor allows, so that the tool does not catch up on
+    clamped rotation later.
     """
     stroke, order = pressed
     command = order.command
@@ -62,17 +64,18 @@ def leaning(plan: StepPlan, before: float, pressed: tuple[StrokeState, Order], d
     return within(lean, -farthest, farthest)
 
 
-def beside(
+def sideways_position(
     stroke: Stroke,
     step: AcrossSettings,
     before: tuple[float, Any],
     measurement: Measurement,
     left: tuple[float, float],
 ) -> tuple[float, Any]:
-    """Return the distance to the left of the path after one sample, m, and the state of the controller across it.
+    """Return the distance to the left of the path after one sample, m, and the state of the controller across the
+    path.
 
-    `before` is the same after the sample before, the controller's state None before the first. `left` is the force to
-    the left, N, and the reported distance there, m.
+    `before` holds both values after the previous sample; the state is None before the first sample. `left` holds
+    the force to the left, N, and the reported distance to the left, m.
     """
     aside, memory = before
     farthest, last = step.across_mm * 1e-3, aside
@@ -93,7 +96,7 @@ def _press(
     measurement: Measurement,
     left: tuple[float, float],
 ) -> tuple[float, Any]:
-    """Return the distance to the left by the run's controller, which presses sideways, and the controller's state."""
+    """Return the distance to the left and the state of the run's controller, which presses sideways."""
     side, memory = 1.0 if step.across_n > 0 else -1.0, before[1]
     force, reported = side * left[0], side * left[1]
     last = side * before[0]

@@ -1,4 +1,4 @@
-"""The step `approach`."""
+"""Step `approach`."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -25,13 +25,13 @@ from hil_bridge.control.steps.strokes import take_stroke
 
 @dataclass(frozen=True, slots=True)
 class Approach(Step[None]):
-    """Step into the surface until the force says contact."""
+    """Move into the surface until the force indicates contact."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
     do: Literal["approach"] = "approach"
     name: str = ""
-    """Name under which the place of the contact is told; empty for none."""
+    """Name under which the position of the contact is reported; empty for none."""
     speed_mm_s: float | None = None
     contact_n: float | None = None
     at_most_mm: float | None = None
@@ -63,7 +63,9 @@ class Approach(Step[None]):
         return task.approach_depth_limit_mm / task.approach_speed_mm_s / 4
 
     def reach(self, plan: Plan, back_mm: float) -> Plan:
-        """Reach deeper by the distance that the tool has come back, unless the step sets a bound of its own."""
+        """Return the plan with its reach increased by the distance that the tool has retracted, unless the step
+        sets its own limit.
+        """
         if self.at_most_mm is not None or not back_mm:
             return plan
         parameters = plan.stroke.parameters

@@ -1,4 +1,4 @@
-"""How fast the tool goes along its path: slower where the force is off, or where something pushes against it. Pure."""
+"""Speed along the path, which is reduced while the force is off or while the tool is pushed back. Pure."""
 
 from typing import Any, Protocol
 
@@ -8,19 +8,19 @@ from msgspec.structs import replace
 from hil_bridge.errors.causes import Cause, Reason
 
 STUCK_S = 2.0
-"""Chosen: time without progress along the path until the step fails."""
+"""Time without progress along the path after which the step fails, s. Chosen."""
 _PROGRESS = 0.05
-"""Chosen: share of the way that the step's speed makes in this time, that counts as progress."""
+"""Share of the distance at the step's speed in `STUCK_S` that counts as progress. Chosen."""
 _LEAST = 0.1
-"""Chosen: share of the speed that the error of the force leaves, so that every path comes to its end."""
+"""Smallest share of the speed for a force error, so that every path ends. Chosen."""
 _FROM = 0.5
-"""Chosen: share of the lateral limit from which the feed becomes slower."""
+"""Share of the lateral limit above which the feed is reduced. Chosen."""
 _BACK = -0.5
-"""Chosen: share of the speed at which the tool backs away from a lateral force beyond its limit."""
+"""Share of the speed at which the tool backs away from a lateral force beyond its limit. Chosen."""
 
 
 class FeedSettings(Protocol):
-    """Settings of a step for its speed along the path, as in `Track`."""
+    """Settings of a step for its speed along the path. `Track` defines them."""
 
     @property
     def feed_error_n(self) -> float | None: ...
@@ -31,20 +31,21 @@ class FeedSettings(Protocol):
 
 
 class TrackMemory(Struct, frozen=True):
-    """Memory of a step along a path."""
+    """Memory of a step that follows a path."""
 
     across: Any = None
-    """State of the controller across the path; None before it has pressed there."""
+    """State of the controller across the path; None until the tool has pressed across it."""
     stuck: float = 0.0
     """Time since the tool last made progress along its path, s."""
     passed: float = 0.0
-    """Length along the path at that time, m."""
+    """Path length at the last progress, m."""
 
 
 def feed_of(step: FeedSettings, error: float, lateral: float, local: float) -> tuple[float, Reason | None]:
-    """Share of the speed, and why the step must fail; None while it need not.
+    """Return the share of the speed, and the reason why the step must fail (None if it may continue).
 
-    `error` is the force beyond the wanted one, N, `lateral` the force along the surface, N, `local` the way so far, m.
+    `error` is the excess over the desired force, N; `lateral` the force along the surface, N; `local` the path
+    length so far, m.
     """
     feed = 1.0
     if step.feed_error_n is not None:
@@ -55,7 +56,7 @@ def feed_of(step: FeedSettings, error: float, lateral: float, local: float) -> t
     if step.at_wall == "stop" and lateral >= limit:
         text = (
             f"the lateral force of {lateral:.1f} N is beyond {limit:g} N, {local * 1e3:.1f} mm along the path: "
-            "something stands in the way"
+            "there is an obstacle"
         )
         return 0.0, Reason(Cause.STEP_WALL, text)
     left = (limit - lateral) / (limit * (1.0 - _FROM))
@@ -63,7 +64,7 @@ def feed_of(step: FeedSettings, error: float, lateral: float, local: float) -> t
 
 
 def watch_progress(memory: TrackMemory, speed_mm_s: float, dt: float, local: float) -> TrackMemory:
-    """Return the memory with the time for which the tool has made no progress. `local` is the length so far, m."""
+    """Return the memory with the updated time without progress. `local` is the path length so far, m."""
     if local - memory.passed >= _PROGRESS * speed_mm_s * 1e-3 * STUCK_S:
         return replace(memory, stuck=0.0, passed=local)
     return replace(memory, stuck=memory.stuck + dt)

@@ -1,4 +1,4 @@
-"""Motion through free space that steps share: towards a place, and whether the tool has come there. Pure."""
+"""Motion through free space that several steps share: motion towards a point, and the check for arrival. Pure."""
 
 import math
 
@@ -10,34 +10,38 @@ from hil_bridge.control.geometry.ways import ROUNDING, Place
 from hil_bridge.errors.causes import Cause, Reason
 
 _THERE = 0.5e-3
-"""Chosen: distance from the place at which the tool counts as arrived, m."""
+"""Distance from the point at which the tool counts as arrived, m. Chosen."""
 _PATIENCE_S = 5.0
-"""Chosen: time after the last order within which the tool must come to its place."""
+"""Time limit for the tool to arrive after its last order, s. Chosen."""
 
 
-def towards(state: StepState[M], place: Place, way: float) -> tuple[StepState[M], bool]:
-    """Move the commanded place nearer to another one, by at most `way`, m; return whether it is there."""
+def towards(state: StepState[M], place: Place, distance: float) -> tuple[StepState[M], bool]:
+    """Move the commanded point towards `place` by at most `distance`, m. Return the state, and whether the point
+    has been reached.
+    """
     (x, y), (u, v) = state.at, place
     left = math.hypot(u - x, v - y)
-    if left <= way + ROUNDING:
+    if left <= distance + ROUNDING:
         return replace(state, at=(u, v)), True
-    share, heading = way / left, ((u - x) / left, (v - y) / left)
+    share, heading = distance / left, ((u - x) / left, (v - y) / left)
     return replace(state, at=(x + (u - x) * share, y + (v - y) * share), heading=heading), False
 
 
 def come_to(contact: ContactSample, at: Place, depth: float | None = None) -> bool:
-    """Return whether the reported place is the commanded one; the depth is compared where it is given, m."""
+    """Return whether the reported position matches the commanded position. The depth, m, is compared only if it is
+    given.
+    """
     if depth is not None and abs(contact.measurement.position - depth) > _THERE:
         return False
     return math.dist(contact.place, at) <= _THERE
 
 
 def not_there(since: float, now: float) -> Reason | None:
-    """Return why the run must end although the tool was ordered to its place; None while it may still come.
+    """Return the reason why the run must end because the tool has not arrived; None while it may still arrive.
 
-    `since` is when it was last ordered farther, s.
+    `since` is the time of the last order that moved the target, s.
     """
     if now - since <= _PATIENCE_S:
         return None
-    text = "the tool does not come to its place: look at the position that the robot reports"
+    text = "the tool does not reach its target: check the position that the robot reports"
     return Reason(Cause.NOT_THERE, text)

@@ -1,4 +1,4 @@
-"""The step `hold`."""
+"""Step `hold`."""
 
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
@@ -24,14 +24,14 @@ from hil_bridge.control.steps.seam import (
 
 @dataclass(frozen=True, slots=True)
 class Hold(PressingStep[None]):
-    """Press at the place for a time."""
+    """Press at one position for a time."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
     for_s: float = field()
     do: Literal["hold"] = "hold"
     name: str = ""
-    """Name under which the mean place of the second half of the time is told; empty for none."""
+    """Name under which the mean position of the second half of the time is reported; empty for none."""
     force_n: float | None = None
     orientation: Orientation = "fixed"
     criterion: Criterion | None = None

@@ -1,4 +1,4 @@
-"""The kinds of steps by their words: those of this project, and those of other packages."""
+"""Registry of step kinds by their words: built-in kinds and the kinds of plug-ins."""
 
 import dataclasses
 import inspect
@@ -28,12 +28,12 @@ from hil_bridge.control.steps.seek import Seek
 from hil_bridge.control.steps.track import Track
 from hil_bridge.control.steps.zero import Zero
 from hil_bridge.errors import ConfigError
-from hil_bridge.errors.failures import failure, one_line, place_of_method
+from hil_bridge.errors.failures import failure, method_location, one_line
 from hil_bridge.errors.moved_names import METHODS
 from hil_bridge.errors.plugins import find_plugin, offers, plugin_names, refuse_old_names
 
 GROUP = "hil_bridge.steps"
-"""Entry points of steps of other packages."""
+"""Entry point group for steps from plug-ins."""
 FIRST_SAMPLE = StepSample(
     s=0.0,
     dt=0.18,
@@ -44,7 +44,7 @@ FIRST_SAMPLE = StepSample(
     in_contact=True,
     force_n=10.0,
 )
-"""A first sample: pressed with half the wanted force."""
+"""Example of a first sample, with half the desired force."""
 BUILT_IN: Mapping[str, type[Step]] = {
     "approach": Approach,
     "track": Track,
@@ -55,52 +55,54 @@ BUILT_IN: Mapping[str, type[Step]] = {
     "zero": Zero,
 }
 TAKEN = (*BUILT_IN, "repeat")
-"""Words that no other package may offer."""
+"""Words that plug-ins may not use."""
 
 
 def step_words() -> list[str]:
-    """Words of all steps."""
+    """Return the words of all steps."""
     return [*BUILT_IN, *(name for name in plugin_names(GROUP) if name not in TAKEN)]
 
 
 def step_package(word: str) -> str:
-    """Return the package that offers a step, with its version; empty for a built-in and for an unknown one."""
+    """Return the package that provides a step, with its version; empty for a built-in or unknown step."""
     return next((package for offer, package, _ in offers(GROUP) if offer == word), "")
 
 
 def step_kind(word: str) -> type[Step] | None:
-    """Return the kind of this name; None for an unknown one.
+    """Return the step kind with the given word; None if it is unknown.
 
-    Raises ConfigError for a plug-in that cannot be loaded, or that is no step.
+    Raises ConfigError for a plug-in that cannot be loaded, or that does not provide a step.
     """
-    found = find_plugin(GROUP, "step", word, TAKEN)
-    if found is None:
+    entry = find_plugin(GROUP, "step", word, TAKEN)
+    if entry is None:
         return BUILT_IN.get(word)
-    kind, where = found.value, f"{found.where}: {found.source}"
+    kind, where = entry.value, f"{entry.where}: {entry.source}"
     if not _is_kind(kind):
-        raise ConfigError(f"{where} is no frozen dataclass that derives from Step")
+        raise ConfigError(f"{where} is not a frozen dataclass that derives from Step")
     if any(_has_old_parameters(kind, method) for method in METHODS):
         refuse_old_names(where, kind.__module__)
     fields = {field.name: field for field in dataclasses.fields(kind)}
     if "do" not in fields or fields["do"].default != word:
-        raise ConfigError(f"{where} must bear the word {word!r} as the default of its field `do`")
+        raise ConfigError(f"{where} must have the word {word!r} as the default of its field `do`")
     for field in fields.values():
         if isinstance(field.default, property):
             raise ConfigError(
-                f"{where} has no default for {field.name}, and takes a property of Step for one: write "
+                f"{where} has no default for {field.name}, and uses a property of Step as one: write "
                 f"`{field.name}: … = field()`"
             )
     try:
         _adapter(kind)
     except (PydanticUserError, NameError) as error:
-        raise ConfigError(f"{where} has a setting that no file can hold: {one_line(str(error))}") from error
+        raise ConfigError(
+            f"{where} has a setting that no file can contain: {one_line(str(error))}"
+        ) from error
     return cast(type[Step], kind)
 
 
 def trial(word: str) -> str:
-    """Return the error of a step made from its defaults and given one sample; empty if there is none.
+    """Return the error of a step with default settings for one sample; empty if there is none.
 
-    One with a setting that must be given is not tried. Raises ConfigError as `step_kind`.
+    A step with a required setting is not tried. Raises ConfigError for the same reasons as `step_kind`.
     """
     kind: Any = step_kind(word)
     missing = dataclasses.MISSING
@@ -112,7 +114,7 @@ def trial(word: str) -> str:
         return f"it cannot be made from its defaults: {failure(error)}"
     if not isinstance(step, LedStep):
         return ""
-    where = place_of_method(step, "steer")
+    where = method_location(step, "steer")
     try:
         _, lead = step.answer(step.begin(), FIRST_SAMPLE)
     except (Exception, SystemExit) as error:
@@ -123,7 +125,7 @@ def trial(word: str) -> str:
 
 
 def _has_old_parameters(kind: Any, method: str) -> bool:
-    """Whether a kind has a method of an earlier version, by the number of its parameters."""
+    """Return whether a kind has a method of an earlier version, which has a different number of parameters."""
     own = getattr(kind, method, None)
     return (
         inspect.isfunction(own)
@@ -140,12 +142,12 @@ def _is_kind(kind: Any) -> bool:
 @cache
 def _adapter(kind: Any) -> TypeAdapter[Any]:
     adapter = TypeAdapter(kind)
-    adapter.rebuild(raise_errors=True)  # a name in its annotations that is none
+    adapter.rebuild(raise_errors=True)  # raises for an undefined name in its annotations
     return adapter
 
 
 def read_step(value: Any, read_built_in: ValidatorFunctionWrapHandler) -> Any:
-    """Read a step from its settings. A plug-in's kind is not in the built-in union, and is read by itself."""
+    """Return a step from its settings. The kind of a plug-in is not in the built-in union, so it is read separately."""
     if isinstance(value, Step):
         return value
     word = value.get("do") if isinstance(value, Mapping) else None
@@ -159,7 +161,7 @@ def read_step(value: Any, read_built_in: ValidatorFunctionWrapHandler) -> Any:
 
 
 def _below(word: str | None, error: ValidationError) -> list[InitErrorDetails]:
-    """Faults of a step's settings, with its word in their place, as those of the built-in ones have it."""
+    """Report errors in a step's settings under the step's word, as for built-in steps."""
     return [
         InitErrorDetails(
             type=fault["type"],
@@ -177,4 +179,4 @@ SimpleStep: TypeAlias = SerializeAsAny[
         WrapValidator(read_step),
     ]
 ]
-"""A step that holds no others, by its word."""
+"""Step that contains no other steps, by its word."""

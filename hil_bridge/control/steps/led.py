@@ -1,4 +1,4 @@
-"""A step that presses and leads the tool by what it senses: the base of a plug-in's steps. Pure."""
+"""Base class for steps of plug-ins that press and steer the tool by its sensor readings. Pure."""
 
 import math
 from typing import Any, Generic, NamedTuple
@@ -11,7 +11,7 @@ from hil_bridge.control.course.state import M, StepState
 from hil_bridge.control.course.stroke import Order, Stride, StrokeState
 from hil_bridge.control.geometry.ways import Place
 from hil_bridge.control.steps.plan import StepPlan
-from hil_bridge.control.steps.pressing import Guide, PathPoint, PressingStep, local_way
+from hil_bridge.control.steps.pressing import Guide, PathPoint, PressingStep, length_on_path
 from hil_bridge.control.steps.seam import StepContext, StepResult, need_travel_speed
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import WrongAnswer, one_line
@@ -19,78 +19,86 @@ from protocol.geometry import Vector
 
 
 class StepSample(NamedTuple):
-    """One sample as a led step sees it. Places count from where the step began, axes are those of the work frame."""
+    """One sample as a `LedStep` receives it. Positions are relative to the start of the step, along the axes of the
+    work frame.
+    """
 
     s: float
     """Time since the step began, s."""
     dt: float
-    """Time since the sample before, s."""
+    """Time since the previous sample, s."""
     force: Vector
-    """Contact force along the approach, x and y, N, positive where the tool presses that way; from the newest zero."""
+    """Contact force along the approach, x and y, N, relative to the newest zero. A component is positive if the
+    tool presses in its direction.
+    """
     moment: Vector
-    """Contact moment that acts on the tool, in the tool frame, N·m, from the newest zero; NaN where it is not known. It
-    is about that frame's origin, if `sensor.position_mm` tells where the sensor is; by default about the sensor.
+    """Contact moment on the tool relative to the newest zero, in the tool frame, N·m; NaN if unknown. It is about
+    the origin of the tool frame if `sensor.position_mm` gives the sensor's position, and about the sensor by
+    default.
     """
     place: Place
     """Reported x and y, m."""
     depth: float
     """Reported depth along the approach, m."""
     in_contact: bool
-    """Whether the tool was taken to be in contact by the sample before."""
+    """Whether the tool was in contact according to the previous sample."""
     force_n: float
-    """Force of the step's settings, N."""
+    """Force from the step's settings, N."""
     last: bool = False
-    """The time of `for_s` is up: the step ends with this sample, in order or, with `Lead.trouble`, as a failure."""
+    """Whether the time `for_s` has passed. The step ends with this sample, successfully or, with `Lead.trouble`, as
+    a failure.
+    """
 
 
 class Lead(NamedTuple):
-    """Where a led step wants the tool next."""
+    """Next target of a `LedStep`."""
 
     to: Place
-    """Commanded x and y from where the step began, m. The tool goes there no faster than the step's speed, and stands
-    while it is not in contact.
+    """Commanded x and y relative to the start of the step, m. The tool moves to this point no faster than the
+    step's speed, and stops while it is not in contact.
     """
     force_n: float | None = None
-    """Force to press with, N; None for that of the step's settings."""
+    """Force to press with, N; None to use the force from the step's settings."""
     done: str = ""
-    """How the step has ended, in words; empty while it continues."""
+    """Description of how the step has ended; empty while it continues."""
     trouble: str = ""
-    """Why the run must end, in words; empty while it need not."""
+    """Reason why the run must end; empty if it may continue."""
     without_contact: bool = False
-    """Go there without contact, too: a tool in a hole may touch its wall alone."""
+    """Whether to move to the target even without contact: a tool in a hole may touch only the wall of the hole."""
 
 
 class LedMemory(Struct, Generic[M], frozen=True):
-    """Memory of a led step."""
+    """Memory of a `LedStep`."""
 
     own: M
-    """Memory that `steer` has answered."""
+    """Internal memory that `steer` has returned."""
     first: float
-    """Reported depth at its first sample, m."""
+    """Reported depth at the first sample of the step, m."""
     lead: Lead
 
 
 class LedStep(PressingStep[LedMemory[M]], Generic[M]):
-    """Presses with the run's controller and goes where `steer` says.
+    """Step that presses with the run's controller and moves to the targets that `steer` returns.
 
-    A kind is a frozen dataclass with its settings, `do` and `limits` among them. It needs `for_s`, after which the step
-    ends whatever it has found. It may not read a clock, a file or chance: `hil-bridge replay` decides again.
+    A kind is a frozen dataclass with its settings, including `do` and `limits`. It needs `for_s`, after which the
+    step ends whether or not it has succeeded. It must not use a clock, a file or random numbers, because
+    `hil-bridge replay` repeats its decisions.
     """
 
     __slots__ = ()
 
     def begin(self) -> M:
-        """Return the step's own memory before its first sample."""
+        """Return the step's internal memory before its first sample."""
         return None  # type: ignore[return-value]
 
     def steer(self, memory: M, sample: StepSample) -> tuple[M, Lead]:
-        """Return the step's own memory after a sample, and where it leads the tool."""
+        """Return the step's internal memory after a sample, and its next target."""
         raise NotImplementedError
 
     def answer(self, memory: M, sample: StepSample) -> tuple[M, Lead]:
-        """Return the answer of `steer`, its place in plain numbers.
+        """Return the response of `steer`, with its point as plain numbers.
 
-        Raises WrongAnswer for one without a state and a Lead.
+        Raises WrongAnswer if the response is not a state and a Lead.
         """
         answer: Any = self.steer(memory, sample)
         if not (isinstance(answer, tuple) and len(answer) == 2 and isinstance(answer[1], Lead)):
@@ -121,7 +129,7 @@ class LedStep(PressingStep[LedMemory[M]], Generic[M]):
     # --- in the run
 
     def is_over(self, context: StepContext, state: StepState[LedMemory[M]]) -> bool:
-        """Never before it has seen the sample: it may have to report that it has located nothing."""
+        """Return False. The step must receive the sample first, because it may have to report a failed search."""
         return False
 
     def _is_last(self, context: StepContext) -> bool:
@@ -131,7 +139,7 @@ class LedStep(PressingStep[LedMemory[M]], Generic[M]):
         )
 
     def guide(self, context: StepContext, state: StepState[LedMemory[M]]) -> Guide[LedMemory[M]]:
-        """Return the force of this sample. While an operator holds the tool, the step is not asked."""
+        """Return the force for this sample. `steer` is not called while an operator holds the tool."""
         before, contact, course = state.memory, context.contact, context.course
         if contact.sample.held and before is not None:
             return Guide(state, Stride(self._force(context, state, before.lead)))
@@ -146,7 +154,7 @@ class LedStep(PressingStep[LedMemory[M]], Generic[M]):
             place=(contact.place[0] - at[0], contact.place[1] - at[1]),
             depth=measurement.position - first,
             in_contact=state.stroke.in_contact,
-            force_n=context.plan.reference(local_way(context, state)),
+            force_n=context.plan.reference(length_on_path(context, state)),
             last=self._is_last(context),
         )
         own, lead = self.answer(self.begin() if before is None else before.own, sample)
@@ -155,15 +163,13 @@ class LedStep(PressingStep[LedMemory[M]], Generic[M]):
         return Guide(replace(state, memory=LedMemory(own, first, lead)), Stride(force), trouble)
 
     def _force(self, context: StepContext, state: StepState[LedMemory[M]], lead: Lead) -> float:
-        """Return the desired force, N. Raises ValueError for one that is not allowed."""
+        """Return the desired force, N. Raises ValueError for a force that is not allowed."""
         plan = context.plan
-        force, limit = plan.reference(local_way(context, state)), plan.stroke.force_limit_n
+        force, limit = plan.reference(length_on_path(context, state)), plan.stroke.force_limit_n
         if lead.force_n is not None:
             force = float(lead.force_n)
         if not 0.0 < force < limit:
-            raise ValueError(
-                f"it asks for a force of {force:g} N; allowed is one above 0, and below {limit:g} N"
-            )
+            raise ValueError(f"it asks for a force of {force:g} N; allowed: above 0 N and below {limit:g} N")
         return force
 
     def lead(
@@ -178,10 +184,10 @@ class LedStep(PressingStep[LedMemory[M]], Generic[M]):
         if left == 0.0 or not goes:
             return PathPoint(state.at, state.local, state.aside, state.heading, memory)
         speed = context.plan.stroke.parameters.speed_mm_s * 1e-3
-        way = min(speed * contact.measurement.dt, left)
+        distance = min(speed * contact.measurement.dt, left)
         heading = (u - x) / left, (v - y) / left
-        at = x + way * heading[0], y + way * heading[1]
-        return PathPoint(at, state.local + way, state.aside, heading, memory)
+        at = x + distance * heading[0], y + distance * heading[1]
+        return PathPoint(at, state.local + distance, state.aside, heading, memory)
 
     def end_sample(
         self,

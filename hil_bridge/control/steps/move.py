@@ -1,4 +1,4 @@
-"""The step `move`."""
+"""Step `move`."""
 
 import math
 from collections.abc import Iterator
@@ -32,26 +32,26 @@ from hil_bridge.errors.causes import Cause, Reason
 from protocol.geometry import angle_between
 
 _AS_AT_HOME = math.radians(0.5)
-"""Chosen: turn from the orientation of the start at which the tool counts as turned back."""
+"""Largest angle to the orientation at the start at which the tool counts as having returned to it. Chosen."""
 
 
 Arrival: TypeAlias = float
-"""Memory of a move: when the tool last had farther to go, s on the run's clock."""
+"""Memory of a move: the time of the last order that moved the target, s on the run's clock."""
 
 
 @dataclass(frozen=True, slots=True)
 class Move(Step[Arrival]):
-    """Go to another place through free space, at the safe height; a touch on the way ends the run."""
+    """Move to another point through free space, at the safe height; a touch during the motion ends the run."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
     to_mm: Place
-    """Place in the work frame."""
+    """Target point in the work frame."""
     do: Literal["move"] = "move"
     speed_mm_s: float = 10.0
-    """Speed of the way across; an obstacle is met with it. Chosen."""
+    """Speed of the motion across; an obstacle is hit at this speed. Chosen."""
     contact_n: float | None = None
-    """Force that counts as a touch; nothing: that of the task's contact."""
+    """Force that counts as a touch. Default: the contact force of the task."""
     limits: StepLimits = NO_LIMITS
 
     def __post_init__(self) -> None:
@@ -97,7 +97,7 @@ class Move(Step[Arrival]):
         return tuple((x * 1e-3, y * 1e-3) for x, y in ends), height
 
     def take(self, context: StepContext, state: StepState[Arrival]) -> StepResult[Arrival]:
-        """Go up to the safe height, across, and wait there until the tool has come."""
+        """Move up to the safe height, across to the target, and wait there until the tool has arrived."""
         course, contact, task = context.course, context.contact, context.plan.stroke
         measurement, now = contact.measurement, contact.sample.now
         touch = self.contact_n or task.parameters.contact_threshold_n
@@ -106,10 +106,12 @@ class Move(Step[Arrival]):
             text = f"the tool touches something in free space, with {force:.1f} N"
             return StepResult(state, Order(Phase.MOVE, depth), trouble=Reason(Cause.TOUCH, text))
         if depth > course.safe + ROUNDING:
-            way = task.way(min(self.speed_mm_s, task.parameters.retract_speed_mm_s), measurement.dt)
-            if depth <= ROUNDING:  # above the start something may be in the way
-                way = min(way, task.careful_step(measurement.position - depth, measurement.dt))
-            return StepResult(replace(state, memory=now), Order(Phase.MOVE, max(depth - way, course.safe)))
+            distance = task.way(min(self.speed_mm_s, task.parameters.retract_speed_mm_s), measurement.dt)
+            if depth <= ROUNDING:  # there may be an obstacle above the start
+                distance = min(distance, task.careful_step(measurement.position - depth, measurement.dt))
+            return StepResult(
+                replace(state, memory=now), Order(Phase.MOVE, max(depth - distance, course.safe))
+            )
         assert course.start is not None
         x, y = (place * 1e-3 - start for place, start in zip(self.to_mm, course.start, strict=True))
         state, arrived = towards(state, (x, y), task.way(self.speed_mm_s, measurement.dt))

@@ -1,4 +1,4 @@
-"""Paths along the surface, as settings in millimetres of the work frame."""
+"""Paths along the surface, as settings in mm in the work frame."""
 
 import math
 from collections.abc import Sequence
@@ -12,31 +12,31 @@ from hil_bridge.control.geometry.ways import PIECES_MAX, Place
 from protocol.marks import SettingError
 
 CHORD_MM = 0.05
-"""Chosen: how far the straight pieces of a bend may lie beside it, mm."""
+"""Largest distance between the straight segments of a bend and the exact curve, mm. Chosen."""
 LONGEST_MM = 1e6
-"""Chosen: no coordinate of a path may be larger, mm."""
+"""Largest allowed coordinate of a path, mm. Chosen."""
 
 
 def check_finite(where: str, *places: Place) -> None:
-    """Raise ValueError for a place, mm, that is not a number or too far away."""
+    """Raise ValueError for a point, mm, that is not finite or too far away."""
     for x, y in places:
         if not (abs(x) <= LONGEST_MM and abs(y) <= LONGEST_MM):
-            raise SettingError(where, f"must be finite places in mm, got {x:g}, {y:g}")
+            raise SettingError(where, f"must be finite points in mm, got {x:g}, {y:g}")
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Straight on."""
+    """Straight path."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
     kind: Literal["line"] = "line"
     length_mm: float | None = None
-    """Length along `direction_deg`; nothing where `to_mm` is given."""
+    """Length along `direction_deg`; not set with `to_mm`."""
     direction_deg: float = 0.0
     """Direction in the plane, from x towards y."""
     to_mm: Place | None = None
-    """Place in the work frame to go to; nothing where `length_mm` is given."""
+    """Target point in the work frame; not set with `length_mm`."""
 
     def __post_init__(self) -> None:
         if (self.length_mm is None) == (self.to_mm is None):
@@ -49,12 +49,14 @@ class Line:
             raise SettingError("direction_deg", "must be a number")
 
     def corners(self, begin: Place | None) -> list[Place]:
-        """Corners of the way in the work frame, mm; `begin` is where the tool is, None where that is not known."""
+        """Return the corners of the path in the work frame, mm. `begin` is the position of the tool, or None if
+        unknown.
+        """
         if self.to_mm is not None:
-            return [_known(begin), self.to_mm]
+            return [_require_begin(begin), self.to_mm]
         x, y = begin or (0.0, 0.0)
         assert self.length_mm is not None
-        if not self.direction_deg:  # no rounding on the plainest way
+        if not self.direction_deg:  # no rounding for the simplest direction
             return [(x, y), (x + self.length_mm, y)]
         angle = math.radians(self.direction_deg)
         return [(x, y), (x + self.length_mm * math.cos(angle), y + self.length_mm * math.sin(angle))]
@@ -62,7 +64,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Arc:
-    """Part of a circle, from where the tool is."""
+    """Part of a circle, from the tool's position."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
@@ -70,7 +72,7 @@ class Arc:
     centre_mm: Place = (0.0, 0.0)
     """Centre of the circle in the work frame."""
     angle_deg: float = 90.0
-    """Angle to go, positive from x towards y; may be more than a whole turn."""
+    """Angle of the arc, positive from x towards y; may exceed 360°."""
 
     def __post_init__(self) -> None:
         check_finite("centre_mm", self.centre_mm)
@@ -80,7 +82,7 @@ class Arc:
             )
 
     def corners(self, begin: Place | None) -> list[Place]:
-        x, y = _known(begin)
+        x, y = _require_begin(begin)
         u, v = self.centre_mm
         radius = math.hypot(x - u, y - v)
         if radius < 1e-3:
@@ -101,17 +103,17 @@ class Arc:
 
 @dataclass(frozen=True, slots=True)
 class Polyline:
-    """Straight from place to place."""
+    """Straight segments from point to point."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
     kind: Literal["polyline"] = "polyline"
     points_mm: tuple[Place, ...] = ()
-    """Places in the work frame; the first one is where the tool must be."""
+    """Points in the work frame; the first one must be the tool's position."""
 
     def __post_init__(self) -> None:
         if len(self.points_mm) < 2:
-            raise SettingError("points_mm", "must hold at least two places")
+            raise SettingError("points_mm", "must have at least two points")
         check_finite("points_mm", *self.points_mm)
 
     def corners(self, begin: Place | None) -> list[Place]:
@@ -120,7 +122,7 @@ class Polyline:
 
 @dataclass(frozen=True, slots=True)
 class Raster:
-    """Lines side by side over a rectangle or a polygon, forth and back."""
+    """Parallel lines over a rectangle or a polygon, back and forth."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
@@ -130,9 +132,9 @@ class Raster:
     size_mm: Place = (0.0, 0.0)
     """Size of the rectangle along x and y; unused with `polygon_mm`."""
     polygon_mm: tuple[Place, ...] = ()
-    """Corners of a polygon instead of the rectangle; each line of the raster must cross it in one piece."""
+    """Corners of a polygon instead of the rectangle; each line of the raster must cross it exactly once."""
     spacing_mm: float = 5.0
-    """Distance of the lines, at most."""
+    """Largest distance between the lines."""
     along: Literal["x", "y"] = "x"
     """Direction of the lines."""
 
@@ -140,10 +142,10 @@ class Raster:
         require_above_zero(self, "spacing_mm")
         check_finite("corner_mm", self.corner_mm, self.size_mm, *self.polygon_mm)
         if self.polygon_mm and len(self.polygon_mm) < 3:
-            raise SettingError("polygon_mm", "must hold at least three places")
+            raise SettingError("polygon_mm", "must have at least three points")
         if not self.polygon_mm and not min(self.size_mm) > 0:
             raise SettingError(
-                "size_mm", f"must be above 0 both ways, got {self.size_mm[0]:g}, {self.size_mm[1]:g}"
+                "size_mm", f"must be above 0 in both directions, got {self.size_mm[0]:g}, {self.size_mm[1]:g}"
             )
 
     def corners(self, begin: Place | None) -> list[Place]:
@@ -157,15 +159,15 @@ class Raster:
             raise ValueError(f"a raster of {count} lines; it needs 1 … {PIECES_MAX // 2}: change spacing_mm")
         places: list[Place] = []
         for k in range(count + 1):
-            # a hair inside, where a polygon's side or corner lies on the line
+            # slightly inside, in case a side or corner of the polygon lies on the line
             level = low + (high - low) * k / count
             try:
-                left, right = _crossing(outline, min(max(level, low + 1e-6), high - 1e-6))
+                left, right = _find_crossings(outline, min(max(level, low + 1e-6), high - 1e-6))
             except ValueError as error:
                 across = "x" if self.along == "y" else "y"
                 raise ValueError(
-                    f"the polygon is {error} by the line at {across} = {level:g} mm: every line must cross it in one "
-                    "piece; try the other along, or several tracks"
+                    f"the polygon is {error} by the line at {across} = {level:g} mm: every line must cross it exactly "
+                    "once; try the other value of along, or several tracks"
                 ) from None
             ends = [(left, level), (right, level)]
             places += ends if k % 2 == 0 else ends[::-1]
@@ -175,7 +177,7 @@ class Raster:
 
 @dataclass(frozen=True, slots=True)
 class Spiral:
-    """A spiral out of its centre, or into it."""
+    """Spiral out of its centre, or into it."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
@@ -185,9 +187,9 @@ class Spiral:
     radius_mm: float = 20.0
     """Radius of the outermost turn."""
     spacing_mm: float = 5.0
-    """Distance of the turns."""
+    """Distance between the turns."""
     inwards: bool = False
-    """From the outermost turn to the centre."""
+    """Whether it runs from the outermost turn to the centre."""
 
     def __post_init__(self) -> None:
         require_above_zero(self, "radius_mm", "spacing_mm")
@@ -197,10 +199,10 @@ class Spiral:
 
     def corners(self, begin: Place | None) -> list[Place]:
         u, v = self.centre_mm
-        places, angle, whole = [(u, v)], 0.0, math.tau * self.radius_mm / self.spacing_mm
-        while angle < whole and len(places) < PIECES_MAX:
+        places, angle, total_angle = [(u, v)], 0.0, math.tau * self.radius_mm / self.spacing_mm
+        while angle < total_angle and len(places) < PIECES_MAX:
             radius = max(self.spacing_mm * angle / math.tau, CHORD_MM)
-            angle = min(angle + math.tau / _pieces(radius, math.tau), whole)
+            angle = min(angle + math.tau / _pieces(radius, math.tau), total_angle)
             radius = self.spacing_mm * angle / math.tau
             places.append((u + radius * math.cos(angle), v + radius * math.sin(angle)))
         return places[::-1] if self.inwards else places
@@ -211,22 +213,22 @@ Path: TypeAlias = Annotated[Line | Arc | Polyline | Raster | Spiral, Discriminat
 
 
 def _pieces(radius: float, angle: float) -> int:
-    """Return the number of straight pieces for a bend of this radius, mm, and angle, rad."""
+    """Return the number of straight segments for a bend with the given radius, mm, and angle, rad."""
     widest = 2.0 * math.acos(max(1.0 - CHORD_MM / radius, 0.0)) if radius > CHORD_MM else math.pi / 2
     return max(math.ceil(angle / widest), 2)
 
 
-def _known(begin: Place | None) -> Place:
+def _require_begin(begin: Place | None) -> Place:
     if begin is None:
         raise ValueError(
-            "where the path begins is not known: let a move come before, or use a line with length_mm"
+            "where the path begins is not known: insert a move before, or use a line with length_mm"
         )
     return begin
 
 
-def _crossing(outline: Sequence[Place], level: float) -> Place:
-    """Where a line at this y crosses a polygon: the smallest and the largest x. Raises ValueError for more or fewer
-    than two crossings.
+def _find_crossings(outline: Sequence[Place], level: float) -> Place:
+    """Return the smallest and the largest x at which a line at the given y crosses a polygon. Raises ValueError
+    unless there are exactly two crossings.
     """
     crossings = []
     for (x, y), (u, v) in zip(outline, [*outline[1:], outline[0]], strict=True):

@@ -1,4 +1,4 @@
-"""What is settled of a step before the run: its stroke, limits, force and path."""
+"""Properties of a step that are fixed before the run: stroke, limits, force and path."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,31 +11,31 @@ from hil_bridge.control.geometry.ways import Way
 
 @dataclass(frozen=True, slots=True)
 class StepPlan:
-    """A step's own stroke, limits, force and path, in one pass."""
+    """Stroke, limits, force and path of a step in one pass."""
 
     number: str
-    """Number for the operator: "3", or "3.1" within a repeat."""
+    """Number of the step for the operator, for example "3", or "3.1" within a repeat."""
     stroke: Stroke
-    """The stroke with the step's own parameters."""
+    """Stroke with the parameters of the step."""
     limits: Limits
     """Limits of the run, tightened by the step."""
     profile: tuple[tuple[float, float], ...]
-    """Length of the path in m and desired force in N."""
+    """Pairs of path length, m, and desired force, N."""
     way: Way | None = None
-    """Path along the surface, relative to where it begins; None for a step without one."""
+    """Path along the surface relative to its start; None for a step without a path."""
     follows: bool = False
-    """The force is controlled along the estimated normal."""
+    """Whether the force is controlled along the estimated normal."""
     shows_ground: bool = False
-    """The controller is given depths from the plane that the estimated normal predicts."""
+    """Whether the controller receives depths from the plane that the estimated normal predicts."""
     phase: Phase = Phase.TRACK
     """Phase in which the step begins."""
     works_aside: bool = False
-    """The tool may meet obstacles beside its path, in this step or in an earlier one of the same touch."""
+    """Whether the tool may meet obstacles next to its path, in this step or in an earlier step of the same touch."""
     turns: bool = True
-    """The tool may be turned in it."""
+    """Whether the step may turn the tool."""
 
     def reference(self, travel: float) -> float:
-        """Return the desired force at this length of the path, m; N."""
+        """Return the desired force at the given path length (m), N."""
         profile = self.profile
         if len(profile) == 1 or travel <= profile[0][0]:
             return profile[0][1]

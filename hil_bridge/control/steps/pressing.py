@@ -1,8 +1,8 @@
-"""A step that presses: the stroke holds the force, the step leads the tool along the surface. Pure.
+"""Step that presses: the stroke controls the force, and the step moves the tool along the surface. Pure.
 
-While the force is controlled along the surface's normal, the controller is shown depths from the ground: the plane that
-the estimated normal predicts along the path. So a corner or a way back, where the slope changes its sign, is no
-disturbance for it.
+While the force is controlled along the surface's normal, the controller receives depths relative to the ground: the
+plane that the estimated normal predicts along the path. So a corner or a reversal, where the slope changes its
+sign, does not disturb the controller.
 """
 
 from typing import Generic
@@ -21,39 +21,39 @@ from hil_bridge.control.types import Command
 from hil_bridge.errors.causes import Reason
 
 FLAT = (0.0, 0.0)
-"""Slopes of a surface that does not fall away."""
+"""Slopes of a level surface."""
 
 
 _BAND_SHARE = 0.1
-"""Chosen: share of the desired force by which it may be off and still counts as held, without a criterion."""
+"""Largest error at which the force counts as held if there is no criterion, as a share of the desired force. Chosen."""
 
 
 class Guide(Struct, Generic[M], frozen=True, gc=False):
-    """Force and feed of one sample, and the state with them."""
+    """Desired force and feed for one sample, and the state that contains them."""
 
     state: StepState[M]
     stride: Stride
     trouble: Reason | None = None
-    """Why the run must end; None while it need not."""
+    """Reason why the run must end; None if it may continue."""
 
 
 class PathPoint(Struct, Generic[M], frozen=True, gc=False):
-    """Where a step leads the tool, by the names of its state."""
+    """Point to which a step moves the tool. The fields have the names of the fields in the step's state."""
 
     at: Place
-    """Commanded x and y from the start point, m."""
+    """Commanded x and y relative to the start point, m."""
     local: float
-    """Commanded length along the path of this step, m."""
+    """Commanded path length in this step, m."""
     aside: float = 0.0
     """Commanded distance to the left of the path, m."""
     heading: Place = (1.0, 0.0)
-    """Direction of the path there, unit vector."""
+    """Direction of the path at this point, as a unit vector."""
     memory: M | None = None
-    """The step's own memory."""
+    """Internal memory of the step."""
 
 
 class PressingStep(Step[M]):
-    """A step that presses. A kind leads it by `guide`, before the stroke takes the sample, and by `lead` after it."""
+    """Step that presses. A kind controls it by `guide` before the stroke uses the sample, and by `lead` afterwards."""
 
     __slots__ = ()
 
@@ -65,19 +65,19 @@ class PressingStep(Step[M]):
         need_contact(pressing)
 
     def guide(self, context: StepContext, state: StepState[M]) -> Guide[M]:
-        """Return the desired force and the feed of this sample."""
-        return Guide(state, Stride(context.plan.reference(local_way(context, state))))
+        """Return the desired force and the feed for this sample."""
+        return Guide(state, Stride(context.plan.reference(length_on_path(context, state))))
 
     def lead(
         self, context: StepContext, state: StepState[M], stroke: StrokeState, order: Order
     ) -> PathPoint[M]:
-        """Return where this sample leads the tool in the plane. `stroke` and `order` are what the stroke has made of
-        it; `state` is that before the stroke, but for `guide`.
+        """Return the point in the plane to which this sample moves the tool. `stroke` and `order` are the results
+        of the stroke. `state` is the state before the stroke, changed only by `guide`.
         """
         return PathPoint(state.at, state.local, state.aside, state.heading, state.memory)
 
     def end_sample(self, context: StepContext, before: StepState[M], result: StepResult[M]) -> StepResult[M]:
-        """Return the result with the end of the step, if it ends. `before` is the state before the stroke."""
+        """Return the result, including the end of the step if it ends. `before` is the state before the stroke."""
         return result
 
     def take(self, context: StepContext, state: StepState[M]) -> StepResult[M]:
@@ -87,16 +87,16 @@ class PressingStep(Step[M]):
         if guide.trouble is not None:
             return StepResult(state, Order(Phase.RETRACT, measurement.commanded), trouble=guide.trouble)
         before, ground = state, state.ground
-        fall, given = context.course.facing.fall, measurement
+        fall, from_ground = context.course.facing.fall, measurement
         slopes = plan.shows_ground and fall != FLAT
         if ground or slopes:
             behind = rise(fall, contact.place, state.at) if slopes else 0.0
-            given = replace(
+            from_ground = replace(
                 measurement,
                 position=measurement.position - (ground - behind),
                 commanded=measurement.commanded - ground,
             )
-        stroke, order = plan.stroke.step(state.stroke, given, stride)
+        stroke, order = plan.stroke.step(state.stroke, from_ground, stride)
         if stroke.travel < context.course.base:
             stroke = replace(stroke, travel=context.course.base)
         point, lean = self.lead(context, state, stroke, order), state.lean
@@ -123,8 +123,8 @@ class PressingStep(Step[M]):
     def count_sample(
         self, context: StepContext, state: StepState[M], stroke: StrokeState, reference: float
     ) -> Tally:
-        """Return the sums of the step with one more sample. `stroke` is the stroke's state after it, `reference` the
-        desired force, N.
+        """Return the sums of the step including one more sample. `stroke` is the state of the stroke after it,
+        `reference` the desired force, N.
         """
         tally, measurement = state.tally, context.contact.measurement
         if not stroke.in_contact:
@@ -141,16 +141,16 @@ class PressingStep(Step[M]):
         return Tally(total, tally.within, pressed, deep, tally.good)
 
 
-def local_way(context: StepContext, state: StepState[M]) -> float:
-    """Return the commanded length along the path of the step, m."""
+def length_on_path(context: StepContext, state: StepState[M]) -> float:
+    """Return the commanded path length in the step, m."""
     return max(state.stroke.travel - context.course.base, 0.0)
 
 
 def rise(fall: Place, before: Place, after: Place) -> float:
-    """How much deeper the surface lies at one place than at another, m, going by its slopes."""
+    """Return how much deeper the surface is at one point than at another, m, according to its slopes."""
     return fall[0] * (after[0] - before[0]) + fall[1] * (after[1] - before[1])
 
 
 def shift_answer(command: Command | None, ground: float) -> Command | None:
-    """Return a controller's answer in depths from the start point."""
+    """Return the response of a controller with depths relative to the start point."""
     return command if command is None or not ground else replace(command, position=command.position + ground)

@@ -1,4 +1,6 @@
-"""The word `repeat`: the same steps several times. It is no step itself: a program is a row of the steps in it."""
+"""The word `repeat`, which repeats a group of steps. It is not a step itself: a program is a sequence of steps,
+with each pass unrolled.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -17,11 +19,12 @@ class Repeat(Step):
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
     times: int
-    """Passes, at most."""
+    """Largest number of passes."""
     step: tuple[SimpleStep, ...]
     do: Literal["repeat"] = "repeat"
     until_removed_mm: float | None = None
-    """No further pass once the tracks lie deeper than in the first pass by this much, on average. Nothing: all passes.
+    """Removed depth that ends the repeat: no further pass once the tracks lie deeper than in the first pass by this
+    much, on average. Default: all passes.
     """
     limits: StepLimits = field(default=NO_LIMITS, repr=False)
 
@@ -31,33 +34,33 @@ class Repeat(Step):
         if not self.step:
             raise SettingError("step", "must hold at least one step")
         if self.limits != NO_LIMITS:
-            raise SettingError("limits", "must stand in the steps of the repeat")
+            raise SettingError("limits", "must be set in the steps of the repeat")
         above_zero(self, "until_removed_mm")
         if self.until_removed_mm is not None and not any(step.do == "track" for step in self.step):
             raise SettingError("until_removed_mm", "needs a track among the steps")
 
 
 class Pass(NamedTuple):
-    """Place of a step in the passes of a repeat."""
+    """Position of a step in the passes of a repeat."""
 
     leave_to: int | None = None
-    """Number of the leg behind the repeat, at the last leg of a pass; None elsewhere."""
+    """Index of the leg after the repeat, at the last leg of a pass; None at any other leg."""
     removed: float | None = None
-    """Depth removed, m, at which the repeat is left there; None where all passes are made."""
+    """Removed depth at which the repeat ends, m; None if all passes are made."""
     is_first: bool = False
-    """The first leg of the first pass: the depths are counted from here."""
+    """Whether this is the first leg of the first pass, from which the depths are measured."""
     number: int = 0
-    """Number of the repeat that it belongs to, for the operator; 0 for none."""
+    """Number of the repeat to which the step belongs, for the operator; 0 outside a repeat."""
     turn: int = 0
-    """Its pass in that repeat, from 1; 0 for none."""
+    """Number of the pass in the repeat, from 1; 0 outside a repeat."""
 
 
 ALONE = Pass()
-"""A step in no repeat."""
+"""Default pass of a step outside any repeat."""
 
 
 def unroll(steps: tuple[Step, ...]) -> Iterator[tuple[str, Step, Pass]]:
-    """Each step of each pass, with its number as an operator counts."""
+    """Return each step of each pass, with its number for the operator."""
     count = 0
     for number, step in enumerate(steps, 1):
         if not isinstance(step, Repeat):

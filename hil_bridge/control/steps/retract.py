@@ -1,4 +1,4 @@
-"""The step `retract`."""
+"""Step `retract`."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -19,13 +19,13 @@ from hil_bridge.control.steps.strokes import take_stroke
 
 @dataclass(frozen=True, slots=True)
 class Retract(Step[None]):
-    """Back out of the surface, at least to the depth of the start."""
+    """Move out of the surface, at least to the depth of the start."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
     do: Literal["retract"] = "retract"
     back_mm: float | None = None
-    """Way back from where the tool is."""
+    """Distance to retract from the tool's position."""
     speed_mm_s: float | None = None
     limits: StepLimits = NO_LIMITS
 
@@ -59,8 +59,8 @@ class Retract(Step[None]):
 
     def take(self, context: StepContext, state: StepState[None]) -> StepResult[None]:
         plan, contact, before = context.plan, context.contact, state.at
-        way = plan.stroke.way(plan.stroke.parameters.retract_speed_mm_s, contact.measurement.dt)
-        state = yield_to(state, contact, (way, plan.stroke.friction_share), plan.works_aside)
+        distance = plan.stroke.way(plan.stroke.parameters.retract_speed_mm_s, contact.measurement.dt)
+        state = yield_to(state, contact, (distance, plan.stroke.friction_share), plan.works_aside)
         result = take_stroke(context, state)
         stroke = result.state.stroke
         if stroke.phase is not Phase.END:
@@ -68,7 +68,7 @@ class Retract(Step[None]):
         state = replace(result.state, stroke=replace(stroke, phase=Phase.RETRACT))
         return replace(
             result, state=state, done=state.at == before
-        )  # not before the tool is off what pushed it
+        )  # not before the tool is clear of the obstacle
 
     def describe(self, parameters: TaskParameters) -> Iterator[str]:
         yield f"{parameters.retract_mm:g} mm back"

@@ -1,14 +1,15 @@
-"""The interface of steps: all that a kind of step defines, from its settings to its picture.
+"""Interface of steps: everything that a kind of step defines, from its settings to its drawing.
 
-A kind is a frozen dataclass with its settings, derived from `Step`. Its word is the field `do`. The kind of a plug-in
-is found through the entry point `hil_bridge.steps`, under that word. Most derive from `steps.led.LedStep`, which
-presses and leads the tool along the surface.
+A kind is a frozen dataclass with its settings, derived from `Step`. Its word is the field `do`. The kind of a
+plug-in is loaded through the entry point `hil_bridge.steps` with that word as its name. Most plug-ins derive from
+`steps.led.LedStep`, which presses and moves the tool along the surface.
 
-In a run a step is given a `StepContext`, which it cannot change, and its own `StepState`, which it answers. The type
-parameter of `Step` is that of `StepState.memory`.
+In a run, a step receives a read-only `StepContext` and its own `StepState`, and returns the next state. The type
+parameter of `Step` is the type of `StepState.memory`.
 
-A value of None stands for that of the task or of the limits. Places in settings are mm in the work frame: its x axis is
-`frame.travel`, its z axis points away from the surface, against `frame.approach`. In a run they are m.
+A setting of None selects the value of the task or of the limits. Positions in settings are in mm in the work frame:
+its x axis is `frame.travel`, and its z axis points away from the surface, against `frame.approach`. In a run they
+are in m.
 """
 
 import math
@@ -34,16 +35,16 @@ from protocol.marks import SettingError
 Plan = TypeVar("Plan", bound=StepPlan)
 
 Orientation: TypeAlias = Literal["fixed", "along-path", "normal", "led"]
-"""fixed: as at the start. along-path: turned about the approach so that it looks along the path as at its begin.
-normal: perpendicular to the surface. led: tipped along the travel by the controller.
+"""Orientation of the tool. fixed: as at the start. along-path: rotated about the approach, so that the tool keeps
+its angle to the path. normal: perpendicular to the surface. led: tilted along the travel by the controller.
 """
 ForceProfile: TypeAlias = float | tuple[tuple[float, float], ...]
-"""A force, N, or pairs of way in mm and force in N, with straight ramps between."""
+"""Force, N, or pairs of path length, mm, and force, N, with linear ramps between them."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepLimits:
-    """Limits that hold for one step, tighter than those of the run."""
+    """Limits for one step, tighter than those of the run."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
@@ -59,19 +60,19 @@ class StepLimits:
 
 
 NO_LIMITS = StepLimits()
-"""A step has no limits of its own."""
+"""No limits in addition to the limits of the run."""
 
 
 @dataclass(frozen=True, slots=True)
 class Criterion:
-    """How good a step must have been."""
+    """Quality that a step must reach."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
     within_n: float
-    """Largest distance of the force from the wanted one."""
+    """Largest difference between the force and the desired one."""
     for_percent: float = 95.0
-    """Share of the way for which the force must be within; of the time where there is no way."""
+    """Share of the path for which the force must be within; of the time if there is no path."""
 
     def __post_init__(self) -> None:
         require_above_zero(self, "within_n", "for_percent")
@@ -80,11 +81,11 @@ class Criterion:
 
 
 LARGEST_ZERO_N = 2.0
-"""Largest force that a zero between strokes may take off, N. Chosen; more looks like a contact."""
+"""Largest force that a zero between strokes may remove, N. Chosen: a larger force looks like a contact."""
 
 
 class StepContext(Struct, frozen=True, gc=False):
-    """What a step is given for one sample beside its own state. All of it belongs to the program."""
+    """Read-only data of the program that a step receives for one sample, in addition to its own state."""
 
     plan: StepPlan
     course: Course
@@ -92,37 +93,37 @@ class StepContext(Struct, frozen=True, gc=False):
 
 
 class StepResult(Struct, Generic[M], frozen=True, gc=False):
-    """The answer of a step for one sample."""
+    """Response of a step to one sample."""
 
     state: StepState[M]
     order: Order
     done: bool = False
     """Whether the step ends with this sample."""
     trouble: Reason | None = None
-    """Why the run must end; None while it need not."""
+    """Reason why the run must end; None if it may continue."""
     zero: tuple[float, ...] = ()
-    """New zero of the program: contact wrench in the tool frame, N and N·m, (6,); empty for none. Only a step whose
-    phase is zero may set one, with its last sample. That of a plug-in may differ from the zero before by
-    `LARGEST_ZERO_N`.
+    """New zero of the program: contact wrench in the tool frame, N and N·m, shape (6,); empty if there is none.
+    Only a step whose phase is zero may set a zero, with its last sample. The zero of a plug-in may differ from the
+    previous zero by `LARGEST_ZERO_N`.
     """
 
 
 class Drawing(NamedTuple):
-    """How a step looks on the plan of a program."""
+    """Appearance of a step in the drawing of a program."""
 
     colour: str
     style: Any = "-"
-    """Line style of matplotlib; empty for a mark at the place where the step begins."""
+    """Line style of matplotlib; empty to draw a mark at the point where the step begins."""
     label: str = ""
     width: float = 1.8
-    """Width of the line, points."""
+    """Line width, points."""
 
 
 class Step(Generic[M]):
-    """One step of a program: its settings, its part in a run, its words and its picture.
+    """One step of a program: its settings, its behaviour in a run, its description and its drawing.
 
-    The settings of a kind are the fields of a frozen dataclass. Those below have defaults here, so that a kind declares
-    what it has.
+    The settings of a kind are the fields of a frozen dataclass. The settings below have defaults here, so that a
+    kind declares only the settings that it has.
     """
 
     __slots__ = ()
@@ -141,7 +142,7 @@ class Step(Generic[M]):
 
     @property
     def name(self) -> str:
-        """Name under which a found place is told; empty for none."""
+        """Name under which a position is reported; empty if no position is reported."""
         return ""
 
     @property
@@ -154,7 +155,7 @@ class Step(Generic[M]):
 
     @property
     def for_s(self) -> float | None:
-        """Time after which the step ends, s; None for no such end."""
+        """Time after which the step ends, s; None if there is no time limit."""
         return None
 
     @property
@@ -184,65 +185,72 @@ class Step(Generic[M]):
 
     @property
     def turns_home(self) -> bool:
-        """Whether the tool takes the orientation of the start again."""
+        """Whether the tool returns to the orientation at the start."""
         return False
 
     @property
     def goal_mm(self) -> Place | None:
-        """Place in the work frame that the step goes to in free space; None for a step that does not."""
+        """Point in the work frame to which the step moves in free space; None for other steps."""
         return None
 
     @property
     def sketch_mm(self) -> tuple[Place, ...]:
-        """Places from where the step begins to which it may lead the tool, mm; empty for a step that has a way, a goal,
-        or stays. They must lie in the workspace, and are its line on the plan.
+        """Points to which the step may move the tool, relative to its start, mm. The list is empty for a step that
+        has a path or a goal, or that does not move. The points must lie in the workspace, and are drawn as the line
+        of the step.
         """
         return ()
 
     @property
     def works_aside(self) -> bool:
-        """Whether the tool may meet what is beside its way, so that it yields to it while it retracts."""
+        """Whether the tool may meet an obstacle next to its path. If so, it yields to the obstacle while it
+        retracts.
+        """
         return False
 
     @property
     def watches_way(self) -> bool:
-        """Whether the guard watches the force against the way, as `limits.against_travel_n` says."""
+        """Whether the supervisor checks the force against the motion, as `limits.against_travel_n` defines."""
         return True
 
     def check(self, pressing: bool, limits: Limits) -> None:
-        """Raise ValueError where the step cannot follow the one before. `pressing`: the tool is in contact there.
-        `limits` are those of the step.
+        """Raise ValueError if the step cannot follow the previous one.
+
+        `pressing` states whether the tool is in contact at the start of the step. `limits` are the limits of the
+        step.
         """
 
     def make_way(self, begin: Place | None) -> Way | None:
-        """Path along the surface from where the step begins, work frame, mm; None for a step without one. Raises
-        ValueError for one that cannot be.
+        """Return the path along the surface from the start of the step, work frame, mm; None for a step without a
+        path. Raises ValueError for an invalid path.
         """
         return None
 
     def parameters(self, task: TaskParameters) -> Mapping[str, Any]:
-        """Return settings of the task that differ in this step, by name; None for one that stays."""
+        """Return the task settings that the step overrides, by name; None for a setting that stays unchanged."""
         return {}
 
     def end(self, plan: StepPlan, begin: Place | None) -> Place | None:
-        """Where the tool is behind the step, work frame, mm; None where the run alone knows."""
+        """Return the position of the tool after the step, work frame, mm; None if it is known only during the run."""
         return begin
 
     def seconds(self, plan: StepPlan, begin: Place | None) -> float:
-        """Time that the step takes about, s."""
+        """Return the approximate duration of the step, s."""
         raise NotImplementedError
 
     def reach(self, plan: Plan, back_mm: float) -> Plan:
-        """Return the plan for a tool that has come back from the surface by up to `back_mm` before the step, mm."""
+        """Return the plan for a tool that has retracted by up to `back_mm` (mm) before the step."""
         return plan
 
     def back_from(self, plan: StepPlan, before: float) -> float:
-        """How far the tool has come back from the surface behind the step, at most; `before` it likewise."""
+        """Return the largest distance that the tool has retracted after the step. `before` is the largest distance
+        before the step.
+        """
         return 0.0 if self.presses else before
 
     def places(self, plan: StepPlan, begin: Place | None) -> tuple[tuple[Place, ...], float]:
-        """Places where the path leads, work frame, m, and their height over the start, m. None are known in a step
-        whose path begins where the run alone knows.
+        """Return the points of the path, work frame, m, and their height above the start, m. The list is empty for
+        a step whose start is known only during the run.
         """
         if begin is None:
             return (), 0.0
@@ -252,60 +260,60 @@ class Step(Generic[M]):
         return tuple((x0 + x, y0 + y) for x, y in plan.way.points), 0.0
 
     def resumed(self, spent_s: float) -> "Step":
-        """Return the rest of a step that was cut after this time, s."""
+        """Return the rest of a step that was interrupted after the given time, s."""
         return self
 
     @property
     def finds_end(self) -> bool:
-        """Whether the place where it ends is the one that it tells under its name."""
+        """Whether the step reports the position at its end under its name."""
         return False
 
     # --- in the run
 
     def is_over(self, context: StepContext, state: StepState[M]) -> bool:
-        """Return whether the step is over before it has used this sample."""
+        """Return whether the step is over before it uses the given sample."""
         began = context.course.began
         return (
             self.for_s is not None and began is not None and context.contact.sample.now - began >= self.for_s
         )
 
     def take(self, context: StepContext, state: StepState[M]) -> StepResult[M]:
-        """Return the step's answer to one sample."""
+        """Return the response of the step to one sample."""
         raise NotImplementedError
 
     # --- words and picture
 
     def describe(self, parameters: TaskParameters) -> Iterator[str]:
-        """Describe settings for which the table of a program has no column."""
+        """Return a description of the settings that have no column in the table of a program."""
         return iter(())
 
     @property
     def drawing(self) -> Drawing | None:
-        """How the step looks on the plan; None for one that is not drawn."""
+        """Appearance of the step in the drawing; None for a step that is not drawn."""
         return None
 
     @property
     def band(self) -> str:
-        """Colour of the step's band in the picture of the forces."""
+        """Colour of the step's band in the plot of the forces."""
         return "#f2f2f2"
 
 
 def above_zero(step: Step, *names: str) -> None:
-    """Raise SettingError for the first of these settings that is given and not above 0."""
+    """Raise SettingError for the first of the given settings that is set and not above 0."""
     require_above_zero(step, *(name for name in names if getattr(step, name) is not None))
 
 
 def check_profile(force: ForceProfile | None) -> None:
-    """Raise SettingError for a force profile with gaps, or with a force that does not press."""
+    """Raise SettingError for a force profile that has gaps, or a force that does not press."""
     if force is None:
         return
     pairs = ((0.0, force),) if isinstance(force, (int, float)) else force
     if not pairs or pairs[0][0] != 0.0:
-        raise SettingError("force_n", "must begin at 0 mm of the way")
+        raise SettingError("force_n", "must begin at 0 mm of the path")
     for (before, _), (after, _) in pairwise(pairs):
         if not after > before:
             raise SettingError(
-                "force_n", f"must ascend along the way, but {after:g} mm follows {before:g} mm"
+                "force_n", f"must ascend along the path, but {after:g} mm follows {before:g} mm"
             )
     for _, value in pairs:
         if not (math.isfinite(value) and value > 0):
@@ -313,19 +321,19 @@ def check_profile(force: ForceProfile | None) -> None:
 
 
 def need_contact(pressing: bool) -> None:
-    """Raise ValueError for a step that presses and does not begin in contact."""
+    """Raise ValueError if a step that presses does not begin in contact."""
     if not pressing:
-        raise ValueError("the tool does not press here: let an approach come before")
+        raise ValueError("the tool does not press here: insert an approach before")
 
 
 def need_free(pressing: bool) -> None:
-    """Raise ValueError for a step through free space that begins in contact."""
+    """Raise ValueError if a step through free space begins in contact."""
     if pressing:
-        raise ValueError("the tool presses here: let a retract come before")
+        raise ValueError("the tool presses here: insert a retract before")
 
 
 def need_travel_speed(speed_mm_s: float | None, limits: Limits) -> None:
-    """Raise ValueError for a speed along the surface above that of the limits."""
+    """Raise ValueError if a speed along the surface is above the limit."""
     if speed_mm_s is not None and speed_mm_s > limits.travel_mm_s:
         raise ValueError(
             f"speed_mm_s of {speed_mm_s:g} is above limits.travel_mm_s of {limits.travel_mm_s:g}"

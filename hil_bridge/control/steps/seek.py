@@ -1,4 +1,4 @@
-"""The step `seek`."""
+"""Step `seek`."""
 
 import math
 from collections.abc import Iterator
@@ -33,23 +33,27 @@ from hil_bridge.errors.causes import Cause, Reason
 from protocol.marks import SettingError
 
 _UNSURE_N = 5.0
-"""Chosen: force across the approach from which it must be one against the motion, N, with unverified axes."""
+"""Smallest force across the approach that is treated as a force against the motion if axes are unverified, N.
+Chosen.
+"""
 _UNSURE_SHARE = 3.0
-"""Chosen: how many times the force against the motion it may be: a face that is met at less than 70°."""
+"""Largest ratio of the force across the approach to the force against the motion. Chosen: an obstacle met at less
+than 70°.
+"""
 
 
 class BackOff(Struct, frozen=True):
-    """Memory of a seek that has found what it seeks."""
+    """Memory of a seek whose search has ended."""
 
     to: float
-    """Length along the path to which the tool goes back, m."""
+    """Path length to which the tool backs off, m."""
     since: float
-    """When the tool last had farther to go, s on the run's clock."""
+    """Time of the last order that moved the target, s on the run's clock."""
 
 
 @dataclass(frozen=True, slots=True)
 class Seek(PressingStep[BackOff]):
-    """Move along the surface until something is found: a force against the tool, or the edge of the surface."""
+    """Move along the surface until the tool meets a force against it, or the edge of the surface."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
@@ -57,16 +61,16 @@ class Seek(PressingStep[BackOff]):
     """Direction in the plane, from x towards y."""
     do: Literal["seek"] = "seek"
     until: Literal["force", "edge"] = "force"
-    """force: in free space, until something pushes back. edge: pressing, until the surface ends."""
+    """force: move in free space until something pushes back. edge: press until the surface ends."""
     name: str = ""
-    """Name under which the found place is told; empty for none."""
+    """Name under which the resulting position is reported; empty for none."""
     at_most_mm: float = 50.0
     speed_mm_s: float | None = None
-    """Nothing: the speed of an approach."""
+    """Speed of the search. Default: the speed of an approach."""
     contact_n: float | None = None
-    """Force that counts as found; nothing: that of the task's contact."""
+    """Force that ends the search. Default: the contact force of the task."""
     back_off_mm: float = 1.0
-    """Way back from what pushed back; unused for an edge."""
+    """Distance to back off from the obstacle; unused for an edge."""
     limits: StepLimits = NO_LIMITS
 
     def __post_init__(self) -> None:
@@ -101,7 +105,7 @@ class Seek(PressingStep[BackOff]):
         if not self.presses:
             need_free(pressing)
         elif not pressing:
-            raise ValueError("an edge is sought while pressing: let an approach come before")
+            raise ValueError("an edge is searched for while pressing: insert an approach before")
         need_travel_speed(self.speed_mm_s, limits)
 
     def make_way(self, begin: Place | None) -> Way:
@@ -125,11 +129,11 @@ class Seek(PressingStep[BackOff]):
         return self._advance(context, state) if state.memory is None else self._back_off(context, state)
 
     def _advance(self, context: StepContext, state: StepState[BackOff]) -> StepResult[BackOff]:
-        """Return the answer while the tool moves on until something pushes back."""
+        """Return the response while the tool advances until an obstacle resists."""
         plan, contact, measurement = context.plan, context.contact, context.contact.measurement
-        task, way, order = plan.stroke, plan.way, Order(Phase.SEEK, measurement.commanded)
-        assert way is not None
-        (h, k), (u, v) = way.headings[0], context.course.origin
+        task, path, order = plan.stroke, plan.way, Order(Phase.SEEK, measurement.commanded)
+        assert path is not None
+        (h, k), (u, v) = path.headings[0], context.course.origin
         local, reported = ((x - u) * h + (y - v) * k for x, y in (state.at, contact.place))
         force = contact.against((h, k))
         if contact.aside > max(_UNSURE_N, _UNSURE_SHARE * force) and force < contact.aside:
@@ -138,18 +142,18 @@ class Seek(PressingStep[BackOff]):
         if force > task.parameters.contact_threshold_n:
             back = BackOff(max(reported - self.back_off_mm * 1e-3, 0.0), contact.sample.now)
             return StepResult(replace(state, memory=back, found=(contact.sample.position, 1)), order)
-        if local >= way.length - ROUNDING:
-            text = f"nothing found within {self.at_most_mm:g} mm"
+        if local >= path.length - ROUNDING:
+            text = f"no obstacle within {self.at_most_mm:g} mm"
             return StepResult(state, order, trouble=Reason(Cause.NOT_FOUND, text))
         forth = min(
             task.way(task.parameters.speed_mm_s, measurement.dt),
             task.careful_step(local - reported, measurement.dt),
-            way.length - local,
+            path.length - local,
         )
         return StepResult(replace(state, at=(state.at[0] + forth * h, state.at[1] + forth * k)), order)
 
     def _back_off(self, context: StepContext, state: StepState[BackOff]) -> StepResult[BackOff]:
-        """Return the answer while the tool goes back from what it has found."""
+        """Return the response while the tool backs off from the obstacle."""
         plan, contact, measurement, back = (
             context.plan,
             context.contact,
@@ -172,30 +176,30 @@ class Seek(PressingStep[BackOff]):
     def lead(
         self, context: StepContext, state: StepState[BackOff], stroke: StrokeState, order: Order
     ) -> PathPoint[BackOff]:
-        way, origin = context.plan.way, context.course.origin
-        assert way is not None
+        path, origin = context.plan.way, context.course.origin
+        assert path is not None
         local = stroke.travel - context.course.base
-        x, y = way.at(local)
+        x, y = path.at(local)
         at = origin[0] + x, origin[1] + y
-        return PathPoint(at, local, state.aside, way.headings[0], state.memory)
+        return PathPoint(at, local, state.aside, path.headings[0], state.memory)
 
     def end_sample(
         self, context: StepContext, before: StepState[BackOff], result: StepResult[BackOff]
     ) -> StepResult[BackOff]:
-        """End at a loss of contact: the step seeks it."""
-        way, contact = context.plan.way, context.contact
-        assert way is not None
+        """Return the end of the step at a loss of contact, if that is the edge that it searches for."""
+        path, contact = context.plan.way, context.contact
+        assert path is not None
         state, stroke = result.state, result.state.stroke
         if stroke.in_contact:
             state = replace(state, found=(contact.sample.position, 1))
             trouble = result.trouble
-            if stroke.travel - context.course.base >= way.length - ROUNDING and trouble is None:
-                trouble = Reason(Cause.NO_EDGE, f"no edge within {way.length * 1e3:g} mm")
+            if stroke.travel - context.course.base >= path.length - ROUNDING and trouble is None:
+                trouble = Reason(Cause.NO_EDGE, f"no edge within {path.length * 1e3:g} mm")
             return replace(result, state=state, trouble=trouble)
         lost, pressed = stroke.phase is not Phase.TRACK, before.found[1] > 0
-        if not (lost and pressed):  # a contact that this step has not had yet is sought on
+        if not (lost and pressed):  # the search continues until this step has had contact
             return result
-        # stand still: the next leg leads away
+        # stop: the next leg moves away
         state = replace(state, stroke=replace(before.stroke, travel=stroke.travel))
         order = replace(result.order, phase=Phase.TRACK, depth=contact.measurement.commanded)
         return StepResult(state, order, done=True)

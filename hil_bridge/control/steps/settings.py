@@ -1,4 +1,4 @@
-"""Settings of the task of a run: its numbers, and the steps of its program."""
+"""Settings of the task of a run: its parameters, and the steps of its program."""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, TypeAlias
@@ -27,27 +27,27 @@ ProgramStep: TypeAlias = SerializeAsAny[
         WrapValidator(read_step),
     ]
 ]
-"""A step of a program, by its word."""
+"""Step of a program, by its word."""
 
 
 @dataclass(frozen=True, slots=True)
 class ResumePoint:
-    """Where a program continues. `run --resume` fills it in."""
+    """Point at which a program continues. `run --resume` fills it in."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
     leg: int
-    """Step of the program, passes counted, from 0."""
+    """Step of the program, with all passes counted, from 0."""
     way_mm: float
-    """Way along its path from which it continues; 0 for a step without a path."""
+    """Length along its path from which it continues; 0 for a step without a path."""
     place_mm: Place
-    """That place in the work frame."""
+    """That point in the work frame."""
     start_m: Vector
-    """Start point of the first run, base frame: the safe height, and paths without an origin, count from there."""
+    """Start point of the first run, base frame; the safe height, and paths without an origin, are relative to it."""
     quaternion: Quaternion
     """Orientation of that start."""
     spent_s: float = 0.0
-    """Time that the step has had already."""
+    """Time that the step has already used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,21 +57,22 @@ class TaskSettings(TaskParameters):
     __pydantic_config__: ClassVar = {"extra": "forbid"}
 
     step: tuple[ProgramStep, ...] = ()
-    """A program, a table [[task.step]] for each step; empty for one approach, one straight way and one retraction."""
+    """Program, with a table [[task.step]] for each step; empty for one approach, one straight path and one retraction.
+    """
     resume: ResumePoint | None = None
-    """Where a program continues that was cut before; `run --resume` fills it in."""
+    """Point at which an interrupted program continues; `run --resume` fills it in."""
     file: str = ""
-    """File with the steps of a program, beside the configuration; empty for steps that stand here, or for none."""
+    """File with the steps of a program, relative to the configuration; empty for steps defined here, or for none."""
 
     def program(self, duration_s: float) -> tuple[Step, ...]:
         """Return the steps of the run.
 
-        Without a program of its own: an approach, a straight path for this time, s, and a retraction.
+        Without a program, these are an approach, a straight path for the given time, s, and a retraction.
         """
         return self.step or plain_steps(self, duration_s)
 
 
 def plain_steps(task: TaskParameters, duration_s: float) -> tuple[Step, ...]:
-    """Return the program of a run without steps: approach, track straight on, retract."""
-    way = Line(length_mm=task.travel_limit_mm)
-    return Approach(), Track(way, for_s=duration_s, across_mm=task.travel_limit_mm), Retract()
+    """Return the program of a run without steps: approach, straight track, retract."""
+    path = Line(length_mm=task.travel_limit_mm)
+    return Approach(), Track(path, for_s=duration_s, across_mm=task.travel_limit_mm), Retract()

@@ -1,4 +1,4 @@
-"""A sample of the stroke by itself: into the surface, or out of it. Pure."""
+"""One sample of a step that consists only of a stroke into or out of the surface. Pure."""
 
 from msgspec.structs import replace
 
@@ -7,6 +7,6 @@ from hil_bridge.control.steps.seam import StepContext, StepResult
 
 
 def take_stroke(context: StepContext, state: StepState[M]) -> StepResult[M]:
-    """Return the answer to one sample of a step that the stroke takes alone."""
+    """Return the response to one sample of a step that consists only of a stroke."""
     stroke, order = context.plan.stroke.step(state.stroke, context.contact.measurement)
     return StepResult(replace(state, stroke=stroke), order, trouble=stroke.trouble)

@@ -1,4 +1,4 @@
-"""The step `track`."""
+"""Step `track`."""
 
 import math
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.state import StepState
 from hil_bridge.control.course.stroke import Order, Stride, StrokeState
 from hil_bridge.control.geometry.ways import ROUNDING, Place, Way, way_of
-from hil_bridge.control.steps.across import aside_by, beside
+from hil_bridge.control.steps.across import aside_by, sideways_position
 from hil_bridge.control.steps.feed import STUCK_S, TrackMemory, feed_of, watch_progress
 from hil_bridge.control.steps.paths import Line, Path
 from hil_bridge.control.steps.plan import StepPlan
@@ -38,12 +38,14 @@ from hil_bridge.errors.causes import Cause, Reason
 from protocol.marks import SettingError
 
 _NEAR_MM = 0.01
-"""Chosen: a path that begins no farther from the tool begins there."""
+"""Largest distance between the start of a path and the tool at which the start counts as the tool's position.
+Chosen.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Track(PressingStep[TrackMemory]):
-    """Press with a force while the tool goes along a path."""
+    """Press with a force while the tool moves along a path."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
@@ -52,26 +54,28 @@ class Track(PressingStep[TrackMemory]):
     speed_mm_s: float | None = None
     force_n: ForceProfile | None = None
     for_s: float | None = None
-    """The step ends after this time too; nothing: at the end of the path alone."""
+    """Time after which the step ends, even before the end of the path. Default: no time limit."""
     orientation: Orientation = "fixed"
     lateral_limit_n: float | None = None
-    """Force along the surface, friction included, at which the feed stands still. Nothing: the guard stops the run at
+    """Force along the surface, friction included, at which the feed stops. Default: the guard stops the run at
     `limits.against_travel_n` beyond friction.
     """
     at_wall: Literal["slow", "stop"] = "slow"
-    """slow: the feed becomes slower towards the limit, and the step fails when it gets no farther. stop: it fails at
-    the limit.
+    """slow: the feed becomes slower towards the limit, and the step fails when it makes no more progress. stop: it
+    fails at the limit.
     """
     feed_error_n: float | None = None
-    """Error of the force at which the feed is a tenth; without an error it is whole. Nothing: always whole."""
+    """Error of the force at which the feed is a tenth of the full speed, reached without an error. Default: always full
+    speed.
+    """
     across: Literal["position", "compliant", "force"] = "position"
-    """The axis across the path: on the path; yielding to the force; or pressing with a force."""
+    """Behaviour of the axis across the path: on the path; yielding to the force; or pressing with a force."""
     across_n: float = 0.0
     """Force across the path, N, positive to the left of it; with across = "force"."""
     across_n_mm: float = 1.0
-    """Force that moves the tool by 1 mm beside the path; with across = "compliant"."""
+    """Force across the path that moves the tool by 1 mm, N/mm; with across = "compliant"."""
     across_mm: float = 5.0
-    """Farthest that the tool may be beside the path."""
+    """Largest distance of the tool from the path."""
     criterion: Criterion | None = None
     limits: StepLimits = NO_LIMITS
 
@@ -108,9 +112,9 @@ class Track(PressingStep[TrackMemory]):
             return
         begins = f"the path begins at {first[0]:g}, {first[1]:g} mm, but the tool"
         if place is None:
-            raise ValueError(f"{begins}'s place is not known here: let a move come before")
+            raise ValueError(f"{begins}'s position is not known here: insert a move before")
         if math.dist(first, place) > _NEAR_MM:
-            raise ValueError(f"{begins} is at {place[0]:g}, {place[1]:g} mm: let a move come before")
+            raise ValueError(f"{begins} is at {place[0]:g}, {place[1]:g} mm: insert a move before")
 
     def parameters(self, task: TaskParameters) -> dict[str, float | None]:
         return {"speed_mm_s": self.speed_mm_s}
@@ -143,22 +147,22 @@ class Track(PressingStep[TrackMemory]):
         plan, contact = context.plan, context.contact
         local = state.stroke.travel - context.course.base
         reference = plan.reference(local)
-        limit, held, lateral, feed, trouble = self.lateral_limit_n, contact.sample.held, 0.0, 1.0, None
+        limit, is_held, lateral, feed, trouble = self.lateral_limit_n, contact.sample.held, 0.0, 1.0, None
         if limit is not None or self.feed_error_n is not None:
             lateral = lateral_of(contact.force, context.course.facing.fall if plan.shows_ground else FLAT)
             feed, trouble = feed_of(self, contact.measurement.force - reference, lateral, local)
-        if held:
+        if is_held:
             feed = min(feed, 0.0)
         if feed != state.feed:
             state = replace(state, feed=feed)
-        if limit is not None and state.stroke.in_contact and not held:
+        if limit is not None and state.stroke.in_contact and not is_held:
             memory = state.memory or _FRESH
             memory = watch_progress(memory, plan.stroke.parameters.speed_mm_s, contact.measurement.dt, local)
             state = replace(state, memory=memory)
             if memory.stuck >= STUCK_S and trouble is None:
                 text = (
-                    f"a lateral force of {lateral:.1f} N holds the feed {local * 1e3:.1f} mm along the path: "
-                    "something stands in the way"
+                    f"a lateral force of {lateral:.1f} N stops the feed {local * 1e3:.1f} mm along the path: "
+                    "there is an obstacle"
                 )
                 trouble = Reason(Cause.NO_PROGRESS, text)
         return Guide(state, Stride(reference, feed), trouble)
@@ -167,14 +171,16 @@ class Track(PressingStep[TrackMemory]):
         self, context: StepContext, state: StepState[TrackMemory], stroke: StrokeState, order: Order
     ) -> PathPoint[TrackMemory]:
         plan, origin, measurement = context.plan, context.course.origin, context.contact.measurement
-        way, command = plan.way, order.command
-        assert way is not None
+        path, command = plan.way, order.command
+        assert path is not None
         local, memory, aside = stroke.travel - context.course.base, state.memory, state.aside
-        place, heading = way.place_and_heading(local)
+        place, heading = path.place_and_heading(local)
         if self.across != "position":
-            left = _leftwards(way.headings[way.piece(state.local)], origin, place, context.contact)
+            left = _leftwards(path.headings[path.piece(state.local)], origin, place, context.contact)
             memory = memory or _FRESH
-            aside, controller = beside(plan.stroke, self, (aside, memory.across), measurement, left)
+            aside, controller = sideways_position(
+                plan.stroke, self, (aside, memory.across), measurement, left
+            )
             memory = replace(memory, across=controller)
         elif command is not None and command.across:
             aside = aside_by(plan, self, aside, (stroke, order), measurement.dt)
@@ -215,11 +221,13 @@ class Track(PressingStep[TrackMemory]):
 
 
 _FRESH = TrackMemory()
-"""Memory before the first sample."""
+"""Memory before the first sample of the step."""
 
 
 def _leftwards(heading: Place, origin: Place, place: Place, contact: ContactSample) -> tuple[float, float]:
-    """Return the force to the left of the path, N, and the reported distance to the left of this place of it, m."""
+    """Return the force to the left of the path, N, and the reported distance to the left of the given point on it,
+    m.
+    """
     h, k = heading
     dx, dy = contact.place[0] - origin[0] - place[0], contact.place[1] - origin[1] - place[1]
     return h * contact.force[2] - k * contact.force[1], h * dy - k * dx

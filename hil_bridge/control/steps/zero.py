@@ -1,4 +1,4 @@
-"""The step `zero`."""
+"""Step `zero`."""
 
 import math
 from dataclasses import dataclass
@@ -29,10 +29,10 @@ _NONE = (0.0,) * 6
 
 
 class Readings(Struct, frozen=True):
-    """Memory of a zero that is being averaged."""
+    """Memory of a `zero` step while readings are averaged."""
 
     sums: tuple[float, ...] = _NONE
-    """Sums of the wrenches, N and N·m."""
+    """Sum of the wrenches, N and N·m."""
     count: int = 0
     newest: int = -1
     """Counter of the newest frame."""
@@ -40,17 +40,17 @@ class Readings(Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Zero(Step[Readings]):
-    """Stand still in free space, and average the sensor's reading there as the zero: against drift between strokes."""
+    """Pause in free space and use the sensor's mean reading there as the zero, against drift between strokes."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
     do: Literal["zero"] = "zero"
     settle_ms: float = 1000.0
-    """Time to stand still before: for the servo and the sensor's filter. Chosen."""
+    """Pause before the readings, for the servo and the sensor's filter to settle. Chosen."""
     for_ms: float = 500.0
-    """Time over which the reading is averaged. Chosen."""
+    """Time over which readings are averaged. Chosen."""
     at_most_n: float = LARGEST_ZERO_N
-    """Largest force that may be taken for zero; more looks like a contact. Chosen."""
+    """Largest force that a zero may remove; a larger one looks like a contact. Chosen."""
     limits: StepLimits = NO_LIMITS
 
     def __post_init__(self) -> None:
@@ -86,13 +86,13 @@ class Zero(Step[Readings]):
         if passed < (self.settle_ms + self.for_ms) * 1e-3:
             return StepResult(state, order)
         if not readings.count:
-            reason = Reason(Cause.NO_READING, "no force to take for zero")
+            reason = Reason(Cause.NO_READING, "no force to use as the zero")
             return StepResult(state, order, trouble=reason)
         mean = tuple(value / readings.count for value in readings.sums)
         force = math.dist(mean[:3], before[:3])
         if force > self.at_most_n:
             text = (
-                f"{force:.1f} N would be taken for zero, allowed are {self.at_most_n:g} N: "
+                f"{force:.1f} N would be used as the zero, allowed: at most {self.at_most_n:g} N: "
                 "the tool touches something, or the sensor drifts"
             )
             return StepResult(state, order, trouble=Reason(Cause.DRIFT, text))

@@ -1,1 +1,1 @@
-"""The faults of a run: what a configuration says of them, and the schedule that injects them."""
+"""Faults of a run: their configuration, and the schedule that injects them."""

@@ -1,4 +1,4 @@
-"""Faults of an emulated CAN bus in memory: the handlers for `emulators.faults.bus`."""
+"""Faults of an emulated in-memory CAN bus, as handlers for `emulators.faults.bus`."""
 
 from collections.abc import Callable, Mapping
 
@@ -8,15 +8,15 @@ from hil_bridge.transports.can.memory import BitErrors, Disturbance, MemoryCanBu
 from protocol.can.frame import CanFilter, CanFrame
 
 _HIT_BIT = 20
-"""Chosen: a bit of every frame, behind its arbitration."""
+"""Index of the corrupted bit. Chosen: every frame has this bit, after its arbitration."""
 _HIGHEST = 0
-"""Identifier that wins every arbitration."""
+"""Identifier with the highest priority, which wins every arbitration."""
 _AT_ONCE = 8
-"""Chosen: frames that a babbling node has ready, so that the bus is never left to others."""
+"""Number of frames that a babbling node keeps ready. Chosen: the bus never becomes free for other nodes."""
 
 
 class BusFaults:
-    """Begins and ends the faults of one bus."""
+    """Handlers that start and end the faults of one bus."""
 
     def __init__(self, bus: MemoryCanBus, clock: Clock, seed: int) -> None:
         self._bus = bus
@@ -27,10 +27,10 @@ class BusFaults:
         self.handlers: Mapping[str, Handler] = {
             name: Handler(begin, self._end) for name, begin in begins.items()
         }
-        """Handlers for a ledger."""
+        """Handlers for a ledger of faults."""
 
     def close(self) -> None:
-        """End all of them."""
+        """End all faults."""
         while self._ends:
             self._ends.popitem()[1]()
 

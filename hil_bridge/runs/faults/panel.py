@@ -1,4 +1,4 @@
-"""Faults by hand, for a program that watches an emulated cell while it runs."""
+"""Manual faults for a program that observes an emulated cell during a run."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,35 +10,35 @@ from hil_bridge.errors import ConfigError
 
 
 class FaultPanel:
-    """Lets faults happen in an emulated cell, and ends them."""
+    """Panel that injects and ends faults in an emulated cell."""
 
     def __init__(self, cell: Cell[Any, Any] | None, clock: Clock) -> None:
-        """`cell` is None where both devices are real; nothing can be injected then."""
+        """Create the panel. If both devices are real, `cell` is None and no fault can be injected."""
         self._cell = cell
         self._clock = clock
 
     def inject(self, on: str, fault: str, *, for_s: float | None = None, **parameters: object) -> Injection:
-        """Let a fault happen now, or at its next opportunity, with its parameters; `for_s` is its duration, s.
+        """Inject a fault now, or at its next opportunity, with its parameters. `for_s` is its duration, s.
 
-        `hil-bridge list faults` has targets (`on`), faults and parameters. The returned object counts how often it
-        struck.
-        Raises ConfigError for a fault that this cell cannot have, and for a wrong parameter.
+        `hil-bridge list faults` shows targets (`on`), faults and parameters. The returned object counts how often
+        the fault had an effect. Raises ConfigError for a fault that this cell does not support, or for an invalid
+        parameter.
         """
-        given = parameters if for_s is None else {**parameters, "for_s": for_s}
+        values = parameters if for_s is None else {**parameters, "for_s": for_s}
         try:
-            return self._emulated.inject(on, fault, self._clock.now(), **given)
+            return self._emulated.inject(on, fault, self._clock.now(), **values)
         except ValueError as error:
             raise ConfigError(str(error)) from error
 
     def mend(self) -> None:
-        """End the faults that last, and forget those that wait for their moment."""
+        """End all active faults, and cancel all pending faults."""
         ledger, now = self._emulated.ledger, self._clock.now()
         ledger.disarm(now)
         ledger.mend(now)
 
     @property
     def faults(self) -> Sequence[Injection]:
-        """All that were injected so far, those of the configuration included."""
+        """All faults injected so far, including those of the configuration."""
         return self._emulated.faults
 
     @property

@@ -1,4 +1,4 @@
-"""The schedule of a run's faults: told of phases and cycles, it injects into the emulated cell at the exact times."""
+"""Schedule of a run's faults, which follows phases and cycles and injects into the emulated cell at the exact times."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -16,18 +16,18 @@ from protocol.faults import FaultStage
 
 
 class _Planned(NamedTuple):
-    """A fault that has not come yet."""
+    """Fault that has not been injected yet."""
 
     fault: FaultConfig
     condition: Condition | None
-    """Condition at the end of a cycle at which it comes; None for a fault that a phase alone brings."""
+    """Condition that triggers the fault at the end of a cycle; None for a fault that only a phase triggers."""
 
 
 class FaultSchedule:
-    """Arms the faults of a configuration; what cannot be injected in this cell is refused at once.
+    """Schedule of the faults in a configuration. A fault that cannot be injected in this cell is rejected at once.
 
-    `tell` is given the record of each event. `on_pause` lets the bridge's process stand still for so many
-    seconds; without it, a fault of the computer is refused. Raises ConfigError.
+    `tell` is called with the record of each event. `on_pause` suspends the process of the bridge for a number of
+    seconds; without it, a fault of the computer is rejected. Raises ConfigError.
     """
 
     def __init__(
@@ -40,25 +40,25 @@ class FaultSchedule:
     ) -> None:
         self._cell = cell
         self._clock = clock
-        self._tell = tell
+        self._put_event = tell
         self._waiting = [_Planned(fault, fault.condition) for fault in faults]
         self._timers: list[Timer] = []
         self._phase = ""
-        self._told = 0
-        """Injections of which the end has been told."""
-        cell.ledger.on_fault = self._say
+        self._reported = 0
+        """Injections whose end has already been reported."""
+        cell.ledger.on_fault = self._report
         if on_pause is not None:
             cell.ledger.attach("computer", {"pause": Handler(partial(_pause, on_pause))})
         for number, fault in enumerate(faults):
             if fault.on == "computer" and on_pause is None:
-                raise ConfigError(f"faults.{number}: this run cannot pause its own computer")
+                raise ConfigError(f"faults.{number}: this run cannot pause its own process")
             if fault.on == "bus" and not clock.is_virtual:
                 raise ConfigError(
                     f"faults.{number}: in real time the emulated gateway has no CAN bus; use --virtual"
                 )
 
     def event(self, record: EventRecord) -> None:
-        """Something happened in the run: a phase begins, perhaps."""
+        """Handle an event of the run, which may be the start of a phase."""
         if record.kind != EventKind.PHASE:
             return
         self._phase = record.text
@@ -71,7 +71,7 @@ class FaultSchedule:
         )
 
     def cycle(self, record: CycleRecord) -> None:
-        """Note that a cycle has ended."""
+        """Handle the end of a cycle."""
         if not self._waiting:
             return
         self._arm(
@@ -85,22 +85,24 @@ class FaultSchedule:
         )
 
     def close(self) -> None:
-        """End the run: nothing is injected any more. Idempotent.
+        """End the injection of faults. Idempotent.
 
-        Tells how often each fault had an effect, and which never came.
+        The end reports how often each fault had an effect, and which faults were never injected.
         """
         for timer in self._timers:
             timer.cancel()
         for fault, _ in self._waiting:
-            text = f"{fault.on}: {fault.fault} never came: its phase or condition did not"
-            self._say(FaultNews(FaultStage.NEVER, fault.on, fault.fault, text))
+            text = f"{fault.on}: {fault.fault} never occurred: its phase or condition did not"
+            self._report(FaultNews(FaultStage.NEVER, fault.on, fault.fault, text))
         self._waiting.clear()
-        faults, self._told = self._cell.faults[self._told :], len(self._cell.faults)
+        faults, self._reported = self._cell.faults[self._reported :], len(self._cell.faults)
         for injection in faults:
             lasting = "" if injection.ended_at is not None else " and lasts to the end of the run"
             times = f"{injection.struck} time{'s' * (injection.struck != 1)}"
             text = f"{injection.name} struck {times}{lasting}"
-            self._say(FaultNews(FaultStage.STRUCK, injection.target, injection.fault, text), injection.struck)
+            self._report(
+                FaultNews(FaultStage.STRUCK, injection.target, injection.fault, text), injection.struck
+            )
 
     def _arm(self, due: Sequence[_Planned]) -> None:
         for planned in due:
@@ -116,16 +118,16 @@ class FaultSchedule:
         try:
             self._cell.inject(fault.on, fault.fault, self._clock.now(), **fault.given)
         except ValueError as error:  # it was possible when the run began
-            self._say(FaultNews(FaultStage.REFUSED, fault.on, fault.fault, f"not injected: {error}"))
+            self._report(FaultNews(FaultStage.REFUSED, fault.on, fault.fault, f"not injected: {error}"))
 
-    def _say(self, news: FaultNews, struck: int | None = None) -> None:
-        """Tell what has become of a fault."""
+    def _report(self, news: FaultNews, struck: int | None = None) -> None:
+        """Report a change of a fault's state."""
         numbers = {key: float(value) for key, value in news.values.items() if not isinstance(value, str)}
-        words = {key: value for key, value in news.values.items() if isinstance(value, str)}
+        texts = {key: value for key, value in news.values.items() if isinstance(value, str)}
         note = FaultNote(
-            target=news.target, name=news.fault, stage=news.stage, values=numbers, words=words, struck=struck
+            target=news.target, name=news.fault, stage=news.stage, values=numbers, words=texts, struck=struck
         )
-        self._tell(EventRecord(self._clock.now(), EventKind.FAULT, news.text, fault=note))
+        self._put_event(EventRecord(self._clock.now(), EventKind.FAULT, news.text, fault=note))
 
 
 def _pause(on_pause: Callable[[float], object], injection: Injection) -> None:

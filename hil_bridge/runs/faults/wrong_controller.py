@@ -1,4 +1,4 @@
-"""Faults of a controller: wrong answers, and for how long. Pure, so that a replay gives the same ones."""
+"""Faults of a controller: wrong responses for a limited time. Pure, so that a replay gives the same responses."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,7 +11,9 @@ from emulators.faults import FOREVER, Fault, Parameter
 from hil_bridge.control.types import Command, Controller, Measurement
 
 CONTROLLER = "controller"
-"""Target of these faults. No emulated device has them: a campaign puts the lying controller around the run's own."""
+"""Target of controller faults. No emulated device has them: a campaign wraps the run's controller in a faulty
+controller.
+"""
 
 CONTROLLER_FAULTS: Mapping[str, Fault] = {
     "huge": Fault(
@@ -20,7 +22,7 @@ CONTROLLER_FAULTS: Mapping[str, Fault] = {
         FOREVER,
     ),
     "tiny": Fault(
-        "it answers with a position that is almost nothing",
+        "it answers with a position close to 0",
         {"m": Parameter(1e-300, "that position", -1e-3, 1e-3, "m")},
         FOREVER,
     ),
@@ -30,55 +32,57 @@ CONTROLLER_FAULTS: Mapping[str, Fault] = {
         FOREVER,
     ),
     "alternating": Fault(
-        "its answers are too deep and too high in turn",
+        "its answers are alternately too deep and too high",
         {"mm": Parameter(2.0, "by how much", 0.0, 1000.0, "mm")},
         FOREVER,
     ),
     "late": Fault(
-        "it answers what it should have answered some samples ago",
+        "it answers with its position of some samples ago",
         {"samples": Parameter(5, "how many", 1, 50)},
         FOREVER,
     ),
 }
-"""Words for the lies of a controller."""
+"""Kinds of controller faults, by name."""
 
 
 class LyingState(Struct, frozen=True):
-    """State of the honest controller, and what the lie needs."""
+    """State of the correct controller and of the fault."""
 
     inner: Any
     began_at: float | None = None
     """Time of the first sample, s."""
     count: int = 0
     answers: tuple[float, ...] = ()
-    """The newest honest answers, oldest first, m."""
+    """Newest correct positions, oldest first, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class LyingController:
-    """The honest controller, whose answer is another from `after_s` after its first sample on, for `for_s`."""
+    """Wrapper that replaces the correct controller's response for `for_s`, beginning `after_s` after its first
+    sample.
+    """
 
     inner: Controller[Any]
     lie: str
     values: Mapping[str, float]
-    """Parameters of the lie, as in `CONTROLLER_FAULTS`."""
+    """Parameters of the fault, as defined in `CONTROLLER_FAULTS`."""
     after_s: float
     for_s: float
     sample_ms: float
 
     @property
     def name(self) -> str:
-        """The honest one's name, and the lie."""
+        """Name that consists of the correct controller and the fault."""
         return f"{self.inner.name}, {self.lie}"
 
     def initial(self) -> LyingState:
-        """State before the first sample in contact."""
+        """Return the state before the first sample in contact."""
         return LyingState(self.inner.initial())
 
     def step(
         self, state: LyingState, measurement: Measurement, reference: float
     ) -> tuple[LyingState, Command]:
-        """One sample."""
+        """Return the state and the response for one sample."""
         inner, command = self.inner.step(state.inner, measurement, reference)
         began = measurement.time if state.began_at is None else state.began_at
         kept = int(self.values.get("samples", 0)) + 1
@@ -89,7 +93,7 @@ class LyingController:
         return after, command
 
     def _instead(self, state: LyingState) -> float:
-        """Position that it answers with, m."""
+        """Return the faulty position, m."""
         honest = state.answers[-1]
         match self.lie:
             case "huge" | "tiny":
