@@ -1,6 +1,6 @@
-"""Force control of a position-controlled robot over its real wires, or over the same wires emulated.
+"""Closed-loop force control of a position-controlled robot, over the real link or an emulated one.
 
-Every name of `hil_bridge.api` is here too. It is imported when it is used first, so that `import hil_bridge` is quick.
+The names of `hil_bridge.api` are available here, too, and imported on first use, so that `import hil_bridge` is fast.
 """
 
 from importlib import import_module
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    """Return a name of `hil_bridge.api`. Raises AttributeError for an unknown one."""
+    """Return an attribute of `hil_bridge.api`. Raises AttributeError if the name is unknown."""
     # `from hil_bridge import MODULE` asks here first. To load the interface for that could go round in a circle.
     if not name.startswith("_") and find_spec(f"{__name__}.{name}") is None:
         api = import_module("hil_bridge.api")

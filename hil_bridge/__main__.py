@@ -1,4 +1,4 @@
-"""`python -m hil_bridge`: the command line where no script is installed."""
+"""Entry point of `python -m hil_bridge`: the command line without an installed script."""
 
 from hil_bridge.cli import main
 

@@ -6,11 +6,11 @@
     result = simulate({"run": {"duration_s": 3.0}}, faults=[stop])
     assert result.outcome == "stopped"
 
-The names in `__all__` are stable: they change only with a note in the change log. Every other name is private.
-Lengths are m, times s, forces N, moments N·m, angles rad, unless a name ends in another unit. Poses are those of the
-tool in the robot's base frame, wrenches those on the tool in the tool frame.
+The names in `__all__` are stable: changes are announced in the change log. Every other name is private. Lengths are in
+m, times in s, forces in N, moments in N·m and angles in rad, unless a name ends in another unit. Poses are of the tool
+in the robot's base frame, wrenches act on the tool and are in the tool frame.
 
-Every error that an operator is meant to read is a `BridgeError`; its text is one line that says what to do.
+Errors for the operator are subclasses of `BridgeError`, with a message of one line that says what to do.
 """
 
 import asyncio
@@ -85,13 +85,13 @@ __all__ = [
 T = TypeVar("T")
 
 Configuration: TypeAlias = Config | Mapping[str, Any] | Path | str | None
-"""The path of a TOML file, its tables as nested mappings, a `Config`, or None for the defaults."""
+"""Configuration as the path of a TOML file, its tables as nested mappings, a `Config`, or None for the defaults."""
 Faults: TypeAlias = Sequence[Mapping[str, Any]]
-"""Tables as in [[faults]]: `on`, `fault`, and when it comes."""
+"""Faults as tables of [[faults]]: `on`, `fault`, and the time of injection."""
 GivenController: TypeAlias = Controller[Any] | str | None
-"""A controller object, the name of one, or None for that of the configuration."""
+"""Controller as an object or by name, or None for the controller of the configuration."""
 Observe: TypeAlias = Callable[[CycleRecord], object] | None
-"""Called after each cycle with its record."""
+"""Callback that receives the record of each cycle."""
 
 
 def load(
@@ -101,12 +101,12 @@ def load(
     controller: GivenController = None,
     seed: int | None = None,
 ) -> Config:
-    """Load the checked configuration of a run; the other functions here take it, and make it themselves where they are
-    given something else.
+    """Load and validate the configuration of a run. The other functions of this module accept the result; given
+    anything else, they call this function.
 
-    `faults` come after those of the configuration. `seed` is that of every random draw in the emulated cell. Files
-    that a TOML file names are looked for beside it, those of a mapping in the working directory. Raises ConfigError
-    with the key that is wrong.
+    `faults` are added after those of the configuration. `seed` determines every random draw in the emulated cell. File
+    names in a TOML file are relative to its folder, those in a mapping to the working directory. Raises ConfigError
+    with the invalid key.
     """
     return config_of(config, faults, controller, seed)
 
@@ -121,12 +121,12 @@ def simulate(
 ) -> Result:
     """Run once against the emulated cell in virtual time: as fast as possible, and identical with the same seed.
 
-    A `controller` object satisfies `Controller`: a pure law, so that the same object may run again. `observe` is told
-    each cycle; an error that it raises ends the run, the tool is retracted, and the error is raised here. No file is
-    written; `Result.save` writes the recording.
+    A `controller` object satisfies `Controller`: a pure control law, so that the same object can be used again.
+    `observe` is called with the record of each cycle. If it raises an error, the run ends, the tool is retracted, and
+    the error is raised here. No file is written; `Result.save` writes the recording.
 
-    A run that the guard stops is a `Result` too. Raises ConfigError for a configuration that cannot be run, and for
-    one that names a real device; other BridgeErrors when a device fails before the movement has begun.
+    A run that the guard stops returns a `Result`, too. Raises ConfigError for a configuration that cannot be run, and
+    for one with a real device; other BridgeErrors if a device fails before the movement has begun.
     """
     checked = load(config, faults=faults, controller=controller, seed=seed)
 
@@ -146,7 +146,7 @@ async def simulate_async(
     observe: Observe = None,
     seed: int | None = None,
 ) -> Result:
-    """Run like `simulate`, but awaitable and in a separate thread: a notebook or a server continues meanwhile.
+    """Run like `simulate`, but awaitable and in a separate thread, so that a notebook or a server is not blocked.
 
     `observe` is called in that thread. Arguments and errors are those of `simulate`.
     """
@@ -163,34 +163,35 @@ def simulation(
     observe: Observe = None,
     seed: int | None = None,
 ) -> AbstractAsyncContextManager[Simulation]:
-    """Open a run with access to its robot, sensor, clock, truth and panel while it continues, for `async with`.
+    """Open a run with access to its robot, sensor, clock, ground truth and panel while it runs, for `async with`.
 
-    The run is a task of its own: `Simulation.start`, `reached` or `finished` begins it. A run that still goes when the
-    context is left retracts first, also when the context is left by an error. Then `Simulation.result` is there.
+    The run is a separate task, started by `Simulation.start`, `reached` or `finished`. On leaving the context, also by
+    an exception, a run that is still active retracts and ends. Then `Simulation.result` is available.
 
-    Under `run_virtual` it is in virtual time, under `run_real` or any other event loop in real time. There, a
-    configuration may name real devices; the record is kept in memory. Arguments and errors are those of `simulate`.
+    Under `run_virtual` the run uses virtual time, under `run_real` or any other event loop real time. In real time, a
+    configuration may contain real devices; the recording is kept in memory. Arguments and errors are those of
+    `simulate`.
     """
     return simulating(load(config, faults=faults, controller=controller, seed=seed), observe)
 
 
 def open_devices(config: Configuration = None) -> AbstractAsyncContextManager[OpenDevices]:
-    """Open robot and sensor alone, started, for a script that drives a cell itself, for `async with`.
+    """Open and start robot and sensor without a run, for a script that controls a cell itself, for `async with`.
 
-    What has no URL is emulated, but for the sensor beside a real robot: that robot is opened alone, and to ask for the
-    sensor raises ConfigError. No guard watches such a script: the robot does what it is told, within its own limits.
-    All is closed when the context is left. Raises ConfigError for a URL, for planned faults and for a real device in
+    A device without a URL is emulated. Exception: a real robot is opened without an emulated sensor, and access to the
+    sensor raises ConfigError. No guard supervises such a script: the robot executes every order within its own limits.
+    Leaving the context closes the devices. Raises ConfigError for a URL, for configured faults and for a real device in
     virtual time, TransportUnavailable for a wire.
     """
     return opening_devices(load(config))
 
 
 def run_virtual(main: Main[T]) -> T:
-    """Run a coroutine, or the coroutine that a function makes, in a new loop in virtual time.
+    """Run a coroutine, or the coroutine that a function returns, in a new event loop in virtual time.
 
-    Where an event loop runs already, as in a notebook, it is run in another thread. Stricter than real time: raises
-    LeakedTasks for tasks left behind, and VirtualDeadlock when nothing can happen any more. It also raises errors of
-    callbacks, which real time would only have logged.
+    If an event loop is already running, as in a notebook, it runs in another thread. Stricter than real time: raises
+    LeakedTasks for tasks left behind, and VirtualDeadlock if nothing can happen any more. It also raises errors of
+    callbacks, which real time would only log.
     """
     if not _in_loop():
         return _run_virtual(main)
@@ -199,10 +200,10 @@ def run_virtual(main: Main[T]) -> T:
 
 
 def run_real(main: Main[T], busy_poll_s: float = 0.0) -> T:
-    """Run a coroutine, or the coroutine that a function makes, in real time; like `asyncio.run`.
+    """Run a coroutine, or the coroutine that a function returns, in real time; like `asyncio.run`.
 
-    `busy_poll_s` is for how long the loop looks again and again before it sleeps, s. Raises ConfigError where an event
-    loop runs already, as in a notebook: there the coroutine is to be awaited.
+    `busy_poll_s` is the time for which the loop polls before it sleeps, s. Raises ConfigError if an event loop is
+    already running, as in a notebook: await the coroutine there.
     """
     if _in_loop():
         if asyncio.iscoroutine(main):

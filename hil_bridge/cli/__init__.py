@@ -1,7 +1,7 @@
-"""The command line `hil-bridge`.
+"""Command line `hil-bridge`.
 
-The commands come from entry points, and each is imported when it is used. A command imports what it needs when it
-runs, so that help appears at once.
+The commands come from entry points. Each command is imported when it is used, and imports its own dependencies when
+it runs, so that help appears at once.
 """
 
 import io
@@ -13,15 +13,15 @@ from typing import Any
 import click
 
 from hil_bridge.cli.entry_points import COMMANDS, EntryPointGroup
-from hil_bridge.console.debugging import debug_option, debug_wanted, describe_bug
+from hil_bridge.console.debugging import debug_option, describe_bug, is_debug_requested
 from hil_bridge.console.screen import leave
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.errors.text_files import harmless
 
 EXIT_INTERRUPTED = 130
-"""Exit code that a shell expects of a command that Ctrl-C ended."""
+"""Exit code that a shell expects of a command that was ended by Ctrl-C."""
 EXIT_BUG = 70
-"""Exit code of a bug, distinct from those of the commands. Source: EX_SOFTWARE of sysexits(3)."""
+"""Exit code of a bug, distinct from the exit codes of the commands. Source: EX_SOFTWARE of sysexits(3)."""
 
 HELP_SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Run": ("run", "free"),
@@ -31,9 +31,9 @@ HELP_SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Many runs": ("campaign", "tune"),
     "Settings and lists": ("config", "list"),
 }
-"""Names of the commands of hil-bridge by purpose, in the order of the help."""
+"""Names of the built-in commands by purpose, in the order of the help."""
 PLUGINS = "Plug-ins"
-"""Title of the commands of plug-ins in the help."""
+"""Title of the section with the commands of plug-ins in the help."""
 FIRST_COMMANDS = """\
 Closed-loop force control for position-controlled robots, over the real link or
 an emulated one.
@@ -47,7 +47,7 @@ First commands:
 
 All commands: hil-bridge --help
 """
-"""Output of `hil-bridge` without a command: what a newcomer runs first."""
+"""Output of `hil-bridge` without a command: the first commands for a new user."""
 MOVED: Mapping[str, tuple[str, ...]] = {
     "controllers": ("list controllers",),
     "faults": ("list faults",),
@@ -64,27 +64,29 @@ MOVED: Mapping[str, tuple[str, ...]] = {
     "task": ("config program", "identify frame"),
     "verify": ("campaign verify",),
 }
-"""Commands by the names that they had before version 0.7."""
+"""Present commands by their names before version 0.7."""
 PACKAGED: Mapping[str, str] = {"experiment": "./examples/paper-experiments"}
-"""Commands that packages of the checkout offer, with the package's path."""
+"""Commands that packages of the checkout provide, with the path of the package."""
 
 
 class OutputClosed(Exception):
-    """The reader of the output's pipe has closed it. Not an OSError, which click turns into exit code 1."""
+    """Signal that the reader of the output's pipe has closed it. It is not an OSError, because click converts that
+    to exit code 1.
+    """
 
 
 class Bug(Exception):
-    """An unexpected exception; its text is what the terminal shows."""
+    """Unexpected exception. Its text is displayed on the terminal."""
 
 
 class _Commands(EntryPointGroup):
-    """The commands of hil-bridge, which translate every exception that ends one."""
+    """Commands of hil-bridge, with a translation of every exception that ends a command."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return the command of this name; None if there is none.
+        """Return the command with this name, or None if there is none.
 
-        Raises ConfigError for a command of hil-bridge that is not installed, for one that cannot be loaded, and for
-        an earlier name.
+        Raises ConfigError if a built-in command is not installed, if the command cannot be loaded, or if the name
+        is an earlier name of a command.
         """
         command = super().get_command(ctx, cmd_name)
         if command is None and cmd_name in MOVED:
@@ -104,7 +106,7 @@ class _Commands(EntryPointGroup):
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the commands by purpose; those of plug-ins come last."""
+        """Write the commands by purpose. The commands of plug-ins come last."""
         installed = self.list_commands(ctx)
         known = {name for names in HELP_SECTIONS.values() for name in names}
         sections = {**HELP_SECTIONS, PLUGINS: tuple(name for name in installed if name not in known)}
@@ -116,21 +118,23 @@ class _Commands(EntryPointGroup):
                     formatter.write_dl([(f"{name:{width}}", text) for name, text in rows])
 
     def make_context(self, *arguments: Any, **options: Any) -> click.Context:
-        """Parse the command line, which may print help. Raises OutputClosed."""
+        """Parse the command line, which may print help. Raises OutputClosed if the output was closed."""
         try:
             return super().make_context(*arguments, **options)
         except BrokenPipeError as error:
             raise OutputClosed from error
 
     def invoke(self, context: click.Context) -> Any:
-        """Run a command. Raises OutputClosed, Bug, and the exceptions of click and the commands that the user reads."""
+        """Run a command. Raises OutputClosed, Bug, and the exceptions of click and of the commands that are
+        messages for the user.
+        """
         try:
             return super().invoke(context)
         except BridgeError as error:
-            from hil_bridge.errors.failures import of_others, traceback_of
+            from hil_bridge.errors.failures import involves_plugin, traceback_of
 
             cause = error.__cause__
-            if debug_wanted(context) and cause is not None and of_others(cause):
+            if is_debug_requested(context) and cause is not None and involves_plugin(cause):
                 click.echo(traceback_of(cause), err=True)
             raise
         except (click.ClickException, click.exceptions.Exit, click.Abort):
@@ -139,12 +143,12 @@ class _Commands(EntryPointGroup):
             raise OutputClosed from error
         except BaseException as error:
             from hil_bridge.errors.cancelling import is_interrupt
-            from hil_bridge.errors.failures import failure, of_others, traceback_of
+            from hil_bridge.errors.failures import failure, involves_plugin, traceback_of
 
             if is_interrupt(error) or getattr(error, "code", None) == 128 + signal.SIGTERM:
-                raise  # an operator ended it, also within a plug-in's command
-            if of_others(error):
-                if debug_wanted(context):
+                raise  # the user ended it, possibly within a plug-in's command
+            if involves_plugin(error):
+                if is_debug_requested(context):
                     click.echo(traceback_of(error), err=True)
                 raise ConfigError(f"plug-in code failed: {failure(error)}") from error
             if isinstance(error, SystemExit):

@@ -1,4 +1,4 @@
-"""Options of the commands that read ROS 2 bags as well as recordings."""
+"""Options of commands that read ROS 2 bags in addition to recordings."""
 
 import functools
 from collections.abc import Callable
@@ -10,7 +10,7 @@ _GIVEN = ("topic", "axis", "wrench_in", "sign", "zero_s", "contact_n", "stamps")
 
 
 def bag_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options to a command, which receives their values as the argument `bag`."""
+    """Add the options to a command. The command receives their values as the argument `bag`."""
     for option in reversed(_OPTIONS):
         command = option(command)
 

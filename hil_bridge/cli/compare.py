@@ -63,12 +63,12 @@ def compare(
 def _compare_recordings(
     runs: "Mapping[str, Recording]", page: tuple[Path, str], as_json: bool, overwrite: bool
 ) -> None:
-    from hil_bridge.record.files import write_whole
+    from hil_bridge.record.files import write_atomically
     from hil_bridge.show.report.compare import compare_page, compare_values
 
     out, align = page
     if as_json:
         echo_json(compare_values(runs))
         return
-    write_whole(out, compare_page(runs, align).encode(), overwrite)
+    write_atomically(out, compare_page(runs, align).encode(), overwrite)
     click.echo(out)

@@ -1,16 +1,18 @@
-"""Shell completion of option values: built-in names, and those of plug-ins."""
+"""Shell completion of option values: the names of built-in and plug-in kinds."""
 
 from collections.abc import Callable, Sequence
 
 import click
 
 Names = Callable[[], Sequence[str]]
-"""Returns the names; imports them only when a shell completes."""
+"""Function that returns the names. They are imported only when a shell completes."""
 Completer = Callable[[click.Context, click.Parameter, str], list[str]]
 
 
 def complete(names: Names) -> Completer:
-    """Return a completer for `shell_complete` of an option. It ignores errors, because a shell cannot show them."""
+    """Return a completer for `shell_complete` of an option. The completer ignores errors, because a shell cannot
+    display them.
+    """
 
     def completer(context: click.Context, parameter: click.Parameter, begun: str) -> list[str]:
         try:
@@ -43,14 +45,14 @@ def surfaces() -> Sequence[str]:
 
 
 def setting_keys() -> Sequence[str]:
-    """Return the keys of all settings, as `--set` takes them: `limits.force_limit_n=`."""
+    """Return the keys of all settings in the notation of `--set`: `limits.force_limit_n=`."""
     from hil_bridge.settings.template import setting_rows
 
     return [f"{row.section}.{row.name}=" for row in setting_rows() if row.section]
 
 
 def link_profiles() -> Sequence[str]:
-    """Return the names of the profiles of an S3's computer link."""
+    """Return the names of the link profiles of an S3's computer link."""
     from hil_bridge.cli.entry_points import extension
 
     names: Sequence[str] = extension("link-profiles", "--link-profile")()

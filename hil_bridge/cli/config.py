@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 @overwrite_option
 def init(path: Path, overwrite: bool) -> None:
     """Write a commented configuration file with every setting at its default.  [default: hil-bridge.toml]"""
-    from hil_bridge.record.files import write_whole
+    from hil_bridge.record.files import write_atomically
     from hil_bridge.settings.template import commented_defaults
 
-    write_whole(path, commented_defaults().encode(), overwrite)
+    write_atomically(path, commented_defaults().encode(), overwrite)
     click.echo(f"wrote {path}")
 
 
@@ -68,7 +68,7 @@ def program(file: Path, out: Path | None, overwrite: bool) -> None:
     FILE is a configuration, or a file that holds only the steps of a program. Times are approximate: the robot slows
     down in corners, and an approach ends at the surface.
     """
-    from hil_bridge.record.files import check_place, write_whole
+    from hil_bridge.record.files import check_place, write_atomically
     from hil_bridge.show.report.task_steps import list_steps, table_lines, total_line
 
     if out is not None:
@@ -81,13 +81,15 @@ def program(file: Path, out: Path | None, overwrite: bool) -> None:
     if out is not None:
         from hil_bridge.show.report.task_plot import draw_task
 
-        write_whole(out, draw_task(steps, f"{file.stem}: {total}"), overwrite)
+        write_atomically(out, draw_task(steps, f"{file.stem}: {total}"), overwrite)
         lines.append(f"wrote {out}")
     echo_lines(lines)
 
 
 def _config(file: Path) -> "Config":
-    """Load the configuration from a file, which may hold only the steps of a program. Raises ConfigError."""
+    """Load the configuration from a file, which may contain only the steps of a program. Raises ConfigError if the
+    file is invalid.
+    """
     from hil_bridge.errors.text_files import read_toml
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.settings.program import is_program
@@ -98,7 +100,9 @@ def _config(file: Path) -> "Config":
 
 
 def _row(config: "Config", file: Path) -> "Row":
-    """Return the program's steps as one row. Raises ConfigError with the number of the first impossible step."""
+    """Return the program's steps as one row. Raises ConfigError with the number of the first step that is
+    impossible.
+    """
     from dataclasses import replace
 
     from hil_bridge.errors import StepError

@@ -1,4 +1,4 @@
-"""`hil-bridge decode`: pasted bytes and frames, as JSON."""
+"""`hil-bridge decode`: convert pasted bytes and frames to JSON."""
 
 from collections.abc import Sequence
 
@@ -9,14 +9,14 @@ from hil_bridge.console.decode_arguments import print_items, read_bytes, read_fr
 
 
 class _Kinds(EntryPointGroup):
-    """The commands from entry points, and one for each kind of device."""
+    """Commands from entry points, and one command for each kind of device."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return the command of this name. Raises ConfigError for a kind without a decoder and for a broken package."""
+        """Return the command with this name. Raises ConfigError if the kind has no decoder or its package is broken."""
         return super().get_command(ctx, cmd_name) or _kind_command(cmd_name, self.list_commands(ctx))
 
     def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Add the kinds of device, without importing any."""
+        """Add the kinds of device to the help, without importing any of them."""
         from hil_bridge.devices.kinds import ROBOTS, SENSORS
 
         super().format_help_text(ctx, formatter)
@@ -29,7 +29,7 @@ class _Kinds(EntryPointGroup):
 
 
 def _kind_command(name: str, others: Sequence[str]) -> click.Command | None:
-    """Return the command of a kind of device. Raises ConfigError for an unknown kind, and lists the known ones."""
+    """Return the command for a kind of device. Raises ConfigError that lists the known kinds if the kind is unknown."""
     from hil_bridge.devices.kinds import ROBOTS, SENSORS, describer_of
     from hil_bridge.errors import ConfigError
 

@@ -1,4 +1,4 @@
-"""Options for robot, sensor and surface: a URL for a real device, or the name of a kind for an emulated one."""
+"""Options for robot, sensor and surface. A URL selects a real device, the name of a kind an emulated one."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -10,14 +10,14 @@ from hil_bridge.cli.entry_points import extension
 
 
 def not_empty(context: click.Context, parameter: click.Parameter, url: str | None) -> str | None:
-    """Refuse an empty URL: it is an unset shell variable, not a request for an emulated device."""
+    """Refuse an empty URL, because it is an unset shell variable and not a request for an emulated device."""
     if url == "":
         raise click.BadParameter("it is empty; leave the option out for the emulated device")
     return url
 
 
 def known_profile(context: click.Context, parameter: click.Parameter, name: str | None) -> str | None:
-    """Raise ConfigError for an unknown profile, and list the known ones."""
+    """Raise ConfigError that lists the known profiles if the profile is unknown."""
     if name is not None:
         extension("check-link-profile", "--link-profile")(name)
     return name
@@ -33,7 +33,7 @@ link_profile_option = click.option(
 
 
 def refuse_link_profile(name: str | None, robot: str) -> None:
-    """Raise UsageError for settings of an S3's link where the robot is of another kind."""
+    """Raise UsageError for link settings of an S3 if the robot is of another kind."""
     if name is not None and robot != "s3":
         raise click.UsageError(
             f"--link-profile applies only to the computer link of an s3, and the robot is {robot}; leave it out",
@@ -91,7 +91,7 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def device_settings(robot: str | None, sensor: str | None, surface: str | None) -> Mapping[str, object]:
-    """Return the values of these options by setting key. A kind alone also clears the URL of the file."""
+    """Return the values of these options by setting key. The name of a kind also clears the URL from the file."""
 
     settings: dict[str, object] = {"cell.surface_kind": surface}
     for section, value in (("robot", robot), ("sensor", sensor)):
@@ -103,5 +103,5 @@ def device_settings(robot: str | None, sensor: str | None, surface: str | None) 
 
 
 def _is_kind(value: str) -> bool:
-    """Return whether a value is the name of a kind: URLs have a colon, ports a slash, and addresses a dot."""
+    """Return whether a value is the name of a kind. URLs contain a colon, ports a slash, and addresses a dot."""
     return not any(mark in value for mark in ":/.")

@@ -1,4 +1,4 @@
-"""`hil-bridge doctor`: whether this computer is fit for a run."""
+"""`hil-bridge doctor`: check whether this computer is fit for a run."""
 
 import sys
 from pathlib import Path
@@ -9,7 +9,7 @@ from hil_bridge.console.options import echo_json, json_option
 from hil_bridge.console.paths import FILE
 
 EXIT_UNFIT = 3
-"""Exit code when something that the configuration names cannot work on this computer."""
+"""Exit code if something that the configuration names cannot work on this computer."""
 
 
 @click.command(short_help="Check ports, CAN interfaces, clock and scheduler.")

@@ -114,7 +114,7 @@ def _serve(
 
 
 def _command(what: str, summary: str, ports: str, *options: _Option) -> click.Command:
-    """Return the command that serves `what`, with the options of its devices."""
+    """Return the command that serves `what`, with the options for its devices."""
     serve: Callable[..., None] = partial(_serve, what)
     for option in reversed((*options, *_COMMON_OPTIONS)):
         serve = option(serve)

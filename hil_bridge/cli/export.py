@@ -1,4 +1,4 @@
-"""`hil-bridge export`: a recording in the formats of other programs."""
+"""`hil-bridge export`: write a recording in the formats of other programs."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ FORMAT_NAMES = ("candump", "blf", "asc", "dbc", "bytes", "csv", "parquet", "rosb
 
 
 def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -> tuple[str, ...]:
-    """Split a list of format names at its commas."""
+    """Split a comma-separated list of format names."""
     names = tuple(name.strip() for name in given.split(",")) if given else ()
     for name in names:
         if name not in FORMAT_NAMES:

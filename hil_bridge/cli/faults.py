@@ -1,4 +1,4 @@
-"""`hil-bridge list faults`: every fault that can be injected into the emulated cell."""
+"""`hil-bridge list faults`: list every fault that can be injected into the emulated cell."""
 
 import click
 

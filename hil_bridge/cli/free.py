@@ -1,4 +1,4 @@
-"""`hil-bridge free`: lift off a tool that a stop left in contact."""
+"""`hil-bridge free`: lift a tool that a stop left in contact."""
 
 from pathlib import Path
 

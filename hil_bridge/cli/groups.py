@@ -6,7 +6,7 @@ from hil_bridge.cli.entry_points import COMMANDS, EntryPointGroup
 
 
 def _group(name: str, summary: str) -> click.Group:
-    """Return the group of the commands in the entry point group `hil_bridge.commands.NAME`."""
+    """Return the group that provides the commands in the entry point group `hil_bridge.commands.NAME`."""
     return EntryPointGroup(name, entry_points=f"{COMMANDS}.{name}", help=summary, no_args_is_help=False)
 
 

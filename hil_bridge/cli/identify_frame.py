@@ -52,7 +52,7 @@ def identify_frame(
     """
     from hil_bridge.errors.text_files import toml_pair
     from hil_bridge.record import read
-    from hil_bridge.record.files import check_place, write_whole
+    from hil_bridge.record.files import check_place, write_atomically
     from hil_bridge.runs.outputs import Outputs, settle_outputs
     from hil_bridge.runs.session import execute
     from hil_bridge.settings.configuration import load_config
@@ -77,6 +77,6 @@ def identify_frame(
     frame = frame_of(contacts, config.frame.approach)
     lines = ["[frame]", *(toml_pair(name, value) for name, value in frame.items())]
     if out is not None:
-        write_whole(out, ("\n".join(lines) + "\n").encode(), overwrite)
+        write_atomically(out, ("\n".join(lines) + "\n").encode(), overwrite)
         lines.append(f"wrote {out}")
     echo_lines(lines)

@@ -17,9 +17,11 @@ if TYPE_CHECKING:
     from hil_bridge.control import ToolEstimate, ToolPose
 
 LARGE_RESIDUAL = 0.03
-"""Share of the weight above which residuals are reported as too large. Chosen: a sensor mounted 2° off."""
+"""Residuals above which a warning is given, as a share of the weight. Chosen: a sensor mounted 2° off."""
 LEAST_ANGLE_DEG = 15.0
-"""Chosen: the sweep's poses determine the centre of gravity from 12° on; less is refused before the robot moves."""
+"""Smallest angle of a sweep, °; a smaller angle is refused before the robot moves. Chosen: from 12° on, the poses
+of the sweep determine the centre of gravity.
+"""
 
 
 @click.command("tool", short_help="Measure the tool's mass and centre of gravity.")
@@ -91,7 +93,7 @@ def identify_tool(
     """
     from hil_bridge.control import identify_tool as tool_estimate
     from hil_bridge.errors import ConfigError
-    from hil_bridge.record.files import check_place, write_whole
+    from hil_bridge.record.files import check_place, write_atomically
     from hil_bridge.runs.zeroing import wrist
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.site.tool.files import poses_as_csv, read_poses, tool_as_toml
@@ -114,7 +116,7 @@ def identify_tool(
         from hil_bridge.runs.setup import Setup
         from hil_bridge.runs.signals import as_ctrl_c
         from hil_bridge.settings.faults import refuse_faults
-        from hil_bridge.site.tool.measuring import USUAL_DEG, Sweep, choose_angle, measure
+        from hil_bridge.site.tool.measuring import DEFAULT_DEG, Sweep, choose_angle, measure
 
         refuse_faults(config.faults, "hil-bridge identify tool")
         setup = Setup(config)
@@ -122,16 +124,16 @@ def identify_tool(
         chosen = choose_angle(setup, angle_deg, lift_mm)
         sweep = Sweep(chosen, lift_mm, settle_s, average_s)
         with as_ctrl_c(), Screen(sys.stderr) as screen:
-            if angle_deg is None and chosen < USUAL_DEG:
+            if angle_deg is None and chosen < DEFAULT_DEG:
                 screen.say(f"the tool is turned by {chosen:g}° to either side, as far as the robot can")
             poses = measure(config, virtual, sweep, screen.say)
     if save is not None:
-        write_whole(save, poses_as_csv(poses).encode(), overwrite)
+        write_atomically(save, poses_as_csv(poses).encode(), overwrite)
         click.echo(f"poses: {save}")
     estimate = tool_estimate(poses, wrist(config))
     _print(poses, estimate)
     if out is not None:
-        write_whole(out, tool_as_toml(estimate).encode(), overwrite)
+        write_atomically(out, tool_as_toml(estimate).encode(), overwrite)
         click.echo(f"tool: {out}")
 
 

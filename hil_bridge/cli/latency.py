@@ -1,4 +1,4 @@
-"""`hil-bridge latency`: latency budget of a recorded run, and settings for an emulation that is as late."""
+"""`hil-bridge latency`: latency budget of a recorded run, and settings for an emulation with the same latency."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,7 +35,7 @@ def latency(recording: Path, out: Path | None, as_json: bool, overwrite: bool) -
     from hil_bridge.record.analysis.latency import latency_of
     from hil_bridge.record.analysis.summary import end_of
     from hil_bridge.record.device_facts import devices_of
-    from hil_bridge.record.files import write_whole
+    from hil_bridge.record.files import write_atomically
     from hil_bridge.record.reader import NO_CYCLE
 
     record = read(recording)
@@ -60,7 +60,7 @@ def latency(recording: Path, out: Path | None, as_json: bool, overwrite: bool) -
         lines.append("the recording is cut short or damaged; the figures cover what precedes that")
     if out is not None:  # before the first output: a reader such as `head` may have closed the pipe
         text, left_out = _site(record)
-        write_whole(out, text.encode(), overwrite)
+        write_atomically(out, text.encode(), overwrite)
         lines.append(f"wrote {out}{left_out and f'; {left_out}'}")
     if as_json:
         echo_json({**_values(budget, answers), "truncated": record.truncated})
@@ -70,7 +70,7 @@ def latency(recording: Path, out: Path | None, as_json: bool, overwrite: bool) -
 
 
 def _values(budget: "Latency", answers: "Answers | None") -> "dict[str, Any]":
-    """Return the table as values, ms."""
+    """Return the table as values in ms."""
 
     def row(part: "Part") -> "dict[str, Any]":
         hop = part.hop
@@ -98,7 +98,9 @@ def _values(budget: "Latency", answers: "Answers | None") -> "dict[str, Any]":
 
 
 def _site(record: "Recording") -> tuple[str, str]:
-    """Return a configuration whose emulated cell is as late as the recorded one, and what it omits, if anything."""
+    """Return a configuration whose emulated cell has the latency of the recorded one, and a description of what it
+    omits, if anything.
+    """
     from hil_bridge.errors import ConfigError
     from hil_bridge.runs.replay import recorded_config
     from hil_bridge.settings.devices import robot_in, sensor_in
@@ -120,9 +122,10 @@ def site_settings(
     late_robot: "Callable[[Mapping[str, Sequence[float]]], LateSettings]",
     late_sensor: "LateSensor",
 ) -> tuple[str, str]:
-    """Return a configuration file whose emulated cell is as late as the recorded one, and what it omits, if anything.
+    """Return a configuration file whose emulated cell has the latency of the recorded one, and a description of
+    what it omits, if anything.
 
-    Raises ConfigError for a recording that is too short or has no time stamps.
+    Raises ConfigError if the recording is too short or has no time stamps.
     """
     from hil_bridge.record.analysis.site_latency import (
         as_configuration,
@@ -143,7 +146,7 @@ def _lines(budget: "Latency") -> "Iterator[str]":
         yield _row(part)
     total = budget.total
     yield f"{budget.name:<29}" + _figures(total.p50_s, total.p90_s, total.p99_s, total.max_s)
-    yield f"largest: {budget.largest_words}"
+    yield f"largest: {budget.largest_text}"
     if budget.beside:
         yield "in parallel:"
         for part in budget.beside:

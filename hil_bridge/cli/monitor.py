@@ -1,4 +1,4 @@
-"""`hil-bridge monitor`: decoded traffic of a link."""
+"""`hil-bridge monitor`: display the decoded traffic of a link."""
 
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,7 @@ from hil_bridge.cli.entry_points import EXTENSIONS, extension
 from hil_bridge.console.paths import FILE
 
 _OTHERWISE = "monitor-s3"
-"""Extension for everything that names no other device: text captures, and the links of robots."""
+"""Extension for all sources that do not name another device: text captures, and the links of robots."""
 
 
 @click.command(short_help="Monitor a link, one line per block.")

@@ -5,7 +5,7 @@ from typing import Any
 import click
 
 _URL = "panel"
-"""Key of the panel's URL in the metadata of click's context."""
+"""Key under which the metadata of click's context contain the panel's URL."""
 
 
 def _ask(context: click.Context, request: dict[str, Any]) -> dict[str, Any]:
@@ -15,14 +15,14 @@ def _ask(context: click.Context, request: dict[str, Any]) -> dict[str, Any]:
 
 
 def _do(context: click.Context, request: dict[str, Any]) -> None:
-    """Send a request and print the state that follows."""
+    """Send a request and print the resulting state."""
     from hil_bridge.devices.panel import state_text
 
     click.echo(state_text(_ask(context, request)))
 
 
 def _robots_with() -> dict[str, tuple[str, list[str]]]:
-    """Return each control with its positions, its meaning, and the kinds of robots that have it."""
+    """Return each control with its positions, its meaning, and the kinds of robot that have it."""
     from hil_bridge.devices.kinds import ROBOTS
 
     known: dict[str, tuple[str, list[str]]] = {}
@@ -35,7 +35,7 @@ def _robots_with() -> dict[str, tuple[str, list[str]]]:
 
 
 class _Controls(click.Group):
-    """The commands that every panel accepts, and the controls of the one at the URL."""
+    """Commands that every panel accepts, and the controls of the panel at the URL."""
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         own = super().get_command(context, name)
@@ -53,7 +53,7 @@ class _Controls(click.Group):
 
 
 def _control(name: str) -> click.Command:
-    """Return the command that moves a control; the panel knows its positions and its default."""
+    """Return the command that moves a control. The panel knows its positions and its default."""
 
     @click.pass_context
     def move(context: click.Context, to: str | None) -> None:

@@ -1,4 +1,4 @@
-"""`hil-bridge list plugins` and `list controllers`: kinds by name, with their packages."""
+"""`hil-bridge list plugins` and `list controllers`: list the kinds by name, with their packages."""
 
 import sys
 from typing import Any
@@ -65,7 +65,7 @@ def controllers(name: str | None, as_json: bool) -> None:
 
 
 def _rows(with_own: bool) -> list[dict[str, str]]:
-    """Return one row for each plug-in, and with `with_own` for each built-in kind, by thing and name."""
+    """Return one row for each plug-in, by type and name. `with_own` adds a row for each built-in kind."""
     from functools import partial
 
     from hil_bridge.cli.entry_points import COMMANDS, load_command
@@ -123,7 +123,7 @@ def _first_line(thing: Any) -> str:
 
 
 def controller_facts(name: str) -> dict[str, Any]:
-    """Return a controller with its parameters. Raises ConfigError for an unknown name and a broken package."""
+    """Return a controller with its parameters. Raises ConfigError if the name is unknown or the package is broken."""
     import dataclasses
 
     from hil_bridge.control.controllers import GROUP, OURS, controller_kind, sample_time
@@ -155,7 +155,7 @@ def controller_facts(name: str) -> dict[str, Any]:
 
 
 def _range(kind: Any, name: str) -> list[float] | None:
-    """Return the bounds within which a parameter is tuned; None if its controller declares none."""
+    """Return the bounds for tuning a parameter, or None if its controller does not declare any."""
     from hil_bridge.control.types import Range
 
     bounds = getattr(kind, "ranges", {}).get(name)
@@ -163,7 +163,7 @@ def _range(kind: Any, name: str) -> list[float] | None:
 
 
 def _default(field: Any) -> str:
-    """Return the default of a parameter as TOML writes it, or a note that it has none."""
+    """Return the default of a parameter in TOML notation, or a note that it has none."""
     import dataclasses
 
     from hil_bridge.errors.text_files import format_value

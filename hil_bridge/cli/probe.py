@@ -11,7 +11,7 @@ from hil_bridge.console.options import echo_json, echo_lines, json_option, outpu
 from hil_bridge.console.paths import FILE
 
 EXIT_REFUSED = 3
-"""Exit code when the robot answers and a run would be refused."""
+"""Exit code if the robot answers but a run would be refused."""
 
 
 @click.group(no_args_is_help=False)
@@ -54,7 +54,7 @@ def robot(
     The exit code is 3 when nothing answers, and when a run would be refused.
     """
     from hil_bridge.devices.kinds import robot_of
-    from hil_bridge.record.files import check_place, write_whole
+    from hil_bridge.record.files import check_place, write_atomically
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.settings.kinds import settings_of
     from hil_bridge.site import robot_probe
@@ -68,7 +68,7 @@ def robot(
         check_place(out, overwrite)
     result = robot_probe.probe_robot(kind, wire, settings)
     if out is not None and kind.name != "s3":
-        write_whole(out, robot_probe.site_toml(_with_kind(kind.name, wire), result).encode(), overwrite)
+        write_atomically(out, robot_probe.site_toml(_with_kind(kind.name, wire), result).encode(), overwrite)
         click.echo(f"wrote {out}\n", err=as_json)
     if as_json:
         echo_json({"kind": kind.name, "url": _with_kind(kind.name, wire), **robot_probe.probe_values(result)})
@@ -79,7 +79,7 @@ def robot(
 
 
 def _with_kind(kind: str, wire: str) -> str:
-    """Return a URL as `run --robot` accepts it."""
+    """Return the URL in the form that `run --robot` accepts."""
     return wire if wire.startswith(kind) else f"{kind}+{wire}"
 
 

@@ -1,4 +1,4 @@
-"""`hil-bridge replay`: decide again on the inputs of a recorded run."""
+"""`hil-bridge replay`: repeat the decisions for the inputs of a recorded run."""
 
 import math
 import sys
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from hil_bridge.runs.replay import ReplayedCycle
 
 EXIT_DIFFERENT = 1
-"""Exit code when the replay of an unchanged run decides differently."""
+"""Exit code if the replay of an unchanged run makes a different decision."""
 
 
 @click.command(short_help="Replay the decisions of a recorded run, and compare.")
@@ -79,14 +79,16 @@ def _differences(cycle: "ReplayedCycle", count: int) -> "Iterator[str]":
 
 
 def _versions(recorded: str) -> "Iterator[str]":
-    """Name the version that recorded, if it is another: its guard may decide differently."""
+    """Yield a line that names the version of the recording if it is not the present version, whose guard may decide
+    differently.
+    """
     here = version("hil-bridge")
     if recorded != here:
         yield f"recorded by version {recorded or 'unknown'}; this is {here}, whose guard may decide differently"
 
 
 def _changes(cycles: "list[ReplayedCycle]", controller: str) -> "Iterator[str]":
-    """Describe the commands that the replay would have given instead, by phase."""
+    """Describe how the commands of the replay differ from the recorded commands, by phase."""
     yield f"commands of {controller} with these limits in the recorded situations:"
     yield f"{'phase':<10}{'cycles':>8}{'other':>8}{'rms':>10}{'largest':>10}  of the difference in depth, mm"
     for phase in dict.fromkeys(cycle.record.phase for cycle in cycles):
@@ -110,7 +112,7 @@ def _changes(cycles: "list[ReplayedCycle]", controller: str) -> "Iterator[str]":
 
 
 def _write_table(path: Path, cycles: "list[ReplayedCycle]", overwrite: bool) -> None:
-    from hil_bridge.record.files import write_whole
+    from hil_bridge.record.files import write_atomically
 
     lines = ["cycle,phase,force_n,depth_recorded_m,depth_replayed_m,verdict_recorded,verdict_replayed"]
     for cycle in cycles:
@@ -119,4 +121,4 @@ def _write_table(path: Path, cycles: "list[ReplayedCycle]", overwrite: bool) -> 
             f"{record.cycle},{record.phase},{record.force!r},{record.depth_commanded!r},{decision.target.depth!r},"
             f"{record.verdict},{decision.verdict.kind}"
         )
-    write_whole(path, ("\n".join(lines) + "\n").encode(), overwrite)
+    write_atomically(path, ("\n".join(lines) + "\n").encode(), overwrite)

@@ -1,4 +1,4 @@
-"""`hil-bridge report`: a page with charts from a recording."""
+"""`hil-bridge report`: write a page with charts for a recording."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""`hil-bridge run`: the closed loop."""
+"""`hil-bridge run`: run the closed loop."""
 
 import sys
 from pathlib import Path
@@ -20,9 +20,9 @@ from hil_bridge.console.options import overwrite_option
 from hil_bridge.console.paths import FILE
 
 CONTROLLERS = "fuzzy, fuzzy-adaptive, resolution-aware, pi, admittance, predictive"
-"""Built-in controllers, for the help text; the configuration also accepts those of plug-ins."""
+"""Built-in controllers for the help text. The configuration also accepts the controllers of plug-ins."""
 _RECORDING_FOLDER = Path("-")
-"""Placeholder for the recording's folder where --report names none."""
+"""Placeholder for the recording's folder if --report does not name a folder."""
 
 
 @click.command(short_help="Run force control, with a recording and a report.")
@@ -189,7 +189,7 @@ def run(
         None if with_recording else report,
         overwrite=overwrite,
         own_folder=record is None and not no_record,
-        report_beside=with_recording,
+        report_with_record=with_recording,
     )
     try:
         code = execute(config, virtual, outputs, views, config_file or resume)

@@ -1,4 +1,4 @@
-"""`hil-bridge list runs`: the runs in a folder."""
+"""`hil-bridge list runs`: list the runs in a folder."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The option --set, which overrides one setting of a configuration by its dotted key."""
+"""Option --set, which overrides one setting of a configuration by its dotted key."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,7 +9,7 @@ from hil_bridge.cli.completion import complete, setting_keys
 
 
 def _read(context: click.Context, parameter: click.Parameter, given: tuple[str, ...]) -> dict[str, Any]:
-    """Return values by key. A value is parsed as TOML; text that is not TOML is a string."""
+    """Return the values by key. Each value is parsed as TOML; text that is not valid TOML is a string."""
     import tomllib
 
     values: dict[str, Any] = {}
@@ -27,7 +27,7 @@ def _read(context: click.Context, parameter: click.Parameter, given: tuple[str, 
 
 
 def over(given: Mapping[str, Any], options: Mapping[str, object]) -> dict[str, object]:
-    """Return the settings of a command by key; options that were given take precedence over --set."""
+    """Return the settings of a command by key. Options that the user gave take precedence over --set."""
     return {**given, **{key: value for key, value in options.items() if value is not None}}
 
 
@@ -40,4 +40,4 @@ set_option = click.option(
     shell_complete=complete(setting_keys),
     help="Set one setting by its key: limits.force_limit_n=30. Dedicated options take precedence. Repeatable.",
 )
-"""Passes `given` to the command: values by dotted key."""
+"""Option that passes `given` to the command: values by dotted key."""

@@ -1,4 +1,4 @@
-"""`hil-bridge view`: a recording, a ROS 2 bag or a campaign's results on a page in the browser."""
+"""`hil-bridge view`: display a recording, a ROS 2 bag or the results of a campaign on a page in the browser."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -56,7 +56,7 @@ def view(file: Path, port: int, bag: "BagChoices") -> None:
 
 
 def _report_of(file: Path, bag: "BagChoices") -> "Report":
-    """Return the report of a bag. Raises ConfigError."""
+    """Return the report of a bag. Raises ConfigError if the bag cannot be read."""
     from hil_bridge.record.analysis.summary import summarise
     from hil_bridge.record.ros.bag_reader import read_bag
     from hil_bridge.show.report.bag_page import bag_body

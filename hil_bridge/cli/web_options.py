@@ -10,7 +10,9 @@ if TYPE_CHECKING:
 
 
 def web_options(enabled: bool, port: int | None, origins: tuple[str, ...]) -> "WebOptions | None":
-    """Return the options of a run's page; None if it is not enabled. Raises click.UsageError."""
+    """Return the options of a run's page, or None if the page is not enabled. Raises click.UsageError if they are
+    invalid.
+    """
     from hil_bridge.show.web.feed import WebOptions
 
     if not enabled:
@@ -21,7 +23,7 @@ def web_options(enabled: bool, port: int | None, origins: tuple[str, ...]) -> "W
 
 
 def _origin(text: str) -> str:
-    """Return an origin as a browser sends it: scheme, host and perhaps port."""
+    """Return an origin in the form that a browser sends: scheme, host and, if necessary, port."""
     parts = urlsplit(text)
     if not (parts.scheme and parts.netloc) or parts.path not in ("", "/") or parts.query or parts.fragment:
         raise click.BadParameter(f"must be an origin such as https://app.foxglove.dev, got {text!r}")

@@ -1,4 +1,4 @@
-"""`hil-bridge why`: how a recorded run ended."""
+"""`hil-bridge why`: explain how a recorded run ended."""
 
 from pathlib import Path
 

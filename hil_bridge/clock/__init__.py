@@ -1,4 +1,4 @@
-"""Time: the only place that reads a clock, and an event loop in virtual time."""
+"""Time: the only package that reads a clock, and an event loop in virtual time."""
 
 from hil_bridge.clock.clock import Clock, Timer, wall_time
 from hil_bridge.clock.devices import device_clock

@@ -1,4 +1,4 @@
-"""Clock that is passed to everything else. No other part of the project reads one."""
+"""Clock that is passed to all other parts of the project. No other part reads a clock."""
 
 import asyncio
 import sys
@@ -15,28 +15,30 @@ if sys.platform == "linux":
 
 
 def wall_time() -> datetime:
-    """Return the local date and time, for display and names."""
+    """Return the local date and time, for display and for names."""
     return datetime.now().astimezone()
 
 
 class Timer(Protocol):
-    """Callback that waits for its time."""
+    """Callback that is scheduled for a time."""
 
     def cancel(self) -> None:
-        """Cancel the callback. Idempotent, also after the callback was called."""
+        """Cancel the callback. Idempotent; does nothing after the callback was called."""
 
 
 @dataclass(frozen=True, slots=True)
 class WallTime:
-    """Conversion of a clock's times to UNIX time, anchored once, so that differences are those of the clock."""
+    """Conversion of a clock's times to UNIX time. It is anchored once, so that differences are the differences of
+    the clock.
+    """
 
     anchor: float
-    """Time of the clock, s."""
+    """Time of the clock at the anchor, s."""
     anchor_ns: int
-    """UNIX time of the same moment, ns."""
+    """UNIX time at the anchor, ns."""
 
     def __call__(self, when: float) -> int:
-        """Return the UNIX time of `when`, ns."""
+        """Return the UNIX time of the clock time `when`, ns."""
         return self.anchor_ns + round((when - self.anchor) * 1e9)
 
 
@@ -46,18 +48,19 @@ class Clock:
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.loop = loop
         self.is_virtual = isinstance(loop, VirtualLoop)
-        """Whether time is virtual: nothing waits, and callbacks run at their exact instant."""
+        """Whether time is virtual: nothing waits, and callbacks run exactly at their time."""
         self.now: Callable[[], float] = loop.time if self.is_virtual else time.monotonic
-        """Present time, s. In real time it is the clock of asyncio's loop, which other loops may report with 1
-        ms only.
+        """Return the present time, s. In real time this is the clock of asyncio's loop, which other loops may
+        report with a resolution of 1 ms only.
         """
         self.call_at: Callable[[float, Callable[[], object]], Timer] = loop.call_at
-        """Call back at a time, s on this clock; soon, but never before this returns, if that has passed.
+        """Call back at a time, s on this clock. If the time has passed, call back soon, but never before this
+        returns.
 
-        In real time, callbacks of the same instant run in no particular order.
+        In real time, callbacks with the same time run in no particular order.
         """
         self.call_soon: Callable[[Callable[[], object]], Timer] = loop.call_soon
-        """Call back on the loop's next turn."""
+        """Call back in the next iteration of the loop."""
         self._close: Callable[[], None] | None = None
         if isinstance(loop, VirtualLoop):
             self.call_at, self.call_soon = loop.timer, loop.soon
@@ -71,11 +74,11 @@ class Clock:
 
     @classmethod
     def running(cls) -> "Clock":
-        """Return a clock for the running loop; the caller closes it."""
+        """Return a clock for the running loop. The caller closes the clock."""
         return cls(asyncio.get_running_loop())
 
     async def sleep_until(self, when: float) -> None:
-        """Return at `when`, s on this clock; if that has passed, after one turn of the loop."""
+        """Return at `when`, s on this clock, or after one iteration of the loop if `when` has passed."""
         if when <= self.now():
             await asyncio.sleep(0)
             return
@@ -87,9 +90,10 @@ class Clock:
             timer.cancel()
 
     def at_wall(self, wall: float) -> float:
-        """Return this clock's time of a UNIX time stamp, s, that a kernel or device made moments ago.
+        """Return this clock's time for a UNIX time stamp, s, that a kernel or device made shortly before.
 
-        A stamp in the future or more than a second in the past is implausible: then it is the present time.
+        A stamp that is in the future, or more than a second in the past, is implausible. The result is then the
+        present time.
         """
         now = self.now()
         if self.is_virtual:

@@ -1,8 +1,8 @@
-"""Clock of emulated devices: an event has the time at which it was due, not the time of a late wake-up.
+"""Clock of emulated devices. An event has the time at which it was due, not the time of a late wake-up.
 
-A computer calls back some time after the deadline and then needs time to compute. The device has neither delay. An
-answer calculated from the wake-up time would begin that much later on its line. A chain of deadlines would fall further
-behind with each of them.
+A computer calls back some time after the deadline and then needs time to compute. A real device has neither of
+these delays. If an answer were calculated from the wake-up time, it would begin later on its line by that delay. A
+chain of deadlines would fall further behind with each deadline.
 """
 
 import copy
@@ -11,18 +11,20 @@ from collections.abc import Callable
 from hil_bridge.clock.clock import Clock, Timer
 
 EARLY_S = 60e-6
-"""Lead time of the wake-up before a deadline, s. The rest is spent polling the clock, so that a device is never early.
+"""Lead time of the wake-up before a deadline, s. The remaining time is spent polling the clock, so that a device is
+never early.
 
-Chosen: about the time that a processor needs to wake from idle, so that little is left to poll. An emulated cell then
-needs as much processor time as without it. Without this lead, bytes of a paced line would reach their client later.
+Chosen: approximately the time that a processor needs to wake from idle, so that the polling is short. An emulated
+cell then needs as much processor time as without the lead. Without the lead, bytes of a paced line would reach
+their client later.
 """
 
 
 def device_clock(clock: Clock) -> Clock:
-    """Return a clock for emulated devices and their lines, on the loop and the timers of this one.
+    """Return a clock for emulated devices and their lines, based on the loop and the timers of `clock`.
 
-    Within a callback of `call_at` its `now` is the requested time, elsewhere the loop's; it never goes back. In virtual
-    time, where nothing is late, it is the clock itself.
+    Within a callback of `call_at`, its `now` is the requested time of the callback; elsewhere it is the time of the
+    loop. It never goes back. In virtual time, in which nothing is late, `clock` itself is returned.
     """
     if clock.is_virtual:
         return clock
@@ -43,7 +45,7 @@ class _DueTime:
         self._time = time
         self._call_at = call_at
         self._newest = float("-inf")
-        """Time of the newest event: a deadline may be handled after a later event."""
+        """Time of the newest event. A deadline may be handled after a later event."""
         self._due: float | None = None
         """Time of the deadline that is being handled."""
 

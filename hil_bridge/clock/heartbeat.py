@@ -1,17 +1,19 @@
-"""Detection of pauses of the computer, by a timer that comes late."""
+"""Detection of pauses of the computer by means of a timer that expires late."""
 
 from collections import deque
 
 from hil_bridge.clock.clock import Clock, Timer
 
 BEAT_S = 0.01
-"""Chosen: interval of the beats; a pause that is shorter may not be detected."""
+"""Interval of the beats, s. Chosen: a shorter pause may not be detected."""
 RECENT_S = 1.0
-"""Chosen: age up to which a pause is related to present events."""
+"""Age up to which a pause is related to present events, s. Chosen."""
 LEAST_S, MOST_S = 0.01, 0.05
-"""Chosen: a pause below the first one is normal on a healthy computer; one above the second one always counts."""
+"""Limits of the duration of a pause, s. Chosen: a pause below `LEAST_S` is normal on a healthy computer; a pause
+above `MOST_S` always counts.
+"""
 CYCLES = 2
-"""Chosen: robot cycles from which a pause between these two counts."""
+"""Number of robot cycles above which a pause between `LEAST_S` and `MOST_S` counts. Chosen."""
 
 
 class Heartbeat:
@@ -23,7 +25,7 @@ class Heartbeat:
         self._due = 0.0
         self._timer: Timer | None = None
         self._pauses: deque[tuple[float, float]] = deque(maxlen=round(RECENT_S / BEAT_S))
-        """Times of late beats, s on the clock, and their delays, s."""
+        """Times of late beats, s on the clock, with their delays, s."""
 
     def start(self) -> None:
         """Start the beats. Idempotent."""
@@ -37,7 +39,7 @@ class Heartbeat:
             self._timer = None
 
     def take(self) -> float:
-        """Return the longest delay of a beat since the last call, s; one that is due now counts."""
+        """Return the longest delay of a beat since the last call, s. A beat that is due now counts too."""
         if self._timer is None:
             return 0.0
         late = max(self._longest, self._clock.now() - self._due)
@@ -45,7 +47,9 @@ class Heartbeat:
         return late
 
     def recent(self, cycle_s: float) -> float:
-        """Return the longest delay of a beat in the last second, s; 0 if it does not matter to such a robot."""
+        """Return the longest delay of a beat in the last second, s, or 0 if the delay does not matter to a robot
+        with this cycle.
+        """
         now = self._clock.now()
         late = [seconds for at, seconds in self._pauses if now - at <= RECENT_S]
         if self._timer is not None:

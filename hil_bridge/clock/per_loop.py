@@ -8,10 +8,10 @@ _Thing = TypeVar("_Thing")
 
 
 def of_loop(loop: asyncio.AbstractEventLoop, make: Callable[[], _Thing], name: str) -> _Thing:
-    """Return the object of this name that the loop holds, created at the first call.
+    """Return the object with this name that the loop holds. The first call creates the object.
 
-    The loop itself holds it. A weak mapping from loops would keep them all alive, because such objects refer to their
-    loop.
+    The object is an attribute of the loop. A weak mapping from loops would keep all loops alive, because such
+    objects refer to their loop.
     """
     kept: dict[str, Any] = vars(loop).setdefault("_hil_bridge", {})
     if name not in kept:

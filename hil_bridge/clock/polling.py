@@ -1,4 +1,6 @@
-"""Selectors of an event loop: one that detects files closed by other code, and one that polls before it sleeps."""
+"""Selectors of an event loop: a selector that detects files closed by other code, and one that polls before it
+sleeps.
+"""
 
 import asyncio
 import errno
@@ -16,7 +18,7 @@ _Ready = list[tuple[selectors.SelectorKey, int]]
 
 
 class WatchfulSelector(selectors.BaseSelector):
-    """Selector of the platform that reports a file closed by other code as ready once, so that its reader gets the
+    """Platform selector that reports a file closed by other code as ready once, so that its reader receives the
     error.
 
     The platform's selector silently forgets such a file, and a wire that is only read would be silent forever. The
@@ -26,33 +28,33 @@ class WatchfulSelector(selectors.BaseSelector):
     def __init__(self) -> None:
         self._inner: selectors.BaseSelector = selectors.DefaultSelector()
         self._lost: list[selectors.BaseSelector] = []
-        """Selectors whose own file was closed. They are kept, because freeing one closes its number, which is by now
-        another's.
+        """Selectors whose own file was closed. They are kept because freeing a selector closes its file number,
+        which by then belongs to another file.
         """
         self._checked = time.monotonic()
         self._reported: set[int] = set()
-        """Closed files that were reported as ready, once each."""
+        """Closed files that have been reported as ready; each is reported once."""
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
-        """As in the base class."""
+        """Register a file; see the base class."""
         key = self._inner.register(fileobj, events, data)
         self._reported.discard(key.fd)
         return key
 
     def unregister(self, fileobj: Any) -> selectors.SelectorKey:
-        """As in the base class."""
+        """Unregister a file; see the base class."""
         return self._inner.unregister(fileobj)
 
     def modify(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
-        """As in the base class."""
+        """Modify a registration; see the base class."""
         return self._inner.modify(fileobj, events, data)
 
     def get_map(self) -> Mapping[Any, selectors.SelectorKey]:
-        """As in the base class."""
+        """Return the registered files; see the base class."""
         return self._inner.get_map()
 
     def select(self, timeout: float | None = None) -> _Ready:
-        """As in the base class; it also returns early, with nothing, to check the files again."""
+        """Wait for ready files; see the base class. Also returns early, with no files, to check the files again."""
         try:
             ready = self._inner.select(CHECK_S if timeout is None else min(timeout, CHECK_S))
         except OSError as error:
@@ -69,12 +71,12 @@ class WatchfulSelector(selectors.BaseSelector):
         return ready + [(key, key.events) for key in closed]
 
     def close(self) -> None:
-        """As in the base class."""
-        with suppress(OSError):  # its file was closed by other code
+        """Close the selector; see the base class."""
+        with suppress(OSError):  # other code has closed the file of the selector
             self._inner.close()
 
     def _recreate(self) -> _Ready:
-        """Watch the same files with a new selector; those that are closed are ready."""
+        """Watch the same files with a new selector. Closed files are ready."""
         keys = list(self.get_map().values())
         self._lost.append(self._inner)
         self._inner = selectors.DefaultSelector()
@@ -97,21 +99,21 @@ def is_open(fd: int) -> bool:
 
 
 class WatchfulLoop(asyncio.SelectorEventLoop):
-    """Loop of asyncio that also ends properly if other code has closed its files."""
+    """Event loop of asyncio that also ends properly if other code has closed its files."""
 
     def __init__(self, selector: WatchfulSelector) -> None:
         super().__init__(selector)
         self._watching = selector
 
     def call_exception_handler(self, context: dict[str, Any]) -> None:
-        """As in asyncio; a closed file is reported in one line."""
+        """Handle an exception as asyncio does. A closed file is reported in one line."""
         error = context.get("exception")
         if isinstance(error, OSError) and error.errno == errno.EBADF:
             context = {"message": f"other code has closed a file of the event loop: {context['message']}"}
         super().call_exception_handler(context)
 
     def close(self) -> None:
-        """As in asyncio."""
+        """Close the loop as asyncio does."""
         try:
             super().close()
         except (OSError, ValueError):
@@ -122,19 +124,19 @@ class WatchfulLoop(asyncio.SelectorEventLoop):
 class BusyPolling(WatchfulSelector):
     """Selector that polls for a while before it lets the operating system put the thread to sleep.
 
-    A thread that sleeps releases its processor, which then sleeps too: waking both takes tens of microseconds, more in
-    a virtual machine. A thread that polls avoids this delay, and uses one processor fully.
+    A sleeping thread releases its processor, which then sleeps as well. Waking both takes tens of microseconds, and
+    more in a virtual machine. A polling thread avoids this delay, but uses one processor fully.
     """
 
     def __init__(self, awake_s: float) -> None:
-        """`awake_s` is the time to poll before sleeping, s, from the start of every wait."""
+        """Create a selector. `awake_s` is the time for which it polls from the start of every wait, s."""
         super().__init__()
         self._awake_s = awake_s
 
     def select(self, timeout: float | None = None) -> _Ready:
-        """As in the base class, until something is ready or the time is over; a `timeout` of 0 or less polls once.
+        """Wait until a file is ready or the time is over; see the base class. A `timeout` of 0 or less polls once.
 
-        Once asleep it only wakes to check the files again: it does not resume polling within one wait.
+        Once asleep, it only wakes to check the files again. It does not resume polling within the same wait.
         """
         poll = super().select
         if timeout is not None and timeout <= 0:

@@ -1,7 +1,7 @@
-"""Settings by which one thread of a Linux process keeps its deadlines: priority, processor, sleep, memory, other
+"""Settings with which one thread of a Linux process meets its deadlines: priority, processor, sleep, memory, other
 threads.
 
-A loop of a few hertz needs none of this; it is meant for a 1 kHz sensor on a busy machine.
+A loop of a few hertz needs none of these settings. They are meant for a 1 kHz sensor on a busy machine.
 """
 
 import asyncio
@@ -20,16 +20,16 @@ from hil_bridge.errors import SettingRefused
 from protocol.marks import Mark, SettingError, at_least, between, check_settings, setting
 
 SWITCH_INTERVAL_S = 1e-4
-"""Longest time for which a computing thread keeps the interpreter from one that was woken. Chosen: the default is 5 ms,
-and the recorder's writer would block the loop for all that it has to encode at once.
+"""Longest time for which a computing thread keeps the interpreter from a thread that was woken, s. Chosen: the
+default is 5 ms, and the recorder's writer would block the loop for the time of its complete encoding.
 """
 
 LATENCY_FILE = "/dev/cpu_dma_latency"
-"""File that takes the longest wake-up time of a processor, µs, which holds while it is open. Source: Linux,
-Documentation/power/pm_qos_interface.rst.
+"""File to which the longest wake-up time of a processor, µs, is written. The value applies while the file is open.
+Source: Linux, Documentation/power/pm_qos_interface.rst.
 """
 UDEV_RULE = 'KERNEL=="cpu_dma_latency", GROUP="dialout", MODE="0660"'
-"""Rule that lets every user of the serial ports' group write to it."""
+"""Udev rule that lets every user in the group of the serial ports write to `LATENCY_FILE`."""
 _NO_LATENCY = struct.pack("=i", 0)
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 """Flags of mlockall. Source: Linux, sys/mman.h."""
@@ -37,24 +37,26 @@ _MCL_CURRENT, _MCL_FUTURE = 1, 2
 
 @dataclass(frozen=True)
 class RealTime:
-    """Settings of the loop's thread, in real time only."""
+    """Settings of the loop's thread, which apply in real time only."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     fifo_priority: int = setting(
-        0, Mark.CHOSEN, "SCHED_FIFO priority of the loop's thread, 0 = ordinary", between(0, 99)
+        0, Mark.CHOSEN, "SCHED_FIFO priority of the loop's thread; 0: normal scheduling", between(0, 99)
     )
-    lock_memory: bool = setting(False, Mark.CHOSEN, "keep the complete process in memory (mlockall)")
+    lock_memory: bool = setting(False, Mark.CHOSEN, "lock the memory of the process (mlockall)")
     cpus: tuple[int, ...] = setting(
-        (), Mark.CHOSEN, "processors that the loop's thread may run on, empty = all", at_least(0)
+        (), Mark.CHOSEN, "processors on which the loop's thread may run; empty: all", at_least(0)
     )
     keep_awake: bool = setting(
-        False, Mark.CHOSEN, "keep idle processors of this machine from sleeping: faster wake-up, more power"
+        False,
+        Mark.CHOSEN,
+        "keep idle processors of this machine out of sleep states: faster wake-up, more power",
     )
     busy_poll_ms: float = setting(
         0.0,
         Mark.CHOSEN,
-        "time for which the loop polls before its processor may sleep, ms; uses one processor fully",
+        "time for which the loop polls before its processor may sleep, ms; fully uses one processor",
         between(0.0, 1000.0),
     )
 
@@ -69,30 +71,31 @@ class RealTime:
 
 
 @contextmanager
-def real_time_thread(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
-    """Run the calling thread with these settings inside the context; other threads stay unchanged.
+def real_time_thread(settings: RealTime) -> Iterator[ThreadPoolExecutor | None]:
+    """Run the calling thread with these settings inside the context. Other threads stay unchanged.
 
-    Threads started inside keep ordinary priority. Those of the yielded executor also run on all processors (None if the
-    thread is not pinned). Raises ConfigError for what the machine or its limits refuse.
+    Threads that are started inside keep ordinary priority. The threads of the yielded executor also run on all
+    processors (None if the thread is not pinned). Raises ConfigError for settings that the machine or its limits do
+    not permit.
     """
     undo: list[Callable[[], object]] = []
     executor = None
     try:
-        if wanted.cpus:
+        if settings.cpus:
             before = os.sched_getaffinity(0)
-            _pin(wanted.cpus, before)
+            _pin(settings.cpus, before)
             undo.append(lambda: os.sched_setaffinity(0, before))
             executor = ThreadPoolExecutor(initializer=os.sched_setaffinity, initargs=(0, before))
             undo.append(executor.shutdown)
-        if wanted.keep_awake:
+        if settings.keep_awake:
             latency = _keep_awake()
             undo.append(lambda: os.close(latency))
-        if wanted.lock_memory:
+        if settings.lock_memory:
             _lock_memory()
             undo.append(_unlock_memory)
-        if wanted.fifo_priority:
+        if settings.fifo_priority:
             policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
-            _prefer(wanted.fifo_priority)
+            _prefer(settings.fifo_priority)
             undo.append(lambda: os.sched_setscheduler(0, policy, parameter))
         yield executor
     finally:
@@ -101,16 +104,17 @@ def real_time_thread(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
 
 
 @contextmanager
-def real_time_loop(wanted: RealTime, is_virtual: bool) -> Iterator[None]:
-    """Run the loop's thread with these settings inside the context; threads that are already started stay unchanged.
+def real_time_loop(settings: RealTime, is_virtual: bool) -> Iterator[None]:
+    """Run the loop's thread with these settings inside the context. Threads that are already running stay
+    unchanged.
 
-    Raises ConfigError as `real_time_thread`.
+    Errors as for `real_time_thread`.
     """
     if is_virtual:
         with gc_paused(collect=False):
             yield
         return
-    with gc_paused(), short_switch_interval(), real_time_thread(wanted) as executor:
+    with gc_paused(), short_switch_interval(), real_time_thread(settings) as executor:
         if executor is not None:
             asyncio.get_running_loop().set_default_executor(executor)
         yield
@@ -118,7 +122,7 @@ def real_time_loop(wanted: RealTime, is_virtual: bool) -> Iterator[None]:
 
 @contextmanager
 def short_switch_interval() -> Iterator[None]:
-    """Let a thread that is woken wait for a computing one no longer than `SWITCH_INTERVAL_S`."""
+    """Let a woken thread wait for a computing thread no longer than `SWITCH_INTERVAL_S`, inside the context."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     try:
@@ -129,9 +133,10 @@ def short_switch_interval() -> Iterator[None]:
 
 @contextmanager
 def gc_frozen(collect: bool = True) -> Iterator[None]:
-    """Exclude existing objects from garbage collection: a pass over all objects of a process blocks its loop for 0.1 s.
+    """Exclude existing objects from garbage collection inside the context, because a pass over all objects of a
+    process blocks its loop for 0.1 s.
 
-    `collect` collects garbage first. Objects that are already frozen stay so.
+    `collect` collects garbage first. Objects that are already frozen stay frozen.
     """
     frozen = gc.get_freeze_count() > 0
     if collect:
@@ -147,7 +152,7 @@ def gc_frozen(collect: bool = True) -> Iterator[None]:
 
 @contextmanager
 def gc_off() -> Iterator[None]:
-    """Disable automatic garbage collection."""
+    """Disable automatic garbage collection inside the context."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -159,13 +164,15 @@ def gc_off() -> Iterator[None]:
 
 @contextmanager
 def gc_paused(collect: bool = True) -> Iterator[None]:
-    """Freeze existing objects and disable automatic collection; `collect_generation_1` collects new garbage."""
+    """Freeze existing objects and disable automatic collection inside the context. `collect_generation_1` collects
+    new garbage.
+    """
     with gc_frozen(collect), gc_off():
         yield
 
 
 def collect_generation_1() -> None:
-    """Collect garbage made since the last call, while the run only waits for a wire."""
+    """Collect the garbage since the last call. Called while the run only waits for a wire."""
     gc.collect(1)
 
 
@@ -184,7 +191,7 @@ def _pin(cpus: tuple[int, ...], allowed: set[int]) -> None:
 
 def _prefer(priority: int) -> None:
     try:
-        # Without the flag every thread that is started later would have that priority too.
+        # Without the flag, every thread that is started later would have this priority too.
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except PermissionError as error:
         raise _refused(

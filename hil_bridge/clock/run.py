@@ -1,4 +1,4 @@
-"""Running a coroutine in real time or in virtual time."""
+"""Execution of a coroutine in real time or in virtual time."""
 
 import asyncio
 from collections.abc import Callable, Coroutine
@@ -12,17 +12,17 @@ Main: TypeAlias = Coroutine[Any, Any, T] | Callable[[], Coroutine[Any, Any, T]]
 
 
 Stray: TypeAlias = Callable[[BaseException], bool]
-"""Receives a SystemExit or KeyboardInterrupt that left a callback or another task; returns whether the loop
-continues.
+"""Function that receives a SystemExit or KeyboardInterrupt raised by a callback or another task. It returns whether
+the loop continues.
 """
 
 
 class LeakedTasks(VirtualTimeError):
-    """Error of a main coroutine that returned while tasks that it had not cancelled were still running."""
+    """Error of a main coroutine that has returned while tasks which it did not cancel are still running."""
 
 
 def run_real(main: Main[T], busy_poll_s: float = 0.0) -> T:
-    """Run a coroutine, or the coroutine that a function returns, in real time; like `asyncio.run`.
+    """Run a coroutine, or the coroutine that a function returns, in real time, like `asyncio.run`.
 
     `busy_poll_s` is the time for which the loop polls before it sleeps, s; see `BusyPolling`.
     """
@@ -30,7 +30,9 @@ def run_real(main: Main[T], busy_poll_s: float = 0.0) -> T:
 
 
 def run_real_on(main: Main[T], busy_poll_s: float, on_stray: Stray | None) -> T:
-    """As `run_real`; `on_stray` receives exceptions that leave the loop. Signals are then the caller's."""
+    """Run a coroutine as `run_real` does. `on_stray` receives exceptions that leave the loop. The caller handles
+    signals.
+    """
     selector = BusyPolling(busy_poll_s) if busy_poll_s else WatchfulSelector()
     with asyncio.Runner(loop_factory=lambda: WatchfulLoop(selector)) as runner:
         return _run_to_end(runner, main, [], on_stray)
@@ -39,14 +41,14 @@ def run_real_on(main: Main[T], busy_poll_s: float, on_stray: Stray | None) -> T:
 def run_virtual(main: Main[T]) -> T:
     """Run a coroutine, or the coroutine that a function returns, in a new loop in virtual time.
 
-    Stricter than real time: raises LeakedTasks for tasks left behind, and VirtualDeadlock if nothing can happen any
-    more. It also raises errors of callbacks, which real time would only log.
+    Virtual time is stricter than real time. It raises LeakedTasks if tasks are left running, and VirtualDeadlock if
+    nothing can happen any more. It also raises errors of callbacks, which real time would only log.
     """
     return run_virtual_on(main, None)
 
 
 def run_virtual_on(main: Main[T], on_stray: Stray | None) -> T:
-    """As `run_virtual`; `on_stray` receives exceptions that leave the loop."""
+    """Run a coroutine as `run_virtual` does. `on_stray` receives exceptions that leave the loop."""
     unhandled: list[dict[str, Any]] = []
     leaked: list[str] = []
     try:
@@ -67,11 +69,12 @@ def run_virtual_on(main: Main[T], on_stray: Stray | None) -> T:
 
 
 def _run_to_end(runner: asyncio.Runner, main: Main[T], leaked: list[str], on_stray: Stray | None) -> T:
-    """Run a coroutine to its end, even if an exception leaves the loop that `on_stray` accepts.
+    """Run a coroutine to its end, even if an exception leaves the loop, provided that `on_stray` accepts the
+    exception.
 
-    Asyncio lets SystemExit and KeyboardInterrupt of any callback leave the loop at once. A tool that presses would be
-    left there. The task returns nothing: `asyncio.Runner` formats its handler of Ctrl-C, the task and its result as
-    text at each end, which takes longer than a short run if the result contains arrays.
+    Asyncio lets a SystemExit or KeyboardInterrupt of any callback leave the loop at once. A pressing tool would
+    then be left in contact. The task returns nothing, because `asyncio.Runner` formats its handler of Ctrl-C, the
+    task and its result as text at each end. That takes longer than a short run if the result contains arrays.
     """
     result: list[T] = []
     watched = _watched(main, leaked, result)

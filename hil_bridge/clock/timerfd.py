@@ -1,7 +1,7 @@
 """Precise timers on Linux: one timerfd with a heap of deadlines.
 
-asyncio rounds every wait up to the next millisecond because epoll does; a timerfd wakes it to the microsecond.
-Reference: timerfd_create(2).
+Asyncio rounds every wait up to the next millisecond, because epoll does. A timerfd wakes the loop with microsecond
+precision. Reference: timerfd_create(2).
 """
 
 import asyncio
@@ -18,11 +18,11 @@ from contextlib import suppress
 _CLOCK_MONOTONIC = 1
 _TFD_TIMER_ABSTIME = 1
 _COMPACT_FROM = 64
-"""Cancelled deadlines in the heap from which it is compacted."""
+"""Number of cancelled deadlines above which the heap is compacted."""
 
 
 class Deadline:
-    """Callback that waits for its time."""
+    """Callback that is scheduled for a time."""
 
     __slots__ = ("_timers", "callback")
 
@@ -31,14 +31,14 @@ class Deadline:
         self.callback: Callable[[], object] | None = callback
 
     def cancel(self) -> None:
-        """Cancel the callback. Idempotent, also after the callback was called."""
+        """Cancel the callback. Idempotent; does nothing after the callback was called."""
         if self.callback is not None:
             self.callback = None
             self._timers.count_cancelled()
 
 
 class PreciseTimers:
-    """Deadlines on the monotonic clock, which asyncio's loop uses too."""
+    """Timers on the monotonic clock, which is also the clock of asyncio's loop."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
@@ -48,12 +48,12 @@ class PreciseTimers:
         self._expiring = False
         self._fd = _create()
         self._loop_timer: asyncio.TimerHandle | None = None
-        """Timer of the loop itself, if other code has closed the file."""
+        """Timer of the loop itself, which is used if other code has closed the file."""
         self._lost = False
         loop.add_reader(self._fd, self._expired)
 
     def call_at(self, when: float, callback: Callable[[], object]) -> Deadline:
-        """Call back at `when`, s; if that has passed, at once, but not before returning to the loop."""
+        """Call back at `when`, s. If that time has passed, call back at once, but not before returning to the loop."""
         if self._fd < 0:
             raise RuntimeError("the clock is closed")
         deadline = Deadline(self, callback)
@@ -63,7 +63,7 @@ class PreciseTimers:
         return deadline
 
     def count_cancelled(self) -> None:
-        """Keep the heap small if deadlines are mostly cancelled, as time-outs are."""
+        """Count a cancelled deadline. Keep the heap small if most deadlines are cancelled, as time-outs are."""
         self._cancelled += 1
         if self._cancelled > _COMPACT_FROM and 2 * self._cancelled > len(self._heap):
             self._heap = [entry for entry in self._heap if entry[2].callback is not None]
@@ -86,7 +86,7 @@ class PreciseTimers:
         when = self._heap[0][0]
         if not self._lost:
             try:
-                # rounded up so as never to wake early; 0 would disarm
+                # rounded up, so that it never wakes early; 0 would disarm the timer
                 _set_absolute(self._fd, max(1, math.ceil(when * 1e9)))
                 return
             except OSError:
@@ -96,7 +96,9 @@ class PreciseTimers:
         self._loop_timer = self._loop.call_at(when, self._expire)
 
     def _lose(self) -> None:
-        """Continue with the timers of the loop, with a resolution of 1 ms: nothing may hang because of this file."""
+        """Continue with the timers of the loop, with a resolution of 1 ms, so that nothing hangs because the file
+        was closed.
+        """
         self._lost = True
         self._loop.remove_reader(self._fd)
         message = "other code has closed the file of the timers; timers now have a resolution of 1 ms"
@@ -112,11 +114,11 @@ class PreciseTimers:
         self._expire()
 
     def _expire(self) -> None:
-        """Call back all that are due, and wait for the next."""
+        """Call back all deadlines that are due, and wait for the next one."""
         now = time.monotonic()
         self._expiring = True
         try:
-            # a deadline set meanwhile waits for the next turn, otherwise wires would starve
+            # a deadline that a callback sets waits for the next iteration of the loop; otherwise wires would starve
             while self._heap and self._heap[0][0] <= now:
                 deadline = heapq.heappop(self._heap)[2]
                 callback, deadline.callback = deadline.callback, None

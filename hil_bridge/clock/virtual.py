@@ -1,9 +1,9 @@
-"""Event loop in virtual time: nothing ever waits, time jumps to the next timer.
+"""Event loop in virtual time. Nothing ever waits; time jumps to the next timer.
 
-The loop is asyncio's own except for its turn, its timers and its `time()`. A simulated minute is some tens of thousands
-of turns. Asyncio's turn spends most of its time on files and clocks that do not exist here. Two private names of
-asyncio's base loop are used because there is no public alternative: `_run_once`, and `_ready`, the callbacks of the
-next turn.
+The loop is asyncio's loop except for its iteration, its timers and its `time()`. A simulated minute takes some tens
+of thousands of iterations. An iteration of asyncio spends most of its time on files and clocks that do not exist
+here. Two private names of asyncio's base loop are used because there is no public alternative: `_run_once`, and
+`_ready`, the callbacks of the next iteration.
 """
 
 import asyncio
@@ -17,27 +17,27 @@ from typing import Any, NoReturn
 VIRTUAL_EPOCH = 7919.3
 """Virtual time at the start of a loop, s.
 
-Odd, so that code which anchors its deadlines at 0 fails in tests. Small, so that a float resolves 0.9 ps and sums of
-microseconds stay exact to the nanosecond.
+It is not a round number, so that code which anchors its deadlines at 0 fails in tests. It is small, so that a float
+resolves 0.9 ps and sums of microseconds stay exact to the nanosecond.
 """
 
 VIRTUAL_WALL_NS = 1_600_000_000_000_000_000
-"""UNIX time at VIRTUAL_EPOCH, ns: fixed, so that recordings made in virtual time repeat."""
+"""UNIX time at VIRTUAL_EPOCH, ns. It is fixed, so that recordings made in virtual time are reproducible."""
 
 TURNS_WITHOUT_TIME = 1_000_000
-"""Turns of the loop at one instant from which it counts as an endless loop."""
+"""Number of iterations at the same virtual time above which the loop counts as endless."""
 
 
 class VirtualTimeError(RuntimeError):
-    """Request that virtual time does not support, or time that cannot advance."""
+    """Error for a request that virtual time does not support, or for time that cannot advance."""
 
 
 class VirtualDeadlock(VirtualTimeError):
-    """Nothing is ready and no timer is set, so nothing can ever happen again."""
+    """Error for a loop in which nothing is ready and no timer is set, so that nothing can ever happen again."""
 
 
 class VirtualTimer:
-    """Callback that waits for its instant; lighter than asyncio's, without context and arguments."""
+    """Callback that is scheduled for a time. It is lighter than asyncio's timer, without context and arguments."""
 
     __slots__ = ("_callback", "_cancelled")
 
@@ -46,12 +46,12 @@ class VirtualTimer:
         self._cancelled = False
 
     def cancel(self) -> None:
-        """Cancel the callback. Idempotent, also after the callback was called."""
+        """Cancel the callback. Idempotent; does nothing after the callback was called."""
         self._cancelled = True
         self._callback = None
 
     def _run(self) -> None:
-        """Run the callback; called by the loop, like asyncio's own handles."""
+        """Run the callback. Called by the loop, like asyncio's own handles."""
         callback = self._callback
         if callback is None:
             return
@@ -65,9 +65,9 @@ class VirtualTimer:
 
 
 class VirtualLoop(asyncio.SelectorEventLoop):
-    """Loop of asyncio in virtual time. File descriptors and threads belong to real time and are refused.
+    """Event loop of asyncio in virtual time. File descriptors and threads require real time and are refused.
 
-    Callbacks of the same instant run in the order in which they were requested.
+    Callbacks with the same time run in the order in which they were requested.
     """
 
     _ready: "deque[Any]"
@@ -78,7 +78,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         self._turns = 0
         self._numbers = itertools.count()
         self._timers: list[tuple[float, int, Any]] = []
-        """Heap of time, order and timer."""
+        """Heap of timers: time, order, timer."""
         super().__init__()
 
     def time(self) -> float:
@@ -88,7 +88,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     def call_at(  # type: ignore[override]
         self, when: float, callback: Callable[..., object], *args: Any, context: Context | None = None
     ) -> asyncio.TimerHandle:
-        """As in asyncio."""
+        """Call back at a time, as in asyncio."""
         timer = asyncio.TimerHandle(when, callback, args, self, context)
         heappush(self._timers, (when, next(self._numbers), timer))
         return timer
@@ -96,23 +96,23 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     def call_later(  # type: ignore[override]
         self, delay: float, callback: Callable[..., object], *args: Any, context: Context | None = None
     ) -> asyncio.TimerHandle:
-        """As in asyncio."""
+        """Call back after a delay, as in asyncio."""
         return self.call_at(self._now + delay, callback, *args, context=context)
 
     def timer(self, when: float, callback: Callable[[], object]) -> VirtualTimer:
-        """Call back at this instant, or on the next turn if it has passed."""
+        """Call back at this time, or in the next iteration if the time has passed."""
         timer = VirtualTimer(callback)
         heappush(self._timers, (when, next(self._numbers), timer))
         return timer
 
     def soon(self, callback: Callable[[], object]) -> VirtualTimer:
-        """Call back on the next turn: as `call_soon`, but lighter."""
+        """Call back in the next iteration. Like `call_soon`, but lighter."""
         timer = VirtualTimer(callback)
         self._ready.append(timer)
         return timer
 
     def _run_once(self) -> None:
-        """Run one turn: what is ready; time advances only if nothing is."""
+        """Run one iteration with all callbacks that are ready. Time advances only if none is ready."""
         ready, timers = self._ready, self._timers
         if ready or self._stopping:
             self._turns += 1
@@ -138,7 +138,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
             if timers and timers[0][0] <= self._now:
                 ready.append(handle)
             else:
-                handle._run()  # alone at its instant, the usual case: it gets a turn of its own
+                handle._run()  # usual case: a single callback at this time, which has a separate iteration
         now = self._now
         while timers and timers[0][0] <= now:
             ready.append(heappop(timers)[2])
@@ -148,30 +148,32 @@ class VirtualLoop(asyncio.SelectorEventLoop):
                 handle._run()
 
     def close(self) -> None:
-        """As in asyncio; pending timers are dropped, including all that their callbacks refer to."""
+        """Close the loop as asyncio does. Pending timers are dropped, together with all objects to which their
+        callbacks refer.
+        """
         self._timers.clear()
         super().close()
 
     def run_in_executor(self, executor: Any, func: Any, *args: Any) -> NoReturn:  # type: ignore[override]
-        """Raise VirtualTimeError: threads take real time."""
+        """Raise VirtualTimeError, because threads take real time."""
         raise VirtualTimeError(f"no threads in virtual time: {getattr(func, '__qualname__', func)}")
 
     def add_reader(self, fd: Any, callback: Any, *args: Any) -> None:  # type: ignore[override]
-        """Raise VirtualTimeError: virtual time does not wait for file descriptors."""
+        """Raise VirtualTimeError, because virtual time does not wait for file descriptors."""
         raise VirtualTimeError("no file descriptors in virtual time: use memory wires, or real time")
 
     def add_writer(self, fd: Any, callback: Any, *args: Any) -> None:  # type: ignore[override]
-        """Raise VirtualTimeError: virtual time does not wait for file descriptors."""
+        """Raise VirtualTimeError, because virtual time does not wait for file descriptors."""
         raise VirtualTimeError("no file descriptors in virtual time: use memory wires, or real time")
 
 
 def describe_tasks(tasks: set[asyncio.Task[Any]]) -> str:
-    """Return name and waiting place of each task, for error messages."""
+    """Return the name of each task and the position at which it waits, for error messages."""
     return ", ".join(sorted(f"{task.get_name()} ({_place(task)})" for task in tasks)) or "no task"
 
 
 def _place(task: asyncio.Task[Any]) -> str:
-    """Return file, line and coroutine in which a task is suspended."""
+    """Return the file, line and coroutine in which a task is suspended."""
     coroutine: Any = task.get_coro()
     while getattr(getattr(coroutine, "cr_await", None), "cr_frame", None) is not None:
         coroutine = coroutine.cr_await

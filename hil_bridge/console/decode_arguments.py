@@ -1,4 +1,4 @@
-"""Bytes and frames for `hil-bridge decode`: read from its arguments, and printed as JSON when decoded."""
+"""Bytes and frames for `hil-bridge decode`: read from its arguments, and printed as JSON after decoding."""
 
 import json
 import sys
@@ -8,7 +8,7 @@ from hil_bridge.errors import ConfigError
 
 
 def print_items(items: list[dict[str, object]]) -> None:
-    """Print decoded items as JSON. Exits with code 2 if any of them is invalid."""
+    """Print decoded items as JSON. Exit with code 2 if any of them is invalid."""
     echo_lines([json.dumps(items, indent=1, ensure_ascii=False)])
     if any(item.get("problem") or item.get("problems") or item.get("kind") == "noise" for item in items):
         sys.exit(2)
@@ -31,7 +31,9 @@ def read_bytes(hex_bytes: tuple[str, ...]) -> bytes:
 
 
 def read_frames(texts: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the pasted frames as `ID#DATA`, also those in lines of candump. Raises ConfigError that names a line."""
+    """Return the pasted frames as `ID#DATA`. Frames in lines of candump are accepted too. Raises ConfigError that
+    names an invalid line.
+    """
     from protocol.can.text import parse_candump
 
     if any(

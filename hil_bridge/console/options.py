@@ -14,9 +14,9 @@ overwrite_option = click.option("--overwrite", is_flag=True, help="Replace exist
 def output_option(
     metavar: str, meaning: str, default: Path | None = None
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Return the option of a command's output file or folder: `-o`, `--output`, the argument `out`.
+    """Return the option for a command's output file or folder: `-o`, `--output`, the argument `out`.
 
-    Its earlier spelling, `--out`, is refused with this one.
+    The earlier spelling `--out` is refused, and the error names the present spelling.
     """
     option = click.option(
         "-o",
@@ -38,7 +38,7 @@ def _refuse_out(context: click.Context, parameter: click.Parameter, given: str |
 
 
 def echo_lines(lines: Iterable[str]) -> None:
-    """Print lines for as long as they are read (`| head`), so that the command still exits with its own code."""
+    """Print lines for as long as they are read (`| head`). The command still exits with its own code."""
     try:
         for line in lines:
             click.echo(line)
@@ -47,11 +47,11 @@ def echo_lines(lines: Iterable[str]) -> None:
 
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
-"""Passes `as_json` to the command; `echo_json` prints the JSON."""
+"""Option that passes `as_json` to the command; `echo_json` prints the JSON."""
 
 
 def echo_json(value: object) -> None:
-    """Print a value as JSON. Numbers that JSON does not have become null; keys keep their order."""
+    """Print a value as JSON. Numbers that JSON cannot represent become null. Keys keep their order."""
     import msgspec
 
     echo_lines([msgspec.json.format(msgspec.json.encode(value), indent=2).decode()])
@@ -73,10 +73,10 @@ def option_group(title: str, *options: Callable[[_Function], _Function]) -> Call
 
 
 class GroupedCommand(click.Command):
-    """A command whose help shows its options under the titles of their groups."""
+    """Command whose help shows its options under the titles of their groups."""
 
     def format_options(self, context: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options by group; those without one come last."""
+        """Write the options by group. Options without a group come last."""
         rows: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(context):
             record = parameter.get_help_record(context)
@@ -90,15 +90,17 @@ class GroupedCommand(click.Command):
 
 
 class ExtrasCommand(click.Command):
-    """Command whose help ends with how to install the extras that parts of it need, for this installation."""
+    """Command whose help ends with the commands that install the extras which parts of it need, for this
+    installation.
+    """
 
     def __init__(self, *arguments: Any, extras: Mapping[str, str], **options: Any) -> None:
-        """`extras` holds the name of the extra by part of the command."""
+        """Create a command. `extras` contains the name of the extra for each part of the command."""
         super().__init__(*arguments, **options)
         self.extras = extras
 
     def format_epilog(self, context: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the commands, one per line, so that they can be copied."""
+        """Write the installation commands, one per line, so that they can be copied."""
         from hil_bridge.errors.extras import install_command
 
         super().format_epilog(context, formatter)

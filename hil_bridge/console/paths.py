@@ -1,4 +1,4 @@
-"""Files on the command line."""
+"""Types of files and folders on the command line."""
 
 from pathlib import Path
 from typing import Any
@@ -7,7 +7,7 @@ import click
 
 
 class _File(click.Path):
-    """Path type of click that also refuses paths which click passes to the system."""
+    """Path type of click that also refuses paths which click would pass to the operating system."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if "\0" in str(value):
@@ -16,4 +16,4 @@ class _File(click.Path):
 
 
 FILE = _File(path_type=Path)
-"""File or folder, existing or not."""
+"""Type of a file or folder, existing or not."""

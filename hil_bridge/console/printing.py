@@ -1,4 +1,4 @@
-"""Rows of a monitor on a terminal, and its end by a signal or by its wire."""
+"""Rows of a monitor on a terminal, and the end of the monitor by a signal or by the end of its wire."""
 
 import asyncio
 import math
@@ -16,21 +16,21 @@ from hil_bridge.errors.text_files import harmless
 
 
 class Row(NamedTuple):
-    """Row of a monitor."""
+    """Row of a monitor's output."""
 
     at: float
     """Time, s; NaN if unknown."""
     direction: str
     text: str
     data: bytes = b""
-    """Its bytes, printed on request."""
+    """Bytes of the row, printed on request."""
     trouble: bool = False
     line_time: float | None = None
-    """Time that it took on the line, s; None if unknown."""
+    """Duration of the bytes on the line, s; None if unknown."""
 
 
 class Printer:
-    """Prints rows with their times since the first and since the last row."""
+    """Printer of rows, with their times since the first row and since the previous row."""
 
     def __init__(self, raw: bool, begun: float | None = None) -> None:
         self._raw = raw
@@ -38,7 +38,7 @@ class Printer:
         self._before = begun
 
     def row(self, row: Row) -> None:
-        """Print a row: time, time since the last row, direction, line time, text."""
+        """Print a row: time, time since the previous row, direction, line time, text."""
         self._begun = row.at if self._begun is None else self._begun
         since = row.at - (row.at if self._before is None else self._before)
         self._before = row.at
@@ -52,7 +52,7 @@ class Printer:
 
 
 def field_text(field: Mapping[str, object], zeros: bool = False) -> str:
-    """Return name, value and unit of a decoded field; "" for one that is 0, unless `zeros` is set."""
+    """Return name, value and unit of a decoded field. Return "" for a field that is 0, unless `zeros` is set."""
     name, value, unit = str(field["name"]), field["value"], str(field["unit"])
     if isinstance(value, (int, float)):
         if not value and not zeros:
@@ -62,7 +62,7 @@ def field_text(field: Mapping[str, object], zeros: bool = False) -> str:
 
 
 def end(ended: "asyncio.Future[None]", cause: TransportError | None = None) -> None:
-    """End a monitor, with the cause if its wire has failed."""
+    """End a monitor. If its wire has failed, print the cause."""
     if ended.done():
         return
     if cause is None:

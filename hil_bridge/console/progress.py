@@ -1,4 +1,4 @@
-"""Progress of many runs on standard error: a bar on a terminal, otherwise an occasional line."""
+"""Progress of many runs on standard error: a bar on a terminal, otherwise a line from time to time."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -10,15 +10,17 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 LINE_SECONDS = 60.0
-"""Time between two lines without a terminal. Chosen: a log stays short."""
+"""Time between two lines if standard error is not a terminal, s. Chosen: a log stays short."""
 
 Advance: TypeAlias = Callable[[int, int], None]
-"""Called with the number of runs that have ended, and how many of them failed."""
+"""Callback that receives the number of runs that have ended, and the number of these runs that failed."""
 
 
 @contextmanager
 def run_progress(total: int | None) -> Iterator[Advance]:
-    """Display rate, remaining time and failures of `total` runs inside the context, or of an unknown number if None."""
+    """Display rate, remaining time and failures inside the context. `total` is the number of runs; None if it is
+    unknown.
+    """
     console = Console(stderr=True)
     began = printed_at = time.monotonic()
     done = failures = 0

@@ -11,8 +11,8 @@ from rich.text import Text
 
 
 def redraw_until_interrupted(make: Callable[[], str], every_s: float) -> None:
-    """Display the text that `make` returns, every `every_s` seconds, until Ctrl-C. If nothing can be redrawn, each text
-    that differs from the last one is printed.
+    """Display the text that `make` returns, every `every_s` seconds, until Ctrl-C. If the output cannot be redrawn,
+    print each text that differs from the previous one.
     """
     console = Console(highlight=False)
     with suppress(KeyboardInterrupt):

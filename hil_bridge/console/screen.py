@@ -1,7 +1,7 @@
-"""Standard output and standard error of a process that must continue if a terminal is paused or goes away.
+"""Standard output and standard error of a process that must continue if its terminal is paused or closed.
 
-A write blocks for as long as a terminal is paused (Ctrl-S) or a pipe is not read. So a separate thread writes, and no
-other thread waits for it longer than it chooses to. Source: Linux, termios(3) and pipe(7).
+A write blocks for as long as a terminal is paused (Ctrl-S) or a pipe is not read. A separate thread therefore
+writes, and no other thread waits for it longer than it chooses to. Source: Linux, termios(3) and pipe(7).
 """
 
 import logging
@@ -17,16 +17,16 @@ from typing import NoReturn, Self, TextIO
 from hil_bridge.errors.text_files import harmless
 
 CLOSE_SECONDS = 2.0
-"""Longest wait for a screen if nothing else may wait. Chosen: a slow terminal takes far less."""
+"""Longest wait for a screen when nothing else may be delayed, s. Chosen: a slow terminal takes far less."""
 LEAVE_SECONDS = 0.5
-"""Longest wait of the ending process for the last output. Chosen: the user has requested the end."""
+"""Longest wait of the ending process for the last output, s. Chosen: the user has requested the end."""
 
 
 class Screen:
-    """Stream with a thread that writes to it. Output to a stream that is gone is dropped silently."""
+    """Output stream with a thread that writes to it. Output to a closed stream is dropped silently."""
 
     def __init__(self, stream: TextIO | None) -> None:
-        """`stream` is None if the process was started with this stream closed."""
+        """Create a screen. `stream` is None if the process was started with this stream closed."""
         self.stream = stream
         self._steps: queue.Queue[Callable[[], object] | None] = queue.Queue()
         threading.Thread(target=self._work, name="screen", daemon=True).start()
@@ -37,22 +37,24 @@ class Screen:
         return self._steps.unfinished_tasks > 0
 
     def say(self, text: str) -> None:
-        """Write a line after all earlier ones; returns at once."""
+        """Write a line after all earlier lines. Returns at once."""
         self.do(lambda: print(harmless(text), file=self.stream, flush=True))
 
     def do(self, step: Callable[[], object]) -> None:
-        """Let the thread execute a step, such as drawing; returns at once. A stream that is gone ends it silently."""
+        """Let the thread execute a step, such as drawing. Returns at once. If the stream is closed, the step ends
+        silently.
+        """
         if self.stream is not None:
             self._steps.put(step)
 
     def wait(self, seconds: float | None = CLOSE_SECONDS) -> bool:
-        """Wait until all has been written, indefinitely with None; return whether it has been."""
+        """Wait until all output has been written, indefinitely with None. Return whether it has been written."""
         steps = self._steps
         with steps.all_tasks_done:
             return steps.all_tasks_done.wait_for(lambda: not steps.unfinished_tasks, seconds)
 
     def close(self) -> None:
-        """Let the thread end once it has written everything."""
+        """Let the thread end after it has written all output."""
         self._steps.put(None)
 
     def _work(self) -> None:
@@ -74,19 +76,17 @@ class Screen:
 
 
 class Terminal:
-    """Standard output and standard error of this process inside the context; log messages are written in the
-    same way.
-    """
+    """Standard output and standard error of this process inside the context. Log messages are written to them too."""
 
     def __init__(self) -> None:
         self.out = Screen(sys.stdout)
         self.err = Screen(sys.stderr)
         self._logged = _Logged(self.err)
 
-    def say_last(self, errors: Sequence[str], lines: Sequence[str], seconds: float | None) -> bool:
-        """Write lines of errors, then lines of output, after all earlier ones; return whether that was done.
+    def print_last(self, errors: Sequence[str], lines: Sequence[str], seconds: float | None) -> bool:
+        """Write lines of errors, then lines of output, after all earlier lines. Return whether this was done.
 
-        Waits at most `seconds`, indefinitely with None. Ctrl-C ends the waiting.
+        Waits at most `seconds`, indefinitely with None. Ctrl-C ends the wait.
         """
         try:
             self.out.wait()
@@ -113,19 +113,21 @@ class Terminal:
 
 
 class _Logged(logging.Handler):
-    """Writes warnings and errors of libraries, such as asyncio's of a failed callback, to a screen."""
+    """Log handler that writes warnings and errors of libraries to a screen, such as asyncio's message about a
+    failed callback.
+    """
 
     def __init__(self, screen: Screen) -> None:
         super().__init__(logging.WARNING)
         self._screen = screen
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a record; returns at once."""
+        """Write a log record. Returns at once."""
         self._screen.say(self.format(record))
 
 
 def leave(code: int | str | None) -> NoReturn:
-    """End the process with this code, whatever the state of its terminal or of its pipe's reader."""
+    """End the process with this code, regardless of the state of its terminal or of its pipe's reader."""
     settling = threading.Thread(target=_settle, name="settle", daemon=True)
     settling.start()
     settling.join(LEAVE_SECONDS)

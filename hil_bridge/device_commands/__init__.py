@@ -1,1 +1,1 @@
-"""Commands of single devices, found by entry point: the core imports none of them."""
+"""Commands for individual devices. They are found by entry point; the core imports none of them."""

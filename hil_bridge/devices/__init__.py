@@ -1,1 +1,1 @@
-"""Robots and sensors for a run: interfaces, kinds, facts, and one package per device."""
+"""Robots and sensors of a run: interfaces, device kinds, facts, and one package per device."""

@@ -1,4 +1,4 @@
-"""Log of what robot and sensor report besides answers and frames: notices, traffic, link events."""
+"""Log of events that robot and sensor report in addition to answers and frames: notices, traffic, link events."""
 
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -8,7 +8,7 @@ from protocol.wrench import WrenchFrame
 
 
 class DeviceLog(Protocol):
-    """Log of the devices of a run; must not block. A device is "robot" or "sensor"."""
+    """Log of the devices of a run. `device` is "robot" or "sensor". The methods must not block."""
 
     verbose: bool
     """Whether every link event is to be logged, including routine ones."""
@@ -32,16 +32,16 @@ class NullLog:
     verbose = False
 
     def frame(self, frame: WrenchFrame) -> None:
-        """Discard it."""
+        """Discard the frame."""
 
     def notice(self, kind: str, text: str) -> None:
-        """Discard it."""
+        """Discard the notice."""
 
     def traffic(self, device: str, direction: Direction, data: Any) -> None:
-        """Discard it."""
+        """Discard the traffic."""
 
     def link_event(self, device: str, text: str) -> None:
-        """Discard it."""
+        """Discard the link event."""
 
 
 class CallbackLog(NullLog):
@@ -55,11 +55,11 @@ class CallbackLog(NullLog):
         self._frame, self._notice = frame, notice
 
     def frame(self, frame: WrenchFrame) -> None:
-        """Pass it on."""
+        """Pass the frame to its callback."""
         if self._frame is not None:
             self._frame(frame)
 
     def notice(self, kind: str, text: str) -> None:
-        """Pass it on."""
+        """Pass the notice to its callback."""
         if self._notice is not None:
             self._notice(kind, text)

@@ -1,7 +1,8 @@
-"""Figures measured on a real device, and the interface by which a device package turns them into emulator settings.
+"""Figures measured on a real device, and the interface through which a device package converts them to emulator
+settings.
 
-A package with `RobotEmulation.match` or `SensorEmulation.match` returns the settings with which its emulator has the
-same figures. A figure that the recording does not contain is NaN, and its setting stays unchanged.
+A package with `RobotEmulation.match` or `SensorEmulation.match` returns the settings for which its emulator has the
+same figures. A figure that the recording does not contain is NaN, and the corresponding setting stays unchanged.
 """
 
 import math
@@ -14,42 +15,42 @@ Sections: TypeAlias = Mapping[str, Mapping[str, object]]
 """Settings by dotted section name."""
 _UNKNOWN: Wrench = (math.nan,) * 6
 _FEWEST_RAD_S = 1.0
-"""Chosen: lowest natural frequency; no position loop is slower."""
+"""Lowest natural frequency of a servo, rad/s. Chosen: no position loop is slower."""
 
 
 class RobotFigures(NamedTuple):
-    """Figures of a robot."""
+    """Figures measured on a robot."""
 
     servo_s: float = math.nan
     """Total of the servo's transport delay and response time, s."""
     noise_ratio: float = math.nan
-    """Ratio of the noise of the reported position to that of the emulated robot with its present settings."""
+    """Noise of the reported position, divided by the noise of the emulated robot with its present settings."""
     turnarounds_ms: Mapping[str, list[float]] = {}
-    """Quantiles of the robot's own hops by name, ms; empty if it has none."""
+    """Quantiles of the hops inside the robot by name, ms; empty if the robot has no such hops."""
 
 
 class SensorFigures(NamedTuple):
-    """Figures of a sensor."""
+    """Figures measured on a sensor."""
 
     noise: Wrench = _UNKNOWN
     """Noise of each axis after the filter, N and N·m."""
     cutoff_hz: float = math.nan
-    """Cutoff of its filter; NaN also if none was detected."""
+    """Cutoff frequency of the sensor's filter, Hz; NaN if unknown or if no filter was detected."""
     drift_n_min: tuple[float, float, float] = (math.nan,) * 3
-    """Drift of the zero of each force."""
+    """Zero drift of each force axis, N/min."""
     period_s: float = math.nan
-    """Time between two frames."""
+    """Time between two frames, s."""
     scales: Wrench = _UNKNOWN
-    """N and N·m per count."""
+    """Scale of each axis, N or N·m per count."""
 
 
 MatchRobot: TypeAlias = Callable[[Any, RobotFigures], Sections]
 MatchSensor: TypeAlias = Callable[[Any, SensorFigures], Sections]
-"""Returns sections from the `KindSettings` of a device and its measured figures."""
+"""Function that returns the sections for the `KindSettings` of a sensor and its measured figures."""
 
 
 class LateSettings(NamedTuple):
-    """Settings that give an emulated device the latency of a recorded one, for `hil-bridge latency -o`."""
+    """Settings with which an emulated device has the latency of a recorded device, for `hil-bridge latency -o`."""
 
     notes: Sequence[str]
     """Comment lines written above the settings."""
@@ -59,18 +60,18 @@ class LateSettings(NamedTuple):
 
 
 LateRobot: TypeAlias = Callable[[Mapping[str, Sequence[float]], str, Any], LateSettings]
-"""Returns settings from quantiles of the robot's own hops by name, in ms, its URL ("" for the emulated robot) and its
-`KindSettings`.
+"""Function that returns the latency settings of a robot. Its arguments are the quantiles of the hops inside the
+robot by name, in ms, the robot's URL ("" for the emulated robot) and its `KindSettings`.
 """
 LateSensor: TypeAlias = Callable[[Callable[[], Sequence[float]]], LateSettings]
-"""Returns settings from a function that returns quantiles of the frames' delay, in ms, and raises ConfigError if there
-are none.
+"""Function that returns the latency settings of a sensor. Its argument is a function that returns quantiles of the
+frame delay, in ms, and raises ConfigError if there are none.
 """
 
 
 def split_servo(servo_s: float, response_s: float, damping_ratio: float) -> tuple[float, float]:
-    """Split a servo's total time into a transport delay, s, and a natural frequency, rad/s. The default response is
-    used if the total is long enough.
+    """Split the total time of a servo into a transport delay, s, and a natural frequency, rad/s. The response time
+    is `response_s` if the total time is at least that long.
     """
     delay = max(0.0, servo_s - response_s)
     rest = max(servo_s - delay, 1e-4)
@@ -78,7 +79,7 @@ def split_servo(servo_s: float, response_s: float, damping_ratio: float) -> tupl
 
 
 def known(values: tuple[float, ...], factor: float = 1.0) -> list[float] | None:
-    """Return the values of all axes as a setting, with four digits each, or None if any is unknown."""
+    """Return the values of all axes as a setting, rounded to four digits, or None if any of them is unknown."""
     return [float(f"{value * factor:.4g}") for value in values] if all(map(math.isfinite, values)) else None
 
 
@@ -88,5 +89,5 @@ def given(**settings: object) -> dict[str, object]:
 
 
 def behind_filter(weight: float) -> float:
-    """Return the factor by which a first-order filter with this weight of a new sample reduces white noise."""
+    """Return the factor by which a first-order filter reduces white noise. `weight` is the weight of a new sample."""
     return math.sqrt(weight / (2.0 - weight))

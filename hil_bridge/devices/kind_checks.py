@@ -1,4 +1,4 @@
-"""Validation of a plug-in's device kind before it is used."""
+"""Validation of a device kind that a plug-in provides, before it is used."""
 
 import dataclasses
 import math
@@ -10,12 +10,14 @@ from hil_bridge.errors.failures import failure
 
 _NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 _CALLED = {"RobotKind": ("connect", "facts"), "SensorKind": ("connect",), "SurfaceKind": ("make",)}
-"""Attributes that must be callable, by type of the kind."""
+"""Attributes that must be callable, by type of device kind."""
 _CALLED_OF_EMULATION = ("make", "serve", "usual")
 
 
 def fault_of(kind: Any, reserved: frozenset[str]) -> str:
-    """Return the first fault of a kind, or "" if it is valid. `reserved` holds the reserved section names."""
+    """Return a description of the first fault of a device kind, or "" if the kind is valid. `reserved` contains the
+    reserved section names.
+    """
     return next(_faults(kind, reserved), "")
 
 
@@ -38,7 +40,7 @@ def _faults(kind: Any, reserved: frozenset[str]) -> Iterator[str]:
 
 
 def settings_faults(settings: Any, what: str) -> Iterator[str]:
-    """Yield the faults of a settings dataclass: each field must have a default, and no default may be NaN."""
+    """Yield the faults of a settings dataclass. Each field must have a default, and no default may be NaN."""
     if not (isinstance(settings, type) and dataclasses.is_dataclass(settings)):
         yield f"its {what} must be a dataclass, got {_word(settings)}"
         return

@@ -2,15 +2,15 @@
 
 A URL names its kind before the wire, `KIND+WIRE`: `s3+serial:///dev/ttyUSB0`, `jr3+can+socketcan://can0`.
 
-A package offers a kind through an entry point with the name of the kind, as hil-bridge itself does:
+A package provides a kind through an entry point with the name of the kind, as hil-bridge itself does:
 
     [project.entry-points."hil_bridge.robots"]
     mydev = "mydev.room:ROBOT"
 
 The groups are `hil_bridge.robots`, `hil_bridge.sensors` and `hil_bridge.surfaces`; the objects are a `RobotKind`, a
 `SensorKind` and a `SurfaceKind`. The settings of a kind are a frozen dataclass of `protocol.marks.setting` fields. They
-belong to the configuration sections `[robot.NAME]` or `[sensor.NAME]`, and `[cell.NAME]` for the emulated device. Kinds
-of one device behind several receivers may share their sections.
+belong to the configuration sections `[robot.NAME]` or `[sensor.NAME]`, and `[cell.NAME]` for the emulated device. If a
+device can be behind several receivers, the kinds for these receivers may share their sections.
 """
 
 from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
@@ -50,12 +50,12 @@ _Emulated = TypeVar("_Emulated")
 
 @dataclass(frozen=True, slots=True)
 class KindSettings(Generic[_Client, _Emulated]):
-    """Settings of one device, from a configuration."""
+    """Settings of one device in a configuration."""
 
     client: _Client
-    """Settings of the bridge's client: `[robot.NAME]` or `[sensor.NAME]`."""
+    """Settings of the bridge's client, from the section `[robot.NAME]` or `[sensor.NAME]`."""
     emulated: _Emulated
-    """Settings of the emulator: `[cell.NAME]`."""
+    """Settings of the emulator, from the section `[cell.NAME]`."""
 
 
 def _any_wire(url: str, settings: KindSettings[Any, Any]) -> WireUrl:
@@ -68,37 +68,39 @@ def _unknown_period(settings: KindSettings[Any, Any]) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class RobotEmulation(Generic[_Client, _Emulated]):
-    """Emulated robot of a kind."""
+    """Emulator of a kind of robot."""
 
     settings: type[_Emulated]
-    """Dataclass of its section `[cell.NAME]`."""
+    """Dataclass of the section `[cell.NAME]`."""
     make: Callable[[KindSettings[_Client, _Emulated]], RobotFactory]
-    """Returns a factory of robots with these settings. Raises ConfigError for a file that they name."""
+    """Returns a factory of emulated robots with these settings. Raises ConfigError if a file named in the settings
+    is invalid.
+    """
     serve: Callable[[str, Any, KindSettings[_Client, _Emulated], Serving], Awaitable[str]]
-    """Serves the robot on a URL: from the URL, the robot, the settings and the wires. Returns the URL for its client,
-    without the kind.
+    """Serves the emulated robot on a URL and returns the URL for its client, without the kind. The arguments are
+    the URL, the robot, the settings and the wires.
     """
     usual: Callable[[KindSettings[_Client, _Emulated], bool], str]
-    """Returns the default URL to listen on; the second argument is true in virtual time."""
+    """Returns the default URL to listen on. The second argument is true in virtual time."""
     faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
-    """Descriptions of its faults by target and name; its handlers execute them."""
+    """Descriptions of the emulator's faults by target and name. The emulator's handlers execute the faults."""
     controls: Controls | None = None
     """Operator panel of the emulated controller; None for a kind without one."""
     mishaps: Mapping[str, str] = field(default_factory=dict)
-    """Faults of its target `robot` that stop it, by scenario of `hil-bridge conform`: refused, stopped. The other
-    scenarios inject faults that have the same name for every robot.
+    """Names of the faults of the target `robot` that stop the robot, by scenario of `hil-bridge conform`: refused,
+    stopped. The faults of the other scenarios have the same names for every robot.
     """
     late_ms: float = 20.0
-    """Delay of its messages in the scenario `late`, ms."""
+    """Delay of the robot's messages in the scenario `late`, ms."""
     play: PlayTrajectory | None = None
-    """Runs a trajectory on the emulated robot over its protocol, for `identify fidelity`; None: not supported."""
+    """Runs a trajectory on the emulated robot over its protocol, for `identify fidelity`. None if not supported."""
     match: MatchRobot | None = None
-    """Returns settings with which the emulated robot has the measured figures, for `identify cell`; None: not
+    """Returns settings for which the emulated robot has the measured figures, for `identify cell`. None if not
     supported.
     """
     late: LateRobot | None = None
-    """Returns settings with which the emulated robot has the latency of a recorded one, for `hil-bridge latency -o`;
-    None: not supported.
+    """Returns settings for which the emulated robot has the latency of a recorded robot, for `hil-bridge latency
+    -o`. None if not supported.
     """
 
 
@@ -107,87 +109,90 @@ class RobotKind(Generic[_Client, _Emulated]):
     """Kind of robot controller."""
 
     name: str
-    """Prefix of its URLs, and name of its sections."""
+    """Prefix of the robot's URLs and name of its configuration sections."""
     summary: str
     """One-line description."""
     settings: type[_Client]
-    """Dataclass of its section `[robot.NAME]`."""
+    """Dataclass of the section `[robot.NAME]`."""
     connect: Callable[[str, KindSettings[_Client, _Emulated], Wiring], Awaitable[Any]]
-    """Connects to the robot behind a wire's URL: from the URL, the settings and its wires. Returns a
-    `robots.seam.RobotLink` that is not started. Raises ConfigError for the URL, TransportUnavailable for the wire.
+    """Connects to the robot and returns a `robots.seam.RobotLink` that is not started. The arguments are the wire's
+    URL, the settings and the wires. Raises ConfigError for an invalid URL, TransportUnavailable if the wire cannot
+    be opened.
     """
     facts: Callable[[str, KindSettings[_Client, _Emulated]], RobotFacts]
-    """Returns the facts of the robot behind a wire's URL, "" for the emulated one, before a wire is opened."""
+    """Returns the facts of the robot before a wire is opened. The URL of the wire is "" for the emulated robot."""
     emulation: RobotEmulation[_Client, _Emulated] | None = None
     check: Callable[[KindSettings[_Client, _Emulated]], object] | None = None
-    """Raises ConfigError for settings that no run can use, before anything is opened."""
+    """Raises ConfigError if a run cannot use the settings, before anything is opened."""
     parse: Callable[[str, KindSettings[_Client, _Emulated]], WireUrl] = _any_wire
-    """Parses a wire's URL, without the robot or sensor. Raises ConfigError if it cannot belong to this kind."""
+    """Parses a wire's URL without access to a device. Raises ConfigError if the URL cannot belong to this kind."""
     describe: Callable[[bytes], list[dict[str, object]]] | None = None
-    """Decodes bytes of its wire in either direction, item by item, with fields and problems; None: not supported. It
-    receives one datagram, a piece of a byte stream, or a CAN frame as candump prints it, in ASCII: `201#C800`.
+    """Decodes bytes of the wire in either direction into items with fields and problems. The bytes are one
+    datagram, part of a byte stream, or a CAN frame in candump's ASCII notation: `201#C800`. None if not supported.
     """
     probe: Callable[[str, KindSettings[_Client, _Emulated], Wiring], Awaitable[Any]] | None = None
-    """Probes the robot for `hil-bridge probe robot`: from the wire's URL, the settings and the wires. Returns a
-    `robots.probe.ProbeResult`, and orders nothing. Errors as for `connect`, and DeviceError if nothing answers. None:
-    no probe.
+    """Probes the robot for `hil-bridge probe robot`, without an order, and returns a `robots.probe.ProbeResult`.
+    The arguments are the wire's URL, the settings and the wires. Errors as for `connect`, and DeviceError if the
+    robot does not answer. None if the kind has no probe.
     """
     read_side_channel: Callable[[str], Awaitable[Any]] | None = None
-    """Reads facts of the robot over another channel of its URL, and changes nothing. Returns a `ProbeResult`, without
-    rows if the URL names no such channel. Raises DeviceError if nothing answers. None: no such channel.
+    """Reads facts of the robot over another channel that its URL names, and changes nothing. Returns a
+    `ProbeResult`, which has no rows if the URL names no such channel. Raises DeviceError if the robot does not
+    answer. None if the kind has no such channel.
     """
     compare_file: Callable[[bytes, str, KindSettings[_Client, _Emulated]], Any] | None = None
     """Compares a file of the controller with the wire's URL and the settings, for `hil-bridge doctor`. Returns a
-    `ProbeResult`: the file's content and each difference. Raises ValueError for any other file. None: no such file is
-    read.
+    `ProbeResult` with the content of the file and each difference. Raises ValueError for any other file. None if
+    the kind reads no such file.
     """
     usual_wire: str = ""
-    """Wire URL of a real robot with `{host}` as its address, suggested for a URL without a wire."""
+    """Wire URL of a real robot, with `{host}` in place of its address. It is suggested for a URL without a wire."""
     ruling: Mapping[Cause, Sequence[str]] = field(default_factory=dict)
-    """Settings of its section that govern a cause, in addition to those that the table of causes lists for every robot.
+    """Settings of the robot's section that affect a cause, in addition to the settings that the table of causes
+    lists for every robot.
     """
     largest_turn: Callable[[KindSettings[_Client, _Emulated]], float] | None = None
-    """Returns the largest angle, rad, by which the client rotates the tool away from where the robot's program began;
-    None: no such limit.
+    """Returns the largest angle by which the client rotates the tool from its orientation at the start of the
+    robot's program, rad. None if there is no such limit.
     """
 
 
 @dataclass(frozen=True, slots=True)
 class SensorEmulation(Generic[_Client, _Emulated]):
-    """Emulated sensor of a kind."""
+    """Emulator of a kind of sensor."""
 
     settings: type[_Emulated]
-    """Dataclass of its section `[cell.NAME]`."""
+    """Dataclass of the section `[cell.NAME]`."""
     make: Callable[[KindSettings[_Client, _Emulated]], SensorFactory]
-    """Returns a factory of sensors with these settings."""
+    """Returns a factory of emulated sensors with these settings."""
     serve: Callable[[str, Any, KindSettings[_Client, _Emulated], Serving], Awaitable[str]]
-    """As for a `RobotEmulation`."""
+    """See `RobotEmulation.serve`."""
     usual: Callable[[KindSettings[_Client, _Emulated], bool], str]
-    """As for a `RobotEmulation`."""
+    """See `RobotEmulation.usual`."""
     faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
-    """As for a `RobotEmulation`."""
+    """See `RobotEmulation.faults`."""
     mishaps: Mapping[str, str] = field(default_factory=dict)
-    """Faults of its target `sensor`, by scenario of `hil-bridge conform`: status. With them, it reports that its values
-    are wrong or not new.
+    """Names of the faults of the target `sensor` that make the sensor report its values as invalid or not new, by
+    scenario of `hil-bridge conform`: status.
     """
     match: MatchSensor | None = None
-    """As for a `RobotEmulation`."""
+    """See `RobotEmulation.match`."""
     packets_per_frame: int = 1
-    """Packets of its wire per frame, each of which may be lost."""
+    """Number of packets per frame on the wire, each of which may be lost."""
     late: LateSensor | None = None
-    """As for a `RobotEmulation`."""
+    """See `RobotEmulation.late`."""
 
 
 class CanBus(NamedTuple):
-    """CAN bus of a device."""
+    """CAN bus to which a device is connected."""
 
     device: str
     """Name of the device in messages."""
     bitrate: int
-    """bit/s"""
+    """Bit rate, bit/s."""
     messages: Callable[[Iterable[int]], Sequence[CanMessage]] | None = None
-    """Returns its frames as field tables, for a DBC file, from the identifiers of the device's frames; None without
-    tables.
+    """Returns the device's frames as field tables for a DBC file. The argument contains the identifiers of the
+    frames. None if the device has no field tables.
     """
 
 
@@ -196,35 +201,38 @@ class SensorKind(Generic[_Client, _Emulated]):
     """Kind of force/torque sensor, including the gateway or receiver in front of it."""
 
     name: str
-    """Prefix of its URLs, and name of its sections unless `section` names them."""
+    """Prefix of the sensor's URLs, and name of its sections unless `section` is set."""
     summary: str
     """One-line description."""
     settings: type[_Client]
-    """Dataclass of its section `[sensor.NAME]`."""
+    """Dataclass of the section `[sensor.NAME]`."""
     connect: Callable[
         [str, KindSettings[_Client, _Emulated], Wiring], Awaitable[tuple[Transport[Any], SensorClient[Any]]]
     ]
-    """Connects to the sensor behind a wire's URL: from the URL, the settings and its wires. Returns the wire and the
-    client for it. Errors as for `RobotKind.connect`.
+    """Connects to the sensor and returns the wire and a client for it. The arguments are the wire's URL, the
+    settings and the wires. Errors as for `RobotKind.connect`.
     """
     emulation: SensorEmulation[_Client, _Emulated] | None = None
     check: Callable[[KindSettings[_Client, _Emulated]], object] | None = None
-    """Raises ConfigError for settings that no run can use, before anything is opened."""
+    """Raises ConfigError if a run cannot use the settings, before anything is opened."""
     parse: Callable[[str, KindSettings[_Client, _Emulated]], WireUrl] = _any_wire
-    """Parses a wire's URL, without the robot or sensor. Raises ConfigError if it cannot belong to this kind."""
+    """Parses a wire's URL without access to a device. Raises ConfigError if the URL cannot belong to this kind."""
     describe: Callable[[bytes], list[dict[str, object]]] | None = None
-    """Decodes bytes of its wire in either direction, item by item, with fields and problems; None: not supported. It
-    receives one datagram, a piece of a byte stream, or a CAN frame as candump prints it, in ASCII: `201#C800`.
+    """Decodes bytes of the wire in either direction into items with fields and problems. The bytes are one
+    datagram, part of a byte stream, or a CAN frame in candump's ASCII notation: `201#C800`. None if not supported.
     """
     period: Callable[[KindSettings[_Client, _Emulated]], float | None] = _unknown_period
-    """Returns the time between two frames with these settings, s; None if it is shorter than a cycle of any robot, or
-    unknown before the sensor streams.
+    """Returns the time between two frames with these settings, s. None if that time is shorter than a cycle of any
+    robot, or unknown until the sensor streams.
     """
     bus: CanBus | None = None
-    """Bus of a device on CAN, which can have bus faults. An interface with another bit rate cannot communicate with it.
+    """CAN bus of the device, which can have bus faults; None if the device is not on CAN. An interface with a
+    different bit rate cannot communicate with the device.
     """
     section: str = ""
-    """Name of its sections, if kinds with the same settings share them; empty: its own name."""
+    """Name of the configuration sections if several kinds with the same settings share them. Empty: the sections
+    have the name of the kind.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,15 +240,15 @@ class SurfaceKind:
     """Kind of contact between tool and surface."""
 
     name: str
-    """Name of its section `[cell.NAME]`."""
+    """Name of the section `[cell.NAME]`."""
     summary: str
     """One-line description."""
     settings: type[Any]
-    """Dataclass of that section."""
+    """Dataclass of the section `[cell.NAME]`."""
     make: Callable[[Any], SurfaceFactory]
     """Returns a factory of surfaces with these settings."""
     faults: Mapping[str, Fault] = field(default_factory=dict)
-    """Descriptions of the surface's faults by name; its handlers execute them."""
+    """Descriptions of the surface's faults by name. The surface's handlers execute the faults."""
 
 
 DeviceKind: TypeAlias = RobotKind[Any, Any] | SensorKind[Any, Any]
@@ -249,8 +257,8 @@ _Kind = TypeVar("_Kind", RobotKind[Any, Any], SensorKind[Any, Any], SurfaceKind)
 
 @dataclass(frozen=True, slots=True)
 class Registry(Generic[_Kind]):
-    """All kinds of robot, sensor or surface that installed packages offer. A package is imported when its kind is
-    selected.
+    """Registry of all kinds of robot, sensor or surface that installed packages provide. A package is imported when
+    one of its kinds is selected.
     """
 
     thing: str
@@ -264,24 +272,26 @@ class Registry(Generic[_Kind]):
 
     @property
     def own(self) -> Sequence[str]:
-        """Names of the kinds that come with hil-bridge, sorted."""
+        """Names of the kinds that are part of hil-bridge, sorted."""
         return own_names(self.group)
 
     def kind(self, name: str) -> _Kind:
-        """Return the kind of a name. Raises ConfigError for an unknown name and for an invalid kind."""
-        found = find_plugin(self.group, self.thing, name)
-        if found is None:
+        """Return the kind with this name. Raises ConfigError if the name is unknown or the kind is invalid."""
+        plugin = find_plugin(self.group, self.thing, name)
+        if plugin is None:
             self.refuse_outdated(name)
             raise ConfigError(f"there is no {self.thing} {name!r}; choose one of {', '.join(self.names)}")
-        if not (isinstance(found.value, self.type) and found.value.name == name):
-            raise ConfigError(f"{found.where}: {found.source} must be a {self.type.__name__} with that name")
-        if fault := fault_of(found.value, _SECTIONS):
-            raise ConfigError(f"{found.where}: {found.source} is invalid: {fault}")
-        return found.value
+        if not (isinstance(plugin.value, self.type) and plugin.value.name == name):
+            raise ConfigError(
+                f"{plugin.where}: {plugin.source} must be a {self.type.__name__} with that name"
+            )
+        if fault := fault_of(plugin.value, _SECTIONS):
+            raise ConfigError(f"{plugin.where}: {plugin.source} is invalid: {fault}")
+        return plugin.value
 
     def refuse_outdated(self, name: str) -> None:
-        """Raise ConfigError for a kind of hil-bridge whose entry point is missing, as in a checkout that was updated
-        without installing it again.
+        """Raise ConfigError if the entry point of a built-in kind is missing, which happens in a checkout that was
+        updated but not installed again.
         """
         room = Path(__file__).parent / f"{self.thing}s" / field_name(name) / "room.py"
         if not self.own or (name not in self.names and room.is_file()):
@@ -291,37 +301,37 @@ class Registry(Generic[_Kind]):
             )
 
     def split(self, url: str) -> tuple[str, str]:
-        """Split a URL into its kind, "" if it names none, and the wire's URL."""
+        """Split a URL into its kind and the wire's URL. The kind is "" if the URL names none."""
         name, plus, wire = url.partition("+")
         return (name, wire) if plus and name in self.names else ("", url)
 
 
 @dataclass(frozen=True)
 class CellSection(CellProfile):
-    """Settings of every emulated cell, independent of its devices: base of the section `[cell]`."""
+    """Settings common to all emulated cells, independent of the devices. Base class of the section `[cell]`."""
 
     surface_kind: str = setting(
         "",
         Mark.CHOSEN,
-        "kind of surface: soft-body, or one that a plug-in offers; empty: by [cell.surface]",
+        "kind of surface: soft-body, or one from a plug-in; empty: by [cell.surface]",
     )
 
 
 _SECTIONS = frozenset(field.name for field in fields(CellSection))
-"""Field names of the section `[cell]`, which no kind may use."""
+"""Field names of the section `[cell]`, which cannot be names of kinds."""
 ROBOTS: Registry[RobotKind[Any, Any]] = Registry("robot", "hil_bridge.robots", RobotKind)
 SENSORS: Registry[SensorKind[Any, Any]] = Registry("sensor", "hil_bridge.sensors", SensorKind)
 SURFACES: Registry[SurfaceKind] = Registry("surface", "hil_bridge.surfaces", SurfaceKind)
 
 
 def section_of(kind: DeviceKind | SurfaceKind) -> str:
-    """Return the name of a kind's sections in a configuration."""
+    """Return the name of the configuration sections of a kind."""
     name = kind.section if isinstance(kind, SensorKind) and kind.section else kind.name
     return field_name(name)
 
 
 def field_name(kind: str) -> str:
-    """Return a kind's name as a field name."""
+    """Return the name of a kind, converted to a field name."""
     return kind.replace("-", "_")
 
 
@@ -333,12 +343,12 @@ def default_settings(
 
 
 def robot_of(url: str) -> tuple[RobotKind[Any, Any], str]:
-    """Return the kind of robot that a URL names, and the wire's URL. Raises ConfigError."""
+    """Return the kind of robot that a URL names, and the wire's URL. Raises ConfigError if the URL is invalid."""
     return _kind_of(url, ROBOTS)
 
 
 def sensor_of(url: str) -> tuple[SensorKind[Any, Any], str]:
-    """Return the kind of sensor that a URL names, and the wire's URL. Raises ConfigError."""
+    """Return the kind of sensor that a URL names, and the wire's URL. Raises ConfigError if the URL is invalid."""
     return _kind_of(url, SENSORS)
 
 
@@ -357,7 +367,7 @@ def _kind_of(url: str, registry: Registry[Any]) -> tuple[Any, str]:
 
 
 def _with_usual_wires(url: str, registry: Registry[Any]) -> str:
-    """Return complete URLs to suggest for `KIND://HOST` or for an address alone; "" for any other URL."""
+    """Return the complete URLs to suggest for `KIND://HOST` or for a bare address, or "" for any other URL."""
     name, colon, rest = url.partition("://")
     host = (rest if colon else url).partition("/")[0]
     plain = host.replace(".", "").replace("-", "")
@@ -371,7 +381,9 @@ def _with_usual_wires(url: str, registry: Registry[Any]) -> str:
 
 
 def _suggestions(url: str, registry: Registry[Any]) -> str:
-    """Return the URLs of our own kinds that accept this wire, perhaps without one of its options; "" for no match."""
+    """Return the URLs of built-in kinds that accept this wire, if necessary without one of its options, or "" if
+    there are none.
+    """
     head, _, query = url.partition("?")
     options = [option for option in query.split("&") if option]
     for left in (options, *(options[:k] + options[k + 1 :] for k in range(len(options)))):
@@ -396,8 +408,8 @@ Describe: TypeAlias = Callable[[bytes], list[dict[str, object]]]
 
 
 def describer_of(kind: DeviceKind) -> Describe | None:
-    """Return the decoder of a kind's bytes, if it has one. Any exception of a plug-in's decoder is reported as a
-    problem of the bytes.
+    """Return the decoder of a kind, or None if it has none. An exception in the decoder of a plug-in is reported as
+    a problem of the decoded bytes.
     """
     describe = kind.describe
     if describe is None:
@@ -415,7 +427,7 @@ def describer_of(kind: DeviceKind) -> Describe | None:
 
 
 class EmulatedKinds(NamedTuple):
-    """Kinds of a cell's emulated devices, and of its surface if a plug-in provides that."""
+    """Kinds of a cell's emulated devices, and of its surface if a plug-in provides the surface."""
 
     robot: RobotKind[Any, Any]
     sensor: SensorKind[Any, Any]
@@ -423,14 +435,14 @@ class EmulatedKinds(NamedTuple):
 
     @classmethod
     def named(cls, robot: str, sensor: str, surface: str = "") -> Self:
-        """Return the kinds with these names. Raises ConfigError."""
+        """Return the kinds with these names. Raises ConfigError if a name is unknown."""
         return cls(ROBOTS.kind(robot), SENSORS.kind(sensor), SURFACES.kind(surface) if surface else None)
 
     @property
     def faults(self) -> Faults:
-        """All faults that this cell can have, by target and name.
+        """Faults that this cell can have, by target and name.
 
-        Raises ConfigError if both devices have faults for one target, which would be ambiguous.
+        Raises ConfigError if both devices have faults for the same target, because the target would be ambiguous.
         """
         robot, sensor = _own_faults(self.robot), _own_faults(self.sensor)
         if shared := sorted(robot.keys() & sensor.keys()):
@@ -447,11 +459,11 @@ class EmulatedKinds(NamedTuple):
 
     @property
     def sensor_targets(self) -> Collection[str]:
-        """Targets whose faults act only through the emulated sensor."""
+        """Targets whose faults take effect only through the emulated sensor."""
         return {"bus", "surface", "obstacle", *_own_faults(self.sensor)}
 
     def alternatives_for(self, on: str, fault: str, given: Mapping[str, object]) -> str:
-        """Return the kinds of our own that offer a fault which this cell cannot have; "" if there are none."""
+        """Return the built-in kinds that support a fault which this cell does not, or "" if there are none."""
         robots = [(kind.name, self._replace(robot=kind)) for kind in map(ROBOTS.kind, ROBOTS.own)]
         sensors = [(kind.name, self._replace(sensor=kind)) for kind in map(SENSORS.kind, SENSORS.own)]
         for key, now, cells in (
@@ -463,7 +475,7 @@ class EmulatedKinds(NamedTuple):
         return ""
 
     def can_have(self, on: str, fault: str, given: Mapping[str, object]) -> bool:
-        """Return whether this cell can have a fault with these parameters."""
+        """Return whether this cell supports a fault with these parameters."""
         try:
             find(self.faults, on, fault).values(fault, given)
         except ValueError:
@@ -472,7 +484,7 @@ class EmulatedKinds(NamedTuple):
 
 
 def fault_targets() -> Collection[str]:
-    """Return the fault targets of all devices and of every cell. An invalid kind has none."""
+    """Return the fault targets of all device kinds and of every cell. Invalid kinds are skipped."""
     targets = set(OWN_FAULTS)
     registries: Sequence[Registry[Any]] = (ROBOTS, SENSORS)
     for registry in registries:

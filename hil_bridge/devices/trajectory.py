@@ -1,8 +1,8 @@
-"""Trajectory of orders for an emulated robot, and the robot's reports during it.
+"""Trajectory of orders for an emulated robot, and the reports of the robot during the trajectory.
 
 This is the interface between a device package and the comparison with a real robot. A package with a
-`RobotEmulation.play` sends a trajectory over its own protocol. Time is virtual and begins with the first order. Column
-names are those of `FAMILIES`.
+`RobotEmulation.play` sends a trajectory over its own protocol. Time is virtual and begins with the first order.
+Column names are the names in `FAMILIES`.
 """
 
 import math
@@ -30,16 +30,18 @@ FAMILIES: Mapping[str, tuple[str, ...]] = {
     "force": ("fx", "fy", "fz"),
     "moment": ("mx", "my", "mz"),
 }
-"""Columns of a robot by family. Order: what a client sends; target: the set point that the robot reports; others: its
-actual state. Joints in rad and rad/s, positions in m, forces in N, moments in N·m.
+"""Columns of a robot by family. Order: values that a client sends; target: the set point that the robot reports;
+others: its actual state. Joints in rad and rad/s, positions in m, forces in N, moments in N·m.
 """
 _STALLED_S = 60.0
-"""Chosen: time-out for a robot that reports nothing or does not start."""
+"""Time-out for a robot that reports nothing or does not start, s. Chosen."""
 SETTLE_S = 0.5
-"""Chosen: time for which the robot is first held in place. RSI drops the corrections of its first cycles."""
+"""Time for which the robot is held at its position before the trajectory, s. Chosen: RSI drops the corrections of
+its first cycles.
+"""
 _ROUNDING_S = 1e-9
 _PERIODS = 4.0
-"""Chosen: order periods for which reports are read after the last order."""
+"""Number of order periods for which reports are read after the last order. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,15 +49,15 @@ class Trajectory:
     """Orders of one family over time."""
 
     family: str
-    """`order_q`, `order_qd` or `order_position`."""
+    """Family of the orders: `order_q`, `order_qd` or `order_position`."""
     times: Sequence[float]
     """Times of the orders, s, ascending from 0."""
     values: Sequence[tuple[float, ...]]
-    """Values of the family at each time, in its unit."""
+    """Values of the family at each time, in the unit of the family."""
     start: tuple[float, ...] = ()
-    """Joint positions at which a trajectory of speeds begins, rad; empty for the robot's present position."""
+    """Joint positions at which a trajectory of speeds begins, rad; empty for the present position of the robot."""
     at_arrival: bool = False
-    """Whether reports are stamped with their arrival instead of the robot's own clock."""
+    """Whether reports are stamped with their arrival time instead of the time of the robot's clock."""
 
     @property
     def end(self) -> float:
@@ -68,8 +70,8 @@ class Trajectory:
         return self.end / (len(self.times) - 1)
 
     def at(self, time: float) -> tuple[float, ...]:
-        """Return the order at a time, s, linearly interpolated; the first one before the start, the last one after the
-        end.
+        """Return the order at a time, s, linearly interpolated. Before the start it is the first order, after the
+        end the last one.
         """
         place = bisect_right(self.times, time)
         if place == 0:
@@ -85,14 +87,19 @@ class TrajectoryResult(NamedTuple):
     """Reports of a robot during a trajectory."""
 
     times: list[float]
-    """Time since the first order, s: by the robot's own clock if it reports one, unless arrival times are requested."""
+    """Time of each report since the first order, s, by the robot's clock if it reports one, unless arrival times
+    are requested.
+    """
     columns: dict[str, list[float]]
-    """Values by column. Positions are relative to the start of the trajectory, wherever the emulated arm is."""
+    """Values by column. Positions are relative to the start of the trajectory, regardless of the position of the
+    emulated arm.
+    """
 
 
 PlayTrajectory = Callable[[Any, Trajectory, Any, float], TrajectoryResult]
-"""Runs a trajectory: from the emulated robot, the trajectory, the `KindSettings` and the time at which the robot was
-powered up, s. Raises ConfigError for a family that the protocol cannot order, and if the robot stops.
+"""Function that runs a trajectory. Its arguments are the emulated robot, the trajectory, the `KindSettings` and the
+time at which the robot was powered up, s. Raises ConfigError for a family that the protocol cannot order, and if
+the robot stops.
 """
 
 
@@ -100,13 +107,13 @@ powered up, s. Raises ConfigError for a family that the protocol cannot order, a
 class _Log:
     times: list[float] = field(default_factory=list)
     orders: list[tuple[float, ...]] = field(default_factory=list)
-    """Orders sent in answer to the reports."""
+    """Order sent in answer to each report."""
     targets: list[tuple[float, ...]] = field(default_factory=list)
-    """Orders in effect at each report: those of the report before."""
+    """Order in effect at each report, which is the order sent in answer to the previous report."""
     places: list[Vector] = field(default_factory=list)
 
     def note(self, time: float, order: tuple[float, ...], place: Vector) -> None:
-        """Record a report and its answer."""
+        """Record a report and the answer to it."""
         self.times.append(time)
         self.targets.append(self.orders[-1] if self.orders else order)
         self.orders.append(order)
@@ -130,7 +137,8 @@ class _Log:
 def stream_trajectory(
     endpoint: Any, client: StreamClient[Any], trajectory: Trajectory, now: float
 ) -> TrajectoryResult:
-    """Run positions on a robot that sends first and is answered each time, using the client of a run.
+    """Run a trajectory of positions on a robot that sends first and expects an answer to each packet, with the
+    client of a run.
 
     The trajectory begins at the robot's present position. Errors as for `PlayTrajectory`.
     """
@@ -138,7 +146,7 @@ def stream_trajectory(
         raise ConfigError(f"this robot accepts order_position or target_position, not {trajectory.family}")
     log = _Log()
     start: Pose | None = None
-    settled = began = math.nan
+    settled_at = began = math.nan
     patience = now + _STALLED_S
     while math.isnan(began) or now - began <= trajectory.end + _PERIODS * trajectory.period:
         due = endpoint.next_deadline()
@@ -151,12 +159,12 @@ def stream_trajectory(
             if start is None:
                 client.hold(now)
                 if not report.fault:
-                    start, settled = report.pose, now + SETTLE_S
+                    start, settled_at = report.pose, now + SETTLE_S
                     client.begin(start)
                 continue
             if report.fault:
                 raise ConfigError(f"the emulated robot has stopped: {report.fault}")
-            if math.isnan(began) and now >= settled - _ROUNDING_S:
+            if math.isnan(began) and now >= settled_at - _ROUNDING_S:
                 began, patience = now, math.inf
             if math.isnan(began):
                 client.target(start, now)
@@ -169,7 +177,7 @@ def stream_trajectory(
 
 
 def _reports(client: StreamClient[Any]) -> Iterator[RobotReport]:
-    """Yield the reports received. Raises ConfigError if the movement has ended."""
+    """Yield the received reports. Raises ConfigError if the movement has ended."""
     while (event := client.next_event()) is not None:
         if isinstance(event, StreamLost):
             raise ConfigError(f"the emulated robot has stopped: {event.text}")
@@ -178,6 +186,6 @@ def _reports(client: StreamClient[Any]) -> Iterator[RobotReport]:
 
 
 def _moved(place: Sequence[float], source: Sequence[float], goal: Sequence[float]) -> Vector:
-    """Return the position that is offset from `goal` as `place` is from `source`."""
+    """Return `goal`, displaced by the difference between `place` and `source`."""
     x, y, z = (part - begin + end for part, begin, end in zip(place, source, goal, strict=True))
     return x, y, z

@@ -1,6 +1,6 @@
 """Wires for the device packages: opened by URL, logged, and served by emulated devices.
 
-A device package chooses the type of wire; the tap for the log and a test's own wrapper are added here.
+A device package chooses the type of wire. This module adds the tap for the log, and the wrapper of a test.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +19,9 @@ from protocol.can.frame import CanFilter
 
 _Data = TypeVar("_Data")
 Wrap = Callable[[str, Transport[Any]], Transport[Any]]
-"""Wrapper that a test puts between a wire and its client: from the device, "robot" or "sensor", and the wire."""
+"""Wrapper that a test inserts between a wire and its client. The arguments are the device, "robot" or "sensor", and
+the wire.
+"""
 
 
 def unwrapped(device: str, wire: Transport[Any]) -> Transport[Any]:
@@ -29,66 +31,68 @@ def unwrapped(device: str, wire: Transport[Any]) -> Transport[Any]:
 
 @dataclass(frozen=True, slots=True)
 class Wiring:
-    """Wires of one device, for its client."""
+    """Wires of one device for its client."""
 
     device: str
-    """"robot" or "sensor": the name under which the log receives the traffic."""
+    """Name of the device under which the log receives the traffic: "robot" or "sensor"."""
     clock: Clock
     log: DeviceLog
     wrap: Wrap = unwrapped
 
     async def bytes(self, url: str) -> Transport[bytes]:
-        """Open a byte wire. Raises ConfigError for the URL, TransportUnavailable for the wire."""
+        """Open a byte wire. Raises ConfigError for an invalid URL, TransportUnavailable if the wire cannot be
+        opened.
+        """
         return self.tap(await opening.connect_bytes(url, self.clock, self.log.notice))
 
     async def can(self, url: str, accept: Sequence[CanFilter] = ()) -> Transport[Frames]:
-        """Open a wire of CAN frames that match one of the filters, or of all frames without filters. Errors as for
-        `bytes`.
+        """Open a wire for CAN frames that match one of the filters, or for all frames if there are no filters.
+        Errors as for `bytes`.
         """
         return self.tap(await opening.connect_can(url, self.clock, accept))
 
     async def datagrams(self, url: str, speak_first: bool = True) -> Transport[Datagrams]:
-        """Open a wire of datagrams; `speak_first` says whether the client sends first. Errors as for `bytes`."""
+        """Open a wire for datagrams. `speak_first` says whether the client sends first. Errors as for `bytes`."""
         if speak_first:
             return self.tap(await opening.connect_datagrams(url, self.clock, self.log.notice))
         return self.tap((await opening.listen_datagrams(url, self.clock, self.log.notice)).transport)
 
     def tap(self, wire: Transport[_Data]) -> Transport[_Data]:
-        """Add the log to a wire that the device package has opened itself."""
+        """Add the log to a wire that the device package has opened."""
         return Tap(self.wrap(self.device, wire), partial(self.log.traffic, self.device))
 
 
 @dataclass(frozen=True, slots=True)
 class Serving:
-    """Wires of the emulated devices. Everything that is opened is closed with `stack`."""
+    """Wires of the emulated devices. Closing `stack` closes everything that was opened."""
 
     clock: Clock
     stack: AsyncExitStack
     on_failure: Callable[[BaseException], object]
-    """Called with the reason when a device can no longer be served."""
+    """Callback for a device that can no longer be served; receives the reason."""
     say: Callable[[str], None]
-    """Called with one line for each connection that ended with an error."""
+    """Callback that receives one line for each connection that ended with an error."""
     pumps: list[Pump[Any, Any]] = field(default_factory=list)
-    """Pumps of all devices, which are woken when a fault begins or ends."""
+    """Pumps of all devices. They are woken when a fault begins or ends."""
     _announced: set[str] = field(default_factory=set)
-    """Kinds of datagram notices that have been reported."""
+    """Kinds of datagram notices that have already been reported."""
 
     async def serve_bytes(self, url: str, endpoint: Any) -> str:
-        """Serve an endpoint on a listening byte wire and return the URL for its client. Raises ConfigError for the URL,
-        TransportUnavailable for the wire.
+        """Serve an endpoint on a listening byte wire and return the URL for its client. Raises ConfigError for an
+        invalid URL, TransportUnavailable if the wire cannot be opened.
         """
         listening = await self.listen_bytes(url)
         self.attach(endpoint, listening.transport)
         return listening.address
 
     async def listen_bytes(self, url: str) -> Listening[Transport[bytes]]:
-        """Open a listening byte wire, for a device package that adds a converter before its device. Errors as for
-        `serve_bytes`.
+        """Open a listening byte wire, for a device package that inserts a converter before its device. Errors as
+        for `serve_bytes`.
         """
         return await opening.listen_bytes(url, self.clock)
 
     async def serve_can(self, url: str, endpoint: Any, accept: Sequence[CanFilter] = ()) -> str:
-        """Serve an endpoint on CAN frames that match one of the filters, or on all frames without filters."""
+        """Serve an endpoint on CAN frames that match one of the filters, or on all frames if there are no filters."""
         listening = await opening.listen_can(url, self.clock, accept)
         self.attach(endpoint, listening.transport)
         return listening.address
@@ -96,8 +100,8 @@ class Serving:
     async def serve_datagrams(
         self, url: str, endpoint: Any, speak_first: bool = False, counts_late: bool = False
     ) -> str:
-        """Serve an endpoint on datagrams; `speak_first` says whether the device sends first. A device that counts late
-        answers (`counts_late`) reads the answers that have arrived before it ends a cycle.
+        """Serve an endpoint on datagrams. `speak_first` says whether the device sends first. A device that counts
+        late answers (`counts_late`) reads the answers that have arrived before it ends a cycle.
         """
         if speak_first:
             wire = await opening.connect_datagrams(url, self.clock, partial(self._say_once, url))
@@ -108,8 +112,8 @@ class Serving:
         return listening.address
 
     def _say_once(self, url: str, kind: str, text: str) -> None:
-        """Report a notice of a datagram wire: each client that leaves, and anything else once. A device that sends
-        first continues while no program listens.
+        """Report a notice of a datagram wire. Each client that leaves is reported, any other notice only once. A
+        device that sends first continues while no program listens.
         """
         if kind == EventKind.LEFT or kind not in self._announced:
             self._announced.add(kind)
@@ -117,7 +121,7 @@ class Serving:
             self.say(waits if kind == EventKind.ABSENT else text)
 
     def attach(self, endpoint: Any, wire: Transport[Any]) -> Pump[Any, Any]:
-        """Serve an endpoint on a wire that the device package has opened itself."""
+        """Serve an endpoint on a wire that the device package has opened."""
         self.stack.push_async_callback(wire.aclose)
         pump: Pump[Any, Any] = Pump(endpoint, wire, self.clock, _ignore, self.ended)
         pump.start()
@@ -125,7 +129,7 @@ class Serving:
         return pump
 
     def wake(self) -> None:
-        """Let every device send what it has to send."""
+        """Let every device send its pending data."""
         for pump in self.pumps:
             pump.kick()
 
@@ -138,8 +142,8 @@ class Serving:
 class _CountsLate:
     """Endpoint of a device that sends first and counts the answers that are missing at its next cycle.
 
-    The cycle's deadline may be handled late on this computer. Answers that are in the system's receive buffer by then
-    arrived in time, so they are read first.
+    The deadline of the cycle may be handled late on this computer. Answers that are by then in the receive buffer
+    of the operating system arrived in time, so they are read first.
     """
 
     __slots__ = ("_endpoint", "_take_in", "data_to_send", "next_deadline", "next_event", "receive")

@@ -1,4 +1,4 @@
-"""Errors, as a tree by the part at fault. Messages are one line: what, where, what to do."""
+"""Exception hierarchy, by the part at fault. Messages are one line: what is wrong, where, and what to do."""
 
 from collections.abc import Sequence
 
@@ -27,16 +27,16 @@ __all__ = [
 
 
 class BridgeError(Exception):
-    """Every error that an operator is meant to read. `exit_code` is what the command line ends with."""
+    """Base class of all errors with a message for the operator. The command line exits with `exit_code`."""
 
     exit_code = STOPPED
     cause: Cause | None = None
-    """Row of the table of causes; None where the place that raises it does not know whose fault it is."""
+    """Cause from the table of causes; None if the code that raises the error does not know the part at fault."""
     late_s: float = 0.0
-    """Longest time by which this computer was late in the second before, s; 0 where it was in time."""
+    """Longest time by which this computer was late during the previous second, s; 0 if it was on time."""
 
     def __init__(self, text: str = "", *, remedy: str = "", cause: Cause | None = None) -> None:
-        """`text` is the fact; `remedy` what else is known of it, and what an operator can do."""
+        """Create the error. `text` states the fact; `remedy` adds further facts, and what an operator can do."""
         super().__init__(text)
         self.remedy = remedy
         if cause is not None:
@@ -44,25 +44,25 @@ class BridgeError(Exception):
 
     @property
     def part(self) -> Part | None:
-        """Part at fault; None where that is not known."""
+        """Part at fault; None if unknown."""
         return None if self.cause is None else ROWS[self.cause].part
 
     @property
     def fact(self) -> str:
-        """The message without its remedy."""
+        """Message without its remedy."""
         return super().__str__()
 
     @property
     def without_source(self) -> str:
-        """The message without the file that it begins with."""
+        """Message without the file name at its start."""
         return str(self)
 
     def blame(self, cause: Cause) -> None:
-        """Name the cause where none is named yet."""
+        """Set the cause of the error, unless it is already set."""
         self.cause = self.cause or cause
 
     def reason(self, otherwise: Cause) -> Reason:
-        """Return the error as a value; `otherwise` is its cause if it names none."""
+        """Return the error as a value. `otherwise` is its cause if none is set."""
         return Reason(self.cause or otherwise, self.fact, self.remedy, late_s=self.late_s)
 
     def __str__(self) -> str:
@@ -73,22 +73,23 @@ class BridgeError(Exception):
 
 
 class ConfigError(BridgeError):
-    """The configuration, a command-line value or a file that was named is wrong."""
+    """Error in the configuration, a command-line value or an input file."""
 
     exit_code = CONFIGURATION
     cause = Cause.CONFIGURATION
 
 
 class SettingRefused(ConfigError):
-    """A setting has a value that cannot be, or there is no such setting."""
+    """Error about an invalid value of a setting, or an unknown setting."""
 
     def __init__(
         self, source: str, key: Sequence[str], problem: str, joint: str = ": ", further: int = 0
     ) -> None:
-        """`source` is the file or the option that gives it; empty where its reader knows.
+        """Create the error. `source` is the file or the option that sets the setting; empty if the reader knows it.
 
-        `key` has its sections and its name, or nothing where the source says all. `joint` stands between the key and
-        the problem: a space where they make one sentence. `further` settings are wrong too.
+        `key` consists of the setting's sections and name; empty if the source alone identifies the setting. `joint`
+        separates the key and the problem: a space if they form one sentence. `further` is the number of other
+        invalid settings.
         """
         self.source, self.key, self.problem, self.joint, self.further = (
             source,
@@ -106,7 +107,7 @@ class SettingRefused(ConfigError):
         return self.below(0)
 
     def below(self, depth: int) -> str:
-        """Return the same message for a reader who knows the source and the first `depth` parts of the key."""
+        """Return the message without the source and without the first `depth` parts of the key."""
         name = ".".join(self.key[depth:])
         more = f" (and {self.further} more)" if self.further else ""
         return f"{name}{self.joint if name else ''}{self.problem}{more}"
@@ -116,15 +117,17 @@ class SettingRefused(ConfigError):
 
 
 class StepError(ConfigError):
-    """A step of a program cannot be carried out."""
+    """Error about a step of a program that cannot be executed."""
 
     def __init__(self, problem: str, label: str = "") -> None:
-        """`label` is its number and its word, as "2 (track)"; without one the program as a whole is wrong."""
+        """Create the error. `label` is the number and the word of the step, for example "2 (track)"; empty for the
+        entire program.
+        """
         super().__init__(_in_table("task.step", label, problem))
         self.label, self.problem = label, problem
 
     def in_table(self, key: str) -> str:
-        """Return the message for a file whose table of steps has this name."""
+        """Return the message for a file in which the table of steps has the given name."""
         return _in_table(key, self.label, self.problem)
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -136,35 +139,35 @@ def _in_table(key: str, label: str, problem: str) -> str:
 
 
 class TransportError(BridgeError):
-    """A wire failed. The subclass says which end of it."""
+    """Failure of a transport. The subclasses name the side at fault."""
 
 
 class TransportClosed(TransportError):
-    """We closed it."""
+    """Transport closed by this program."""
 
 
 class TransportBroken(TransportError):
-    """The peer vanished or the cable broke."""
+    """Connection lost, because the peer vanished or the cable broke."""
 
 
 class TransportEnded(TransportError):
-    """The other side ended the stream in an orderly way."""
+    """Stream that the peer has closed in an orderly manner."""
 
 
 class TransportUnavailable(TransportError):
-    """The port, host or interface could not be opened."""
+    """Port, host or interface that cannot be opened."""
 
 
 class DeviceError(BridgeError):
-    """A device is there but refuses, stays silent or says what it must not."""
+    """Error of a device that is reachable, but refuses a request, is silent or violates its protocol."""
 
 
 class SafetyStop(BridgeError):
-    """The supervisor stopped the run; the message is the latched cause."""
+    """Stop of a run by the supervisor. The message is the latched cause."""
 
 
 class OrderRefused(DeviceError):
-    """The robot refused an order; `code` is its own number for the reason, 0 where it tells none."""
+    """Order refused by the robot. `code` is the robot's own error code, or 0 if it reports none."""
 
     cause = Cause.REFUSED_ORDER
 
@@ -174,6 +177,6 @@ class OrderRefused(DeviceError):
 
 
 class GateStop(OrderRefused):
-    """The last gate stopped an order, which is a bug of this program; nothing of it was sent."""
+    """Order stopped by the gate before it was sent, which indicates a bug in this program."""
 
     cause = Cause.GATE

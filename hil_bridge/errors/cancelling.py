@@ -1,4 +1,4 @@
-"""Cancellations by an operator or the event loop, told apart from exceptions of other packages."""
+"""Cancellations by an operator or the event loop, as distinct from exceptions of plug-ins."""
 
 import asyncio
 
@@ -6,15 +6,15 @@ from hil_bridge.errors.failures import is_keyboard
 
 
 def raise_if_interrupt(error: BaseException) -> None:
-    """Raise an exception again by which an operator or the event loop ends this code."""
+    """Raise the exception again if an operator or the event loop uses it to end this code."""
     if is_interrupt(error):
         raise error
 
 
 def is_interrupt(error: BaseException) -> bool:
-    """Whether an exception continues its way: an operator's KeyboardInterrupt, or the cancellation of the present task.
+    """Return whether an exception must propagate: an operator's KeyboardInterrupt, or a cancellation of this task.
 
-    A CancelledError that code of others raises although the task continues is its failure.
+    A CancelledError that a plug-in raises although the task continues is a failure of the plug-in.
     """
     if isinstance(error, asyncio.CancelledError):
         try:

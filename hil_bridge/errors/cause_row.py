@@ -1,4 +1,4 @@
-"""A row of the table of causes, and the words for the parts that it blames."""
+"""Rows of the table of causes, and descriptions of the parts at fault."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from hil_bridge.errors.causes import Cause, Part
 
 
 class When(StrEnum):
-    """When a condition is looked at."""
+    """Time at which a condition is checked."""
 
     BEFORE_MOTION = "before anything moves"
     LIFT = "on the way to the zero"
@@ -21,7 +21,7 @@ class When(StrEnum):
 
 
 class Reaction(StrEnum):
-    """Consequence of a condition."""
+    """Reaction of a run to a condition."""
 
     REFUSED = "refused, nothing has moved"
     CLAMPED = "less is ordered, the run continues"
@@ -32,22 +32,22 @@ class Reaction(StrEnum):
 
 
 COMPLETED, CONFIGURATION, STOPPED, CRITERION, INTERRUPTED = 0, 2, 3, 4, 130
-"""Exit codes. 4: the run has completed, but a step of its program did not meet its criterion. 130 is what a shell
-expects of a command that Ctrl-C ended.
+"""Exit codes. 4: the run has completed, but a step of its program did not meet its criterion. 130 is the code that
+a shell expects from a command that Ctrl-C ended.
 """
 
-PART_WORDS: Mapping[Part, str] = {
+PART_DESCRIPTIONS: Mapping[Part, str] = {
     Part.ROBOT: "the robot{robot}",
     Part.ROBOT_LINK: "the link to the robot{robot}",
     Part.POSE: "the position that the robot{robot} reports",
     Part.SENSOR: "the force sensor{sensor}",
-    Part.CONTACT: "the contact, since the robot{robot} went too deep, the surface is another, or the force "
-    "sensor{sensor} tells it wrongly",
-    Part.SURFACE: "the surface, or the force sensor{sensor} that does not feel it",
+    Part.CONTACT: "the contact: the robot{robot} went too deep, the surface differs, or the force "
+    "sensor{sensor} reads wrong",
+    Part.SURFACE: "the surface, or the force sensor{sensor} that does not measure it",
     Part.OBSTACLE: "what the tool touches, or the force sensor{sensor}",
     Part.PATH: "the path",
     Part.CONTROLLER: "the controller",
-    Part.OTHERS_CODE: "plug-in code",
+    Part.PLUGIN_CODE: "plug-in code",
     Part.CELL: "the emulated cell, not a device",
     Part.COMPUTER: "the computer that runs the bridge, or the controller",
     Part.PROGRAM: "the program itself",
@@ -55,68 +55,69 @@ PART_WORDS: Mapping[Part, str] = {
     Part.PERSON: "an operator",
     Part.TASK: "its task",
 }
-"""Each part in words; the kinds of robot and sensor are put in where they are known."""
+"""Description of each part, with placeholders for the kinds of robot and sensor."""
 
 _PROBE = "`hil-bridge probe sensor URL` checks "
 _MONITOR = "`hil-bridge monitor {recording}` shows the traffic"
 LOOK: Mapping[Part, str] = {
     Part.ROBOT: "the robot's panel and its status in the events",
     Part.ROBOT_LINK: f"the robot's cable, its supply and its program; {_MONITOR}",
-    Part.POSE: "where the tool really is, and what the robot's display shows",
+    Part.POSE: "the true position of the tool, and the robot's display",
     Part.SENSOR: f"the sensor's cable and supply; {_PROBE}its stream",
-    Part.CONTACT: "the force before the stop in the report: one frame that jumps is the sensor, a ramp is a touch",
-    Part.SURFACE: "where the tool stands above the surface, and whether the sensor's sign is right",
-    Part.OBSTACLE: "what is above or beside the tool, then the sensor's signal in the report",
+    Part.CONTACT: "the force before the stop in the report: a jump in one frame is the sensor, "
+    "a ramp a contact",
+    Part.SURFACE: "the position of the tool above the surface, and the sign of the sensor's forces",
+    Part.OBSTACLE: "anything above or next to the tool, then the sensor's signal in the report",
     Part.PATH: "limits.workspace_min_m and limits.workspace_max_m of the configuration, and the start of the run",
     Part.CONTROLLER: "the controller's own code and parameters",
-    Part.OTHERS_CODE: "the traceback below, which stands in the recording's events",
-    Part.CELL: "the traceback below, which stands in the recording's events",
+    Part.PLUGIN_CODE: "the traceback below, which is also in the recording's events",
+    Part.CELL: "the traceback below, which is also in the recording's events",
     Part.COMPUTER: "what else runs on that computer, and [realtime] of the configuration",
-    Part.PROGRAM: "the recording, which shows the orders before; report it with the bug",
+    Part.PROGRAM: "the recording, which shows the preceding orders; attach it to the bug report",
     Part.CONFIGURATION: "the configuration",
     Part.PERSON: "the events of the recording",
     Part.TASK: "the configuration of the task",
 }
-"""Where to look first for each part."""
+"""First check for the operator, by part."""
 
 
 @dataclass(frozen=True, slots=True)
 class CauseRow:
-    """One cause, what rules it, and its consequence."""
+    """Cause with its condition, settings and reaction."""
 
     cause: Cause
     condition: str
-    """Condition in words."""
+    """Description of the condition that the row is about."""
     settings: tuple[str, ...]
-    """Keys of the configuration that rule it, without those that describe a device."""
+    """Configuration keys that affect the condition, except keys that describe a device."""
     part: Part
     when: When = When.CYCLE
     reaction: Reaction = Reaction.RETRACTS
     exit_code: int | None = STOPPED
-    """None where the run continues."""
+    """Exit code; None if the run continues."""
     words: str = ""
-    """Words for the part at fault, where those of the part alone do not say it."""
+    """Description of the part at fault; empty to use the part's own description."""
     where: str = ""
-    """Where to look where that is not what its part tells."""
+    """First check for the operator; empty to use the part's default."""
 
     @property
     def blames(self) -> str:
-        """Words for the part at fault, with places for the kinds of robot and sensor."""
-        return self.words or PART_WORDS[self.part]
+        """Description of the part at fault, with placeholders for the kinds of robot and sensor."""
+        return self.words or PART_DESCRIPTIONS[self.part]
 
     @property
     def look(self) -> str:
-        """Where an operator looks first, in words."""
+        """First check for the operator."""
         return self.where or LOOK[self.part]
 
 
 SENSOR_OR_TOUCH = "the force sensor{sensor}, or what the tool touches"
-"""Words for sensor and touch, where either can be at fault."""
+"""Description of the part at fault if it is either the sensor or a contact."""
 FREELY = f"whether the tool touches anything now; {_PROBE}the sensor"
-"""Where to look then."""
+"""First check for the operator if the part at fault is either the sensor or a contact."""
 WORKSPACE = "limits.workspace_min_m", "limits.workspace_max_m"
 
 
 def stop(cause: Cause, condition: str, part: Part, *settings: str, **more: Any) -> CauseRow:
-    """Return a row of a cause that retracts and ends."""
+    """Return the row for a cause that makes the tool retract and ends the run."""
     return CauseRow(cause, condition, settings, part, **more)

@@ -1,7 +1,7 @@
-"""Causes: why a run is refused, held back, stopped or ended, and the part of a cell that each blames.
+"""Causes why a run is refused, clamped, stopped or ended, and the part of a cell that is at fault.
 
-A cause travels as a value from where it arises to the page, beside the sentence for people. `cause_table` has a row for
-each: words, settings, reaction, exit code and where to look.
+A cause is passed on as a value, along with its message, from its origin to the page. `cause_table` has a row for
+each cause: condition, settings, reaction, exit code and what to check.
 """
 
 from enum import StrEnum
@@ -10,36 +10,36 @@ from msgspec import Struct, structs
 
 
 class Part(StrEnum):
-    """Part of a cell, of its surroundings or of the program that a cause blames."""
+    """Part at fault: a part of a cell, of its surroundings or of the program."""
 
     ROBOT = "robot"
     ROBOT_LINK = "robot-link"
     POSE = "pose"
-    """The position and orientation that the robot reports."""
+    """Position and orientation that the robot reports."""
     SENSOR = "sensor"
     CONTACT = "contact"
-    """Tool and surface together."""
+    """Contact between tool and surface."""
     SURFACE = "surface"
     OBSTACLE = "obstacle"
-    """Something beside or behind the tool."""
+    """Object next to or behind the tool."""
     PATH = "path"
-    """The way that the configuration asks for."""
+    """Path that the configuration specifies."""
     CONTROLLER = "controller"
-    OTHERS_CODE = "code-of-others"
-    """Plug-in code."""
+    PLUGIN_CODE = "code-of-others"
+    """Code of a plug-in."""
     CELL = "cell"
-    """The emulated cell, beside the devices that it emulates."""
+    """Emulated cell, apart from the devices that it emulates."""
     COMPUTER = "computer"
     PROGRAM = "program"
     """This program."""
     CONFIGURATION = "configuration"
     PERSON = "person"
     TASK = "task"
-    """The task itself, which is done."""
+    """Task itself, which is complete."""
 
 
 class Cause(StrEnum):
-    """Why a run is refused, held back, stopped or ended."""
+    """Cause why a run is refused, clamped, stopped or ended."""
 
     # --- before anything moves
     CONFIGURATION = "configuration"
@@ -74,9 +74,9 @@ class Cause(StrEnum):
     PULL = "pull"
     FORCE_TOO_OLD = "force-too-old"
     SAME_COUNTS = "same-counts"
-    """Frames come, and carry the same counts."""
+    """Frames arrive, but their counts are identical."""
     NO_NEW_FRAME = "no-new-frame"
-    """No new frame comes."""
+    """No new frames arrive."""
     DEAD_AXIS = "dead-axis"
     JUMP = "jump"
     FOLLOWING = "following"
@@ -138,7 +138,7 @@ class Cause(StrEnum):
     CUT_WIRE = "cut-wire"
     SLOW_CYCLES = "slow-cycles"
     BUG = "bug"
-    OTHERS_CODE = "code-of-others"
+    PLUGIN_CODE = "code-of-others"
     CELL_FAILED = "cell-failed"
     GATE = "gate"
     OUTPUT = "output"
@@ -157,32 +157,32 @@ class Cause(StrEnum):
 
 
 def describe_lateness(late_s: float) -> str:
-    """How late the computer that runs the bridge was, s, in words; empty where it was in time."""
+    """Return a description of how late the computer that runs the bridge was (`late_s`, s); empty if it was on time."""
     return f"this computer was late by up to {late_s * 1e3:.0f} ms" if late_s else ""
 
 
 class Reason(Struct, frozen=True):
-    """A cause with its sentence for people."""
+    """Cause with its message."""
 
     cause: Cause
     text: str = ""
-    """The fact in words, with its figures."""
+    """Description of the fact, including its values."""
     remedy: str = ""
-    """Further facts, and what an operator can do, in words."""
+    """Further facts, and what an operator can do."""
     step: str = ""
-    """Label of a program's step in which it came; empty without one."""
+    """Label of the program's step in which the cause arose; empty if there is none."""
     late_s: float = 0.0
-    """Longest time by which this computer was late in the second before, s; 0 where it was in time."""
+    """Longest time by which this computer was late during the previous second, s; 0 if it was on time."""
 
     @property
     def fact(self) -> str:
-        """The fact with the step in which it came, without a remedy."""
+        """Fact with the step in which it arose, without the remedy."""
         if not self.step or self.cause is Cause.STEP_CODE:  # its text begins with the step
             return self.text
         return f"{self.text}, in step {self.step}"
 
     def in_step(self, label: str) -> "Reason":
-        """Return the same reason, arisen in a step of a program; the first named step stays."""
+        """Return the reason with the step of a program in which it arose. A step that is already set is kept."""
         return self if self.step else structs.replace(self, step=label)
 
     def __str__(self) -> str:

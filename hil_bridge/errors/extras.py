@@ -1,4 +1,4 @@
-"""The command that installs an extra, as it works for this installation: from an index, or from a checkout."""
+"""Command that installs an extra in this installation, from an index or from a checkout."""
 
 import json
 import shlex
@@ -11,22 +11,24 @@ NAME = "hil-bridge"
 
 
 def install_command(extra: str = "") -> str:
-    """`pip install …` with this extra, or without one.
+    """Return the `pip install …` command with the given extra, or without an extra.
 
-    Where a folder was installed, it names the folder, and `-e` if it was so.
+    If hil-bridge was installed from a folder, the command names the folder, with `-e` for an editable installation.
     """
     return f"pip install {requirement(_origin(), extra)}"
 
 
 def requirement(origin: object, extra: str) -> str:
-    """Return the rest of the command, for the origin that pip keeps (PEP 610); None for that of an index."""
+    """Return the argument of `pip install` for the origin that pip recorded (PEP 610); None if the origin is an
+    index.
+    """
     extras = f"[{extra}]" if extra else ""
     match origin:
         case {"url": str(url), "dir_info": dict(folder)} if url.startswith("file://"):
-            place = Path(unquote(urlsplit(url).path))
-            if (place / "pyproject.toml").is_file():
-                edited = "-e " if folder.get("editable") is True else ""
-                return edited + shlex.quote(f"{place}{extras}")
+            path = Path(unquote(urlsplit(url).path))
+            if (path / "pyproject.toml").is_file():
+                option = "-e " if folder.get("editable") is True else ""
+                return option + shlex.quote(f"{path}{extras}")
     return shlex.quote(f"{NAME}{extras}")
 
 

@@ -1,7 +1,7 @@
-"""Failures of code from other packages: in one line with package and place, and as a traceback.
+"""Failures of plug-in code: one line with package and location, and the traceback.
 
-A controller, a robot, a sensor or a surface may come from anywhere, and raise anything. An operator then wants to know
-which package it was and in which line; its author wants the traceback, which goes into the record.
+A controller, a robot, a sensor or a surface of a plug-in may raise any exception. An operator then needs the
+package and the line. The author of the plug-in needs the traceback, which is recorded.
 """
 
 import inspect
@@ -19,30 +19,30 @@ from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.errors.offers import OWN, packages_of_modules
 
 RAISED = BaseException
-"""Whatever other packages' code may raise where it should return; see `raise_if_interrupt`."""
+"""Exceptions that plug-in code may raise. See `raise_if_interrupt`."""
 _PYTHON = tuple({sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")})
 
 
 class CodeFailed(DeviceError):
-    """The code that speaks for a device has failed; `__cause__` is what it raised."""
+    """Failure of a device's code. `__cause__` is the exception that the code raised."""
 
 
 class WrongAnswer(Exception):
-    """Plug-in code answered with what cannot be used. `blamed` is the object and its method."""
+    """Invalid return value of plug-in code. `blamed` holds the object and its method."""
 
-    def __init__(self, thing: Any, method: str, answer: Any, wanted: str) -> None:
-        """`wanted` is what it was to be, in words."""
-        super().__init__(f"{method} answers {type(answer).__name__}, not {wanted}")
+    def __init__(self, thing: Any, method: str, answer: Any, expected: str) -> None:
+        """Create the error for the value that a method returned. `expected` describes the valid values."""
+        super().__init__(f"{method} returns {type(answer).__name__}, not {expected}")
         self.blamed = thing, method
 
 
 def one_line(text: str) -> str:
-    """Return the first line of a plug-in's text; lone surrogates are written out."""
+    """Return the first line of a text from a plug-in, with lone surrogates escaped."""
     return (text.splitlines() or [""])[0].encode(errors="backslashreplace").decode()
 
 
 def quote_error(error: BaseException) -> str:
-    """Return the first line of an exception's message, whatever it is."""
+    """Return the first line of an exception's message. A text is returned even if formatting the exception fails."""
     try:
         return one_line(str(error))
     except Exception as second:
@@ -50,7 +50,7 @@ def quote_error(error: BaseException) -> str:
 
 
 def traceback_of(error: BaseException) -> str:
-    """Return the traceback of an exception, whatever it is."""
+    """Return the traceback of an exception. A text is returned even if formatting the exception fails."""
     try:
         return "".join(traceback.format_exception(error))
     except Exception as second:  # an exception that cannot be shown
@@ -58,41 +58,42 @@ def traceback_of(error: BaseException) -> str:
 
 
 def last_line(trace: str) -> str:
-    """Return the line of a traceback that names what was raised."""
+    """Return the line of a traceback that names the exception."""
     return trace.strip().rpartition("\n")[2]
 
 
 def failure(error: BaseException, otherwise: str = "") -> str:
-    """Describe an exception in one line, and the package and the place that it comes from if that is not ours.
+    """Return a one-line description of an exception, with the plug-in and the location that raised it, if any.
 
-    `otherwise` is the place where no code of others had a part in it. An exception about an answer of such code names
-    the object and its method in an attribute `blamed`.
+    `otherwise` is the location if no plug-in was involved. An exception about the return value of a plug-in holds
+    the object and its method in the attribute `blamed`.
     """
     if blamed := getattr(error, "blamed", None):
-        otherwise = place_of_method(*blamed)
-    place = otherwise if blamed else plugin_place(error) or _foreign_place(error) or otherwise
-    said = ": ".join(filter(None, (type(error).__name__, quote_error(error))))
-    return f"{said}{place and f' ({place})'}"
+        otherwise = method_location(*blamed)
+    location = otherwise if blamed else plugin_location(error) or _script_location(error) or otherwise
+    message = ": ".join(filter(None, (type(error).__name__, quote_error(error))))
+    return f"{message}{location and f' ({location})'}"
 
 
 def report_failure(what: str, cause: BaseException, notice: Callable[[str, str], object]) -> None:
-    """Tell a failure beside the bridge's own devices: its traceback, then that the thing has failed."""
+    """Report a failure outside the bridge's own devices: first the traceback, then one line."""
     notice(EventKind.TRACEBACK, traceback_of(cause))
     notice(EventKind.FAILED, f"{what} failed: {failure(cause)}")
 
 
 def raise_if_interrupt(error: BaseException) -> None:
-    """Raise a KeyboardInterrupt again, unless a plug-in itself has raised it: an operator's continues its way.
+    """Raise a KeyboardInterrupt again unless a plug-in has raised it, because the operator's KeyboardInterrupt must
+    propagate.
 
-    The event loop handles Ctrl-C itself, so that it is not raised in the midst of other code.
-    For code that awaits, see `hil_bridge.errors.cancelling`.
+    The event loop handles Ctrl-C itself, so that KeyboardInterrupt is not raised in the middle of other code. For
+    code that awaits, see `hil_bridge.errors.cancelling`.
     """
     if is_keyboard(error):
         raise error
 
 
 def is_keyboard(error: BaseException) -> bool:
-    """Whether it is a KeyboardInterrupt that no plug-in has raised."""
+    """Return whether the exception is a KeyboardInterrupt that no plug-in has raised."""
     if not isinstance(error, KeyboardInterrupt):
         return False
     frames = list(_frames(error))
@@ -100,37 +101,37 @@ def is_keyboard(error: BaseException) -> bool:
 
 
 def blame(error: BaseException, thing: Any, method: str) -> None:
-    """Name the method of an object by whose answer an exception was raised, where it is of a plug-in.
+    """Attach to an exception the method of a plug-in whose return value caused it.
 
-    An exception in which plug-in code had a part tells that by itself.
+    An exception with plug-in code in its traceback needs no such note.
     """
-    if isinstance(error, BridgeError) or of_others(error) or not place_of_method(thing, method):
+    if isinstance(error, BridgeError) or involves_plugin(error) or not method_location(thing, method):
         return
-    with suppress(Exception):  # one that takes no attribute stays as it is
+    with suppress(Exception):  # an exception that accepts no attribute stays unchanged
         error.blamed = thing, method  # type: ignore[attr-defined]
 
 
-def of_others(error: BaseException) -> bool:
-    """Whether plug-in code had a part in an exception."""
-    return bool(getattr(error, "blamed", None) or plugin_place(error))
+def involves_plugin(error: BaseException) -> bool:
+    """Return whether plug-in code was involved in an exception."""
+    return bool(getattr(error, "blamed", None) or plugin_location(error))
 
 
 def failure_event(error: BaseException) -> tuple[str, str]:
-    """Kind and text of the event that tells the traceback of an exception that nothing expected."""
-    return EventKind.TRACEBACK if of_others(error) else EventKind.BUG, traceback_of(error)
+    """Return the kind and text of the event that reports the traceback of an unexpected exception."""
+    return EventKind.TRACEBACK if involves_plugin(error) else EventKind.BUG, traceback_of(error)
 
 
 def explain_exception(error: BaseException) -> Reason:
-    """Why a run ends with an exception that nothing expected."""
-    if of_others(error):
-        return Reason(Cause.OTHERS_CODE, f"plug-in code ended the run: {failure(error)}")
+    """Return the reason for a run that ends with an unexpected exception."""
+    if involves_plugin(error):
+        return Reason(Cause.PLUGIN_CODE, f"plug-in code ended the run: {failure(error)}")
     return Reason(Cause.BUG, f"a bug ended the run: {type(error).__name__}: {quote_error(error)}")
 
 
 def code_failed(what: str, cause: BaseException, otherwise: Cause) -> BridgeError:
-    """Return the error that ends a device whose code has raised this; a BridgeError stays as it is.
+    """Return the error that reports an exception of a device's code. A BridgeError is returned unchanged.
 
-    `otherwise` is its row of the table of causes where it names none.
+    `otherwise` is the cause of the error if it has none.
     """
     if isinstance(cause, BridgeError):
         cause.blame(otherwise)
@@ -141,12 +142,12 @@ def code_failed(what: str, cause: BaseException, otherwise: Cause) -> BridgeErro
 
 
 def link_cause(error: BaseException) -> Cause:
-    """Row of the table of causes for what ended the link to a robot, where it names none."""
+    """Return the default cause for an error that ended the link to a robot."""
     return Cause.CUT_WIRE if isinstance(error, TransportError) else Cause.ROBOT_FAILED
 
 
-def plugin_place(error: BaseException) -> str:
-    """Package, file and line of the innermost code of a plug-in in an exception; empty where none had a part in it."""
+def plugin_location(error: BaseException) -> str:
+    """Return package, file and line of the innermost plug-in code in a traceback; empty if there is none."""
     packages = packages_of_modules()
     for module, file, line in reversed(list(_frames(error))):
         if (package := packages.get(module.partition(".")[0])) is not None:
@@ -155,33 +156,33 @@ def plugin_place(error: BaseException) -> str:
 
 
 def is_ours(thing: Any) -> bool:
-    """Whether the class of an object is one of this project."""
+    """Return whether the class of an object belongs to this project."""
     return type(thing).__module__.partition(".")[0] in OWN
 
 
-def place_of_method(thing: Any, name: str) -> str:
-    """Package, file and line where a plug-in defines a method of an object; empty where it is ours or unknown."""
+def method_location(thing: Any, name: str) -> str:
+    """Return package, file and line at which a plug-in defines a method; empty if the method is built in or unknown."""
     kind = type(thing)
-    found = inspect.getattr_static(thing, name, None)
-    if inspect.ismemberdescriptor(found):  # a function in a slot
-        found = getattr(thing, name, None)
-    function = inspect.unwrap(_function(found))
+    attribute = inspect.getattr_static(thing, name, None)
+    if inspect.ismemberdescriptor(attribute):  # a function in a slot
+        attribute = getattr(thing, name, None)
+    function = inspect.unwrap(_function(attribute))
     code = getattr(function, "__code__", None)
     module = str(getattr(function if isinstance(code, CodeType) else kind, "__module__", ""))
     if not isinstance(code, CodeType) or module.partition(".")[0] in OWN:
         return ""
     package = packages_of_modules().get(module.partition(".")[0])
-    place = f"{_short(module, code.co_filename)}:{code.co_firstlineno}"
-    return f"{package}, {place}" if package else place
+    location = f"{_short(module, code.co_filename)}:{code.co_firstlineno}"
+    return f"{package}, {location}" if package else location
 
 
-def _function(found: Any) -> Any:
-    """Return the function behind an attribute of a class."""
-    return getattr(found, "fget", None) or getattr(found, "__func__", None) or found
+def _function(attribute: Any) -> Any:
+    """Return the function that underlies an attribute of a class."""
+    return getattr(attribute, "fget", None) or getattr(attribute, "__func__", None) or attribute
 
 
-def _foreign_place(error: BaseException) -> str:
-    """File and line of the innermost code of a script that is neither ours nor an installed library's."""
+def _script_location(error: BaseException) -> str:
+    """Return file and line of the innermost code of a user's script; empty if there is none."""
     for module, file, line in reversed(list(_frames(error))):
         if module.partition(".")[0] not in OWN and Path(file).is_file() and not file.startswith(_PYTHON):
             return f"{_short(module, file)}:{line}"
@@ -189,7 +190,9 @@ def _foreign_place(error: BaseException) -> str:
 
 
 def _frames(error: BaseException) -> Iterator[tuple[str, str, int]]:
-    """Return module, file and line of each frame of an exception, outermost first, a SyntaxError's file last."""
+    """Yield module, file and line of each frame of an exception, outermost first. The file of a SyntaxError comes
+    last.
+    """
     for frame, line in traceback.walk_tb(error.__traceback__):
         yield str(frame.f_globals.get("__name__", "")), frame.f_code.co_filename, line
     if isinstance(error, SyntaxError) and error.filename:
@@ -201,7 +204,7 @@ def _frames(error: BaseException) -> Iterator[tuple[str, str, int]]:
 
 
 def _short(module: str, file: str) -> str:
-    """Return the file from the folder of its package on."""
+    """Return the path of a file relative to the folder that contains its package."""
     parts = Path(file).parts
     depth = len(module.split(".")) if module not in ("", "__main__") else 1
     depth += parts[-1:] == ("__init__.py",)

@@ -1,11 +1,11 @@
-"""Rows of the table of causes for the guard: why the supervisor stops, and why it orders less."""
+"""Rows of the table of causes for the supervisor: conditions for which it stops a run or clamps a command."""
 
 from hil_bridge.errors import cause_row as rows
 from hil_bridge.errors.cause_row import CauseRow, Reaction, When
 from hil_bridge.errors.causes import Cause, Part
 
 _C, _P, _W, _R = Cause, Part, When, Reaction
-_ROBOT, _SENSOR = rows.PART_WORDS[_P.ROBOT], rows.PART_WORDS[_P.SENSOR]
+_ROBOT, _SENSOR = rows.PART_DESCRIPTIONS[_P.ROBOT], rows.PART_DESCRIPTIONS[_P.SENSOR]
 
 
 def _stands(cause: Cause, condition: str, *settings: str) -> CauseRow:
@@ -22,39 +22,44 @@ STOPS: tuple[CauseRow, ...] = (
     rows.stop(_C.FORCE_NOT_A_NUMBER, "a force, or the time of one, is not a number", _P.SENSOR),
     rows.stop(_C.POSE_NOT_A_NUMBER, "the reported pose is not a number", _P.POSE),
     rows.stop(
-        _C.COMMAND_NOT_A_NUMBER, "what the controller or the task commands is not a number", _P.CONTROLLER
+        _C.COMMAND_NOT_A_NUMBER, "a command of the controller or the task is not a number", _P.CONTROLLER
     ),
     rows.stop(
         _C.ROBOT_STATE,
-        "the robot's status shows a stop, or a mode in which it takes no orders",
+        "the robot's status shows a stop, or a mode in which it accepts no orders",
         _P.ROBOT,
         when=_W.ALWAYS,
         reaction=_R.RETRACTS_OR_LEFT,
     ),
     rows.stop(_C.ORIENTATION, "the robot reports an invalid orientation", _P.POSE),
-    rows.stop(_C.SENSOR_FAILED, "the sensor failed, restarted, or its wire ended", _P.SENSOR, when=_W.ALWAYS),
+    rows.stop(
+        _C.SENSOR_FAILED, "the sensor failed or restarted, or its connection ended", _P.SENSOR, when=_W.ALWAYS
+    ),
     rows.stop(
         _C.FORCE,
-        "force along the approach, of any frame since the decision before, either sign, with and without the zero",
+        "force along the approach, either sign, of any frame since the previous decision, with "
+        "and without the zero",
         _P.CONTACT,
         "limits.force_limit_n",
     ),
     rows.stop(
         _C.RESULTANT_FORCE,
-        "length of the force vector, of any frame since the decision before, with and without the zero",
+        "magnitude of the force vector, of any frame since the previous decision, with and without the zero",
         _P.CONTACT,
         "limits.resultant_limit_n",
     ),
     rows.stop(
         _C.MOMENT,
-        "length of the moment vector about the tool frame's origin, of any frame since the decision before",
+        "magnitude of the moment vector about the tool frame's origin, of any frame since the "
+        "previous decision",
         _P.CONTACT,
         "limits.moment_limit_nm",
     ),
     rows.stop(
         _C.WALL,
-        "force against the way along the surface, beyond the friction of the contact force; where no weight verified "
-        "the axes, the force in any direction across the approach",
+        "force against the motion along the surface, in excess of the friction of the contact "
+        "force; for axes that the weight has not verified, the force in any direction across the "
+        "approach",
         _P.OBSTACLE,
         "limits.against_travel_n",
         "limits.friction_share",
@@ -62,7 +67,7 @@ STOPS: tuple[CauseRow, ...] = (
     rows.stop(_C.SATURATED, "an axis of the sensor was at the end of its range", _P.SENSOR),
     rows.stop(
         _C.PULL,
-        "force along the approach away from the surface, from the zero",
+        "force along the approach away from the surface, relative to the zero",
         _P.SENSOR,
         "limits.pull_limit_n",
         words=f"{_SENSOR} or its zero, or a tool that hangs on to something",
@@ -70,39 +75,42 @@ STOPS: tuple[CauseRow, ...] = (
     ),
     rows.stop(
         _C.FORCE_TOO_OLD,
-        "age of the newest frame, with the time by which a stream came to be later than its quickest frames were; "
-        "frames that repeat an earlier part of the stream are as old as its begin",
+        "age of the newest frame, plus the delay of the stream relative to its fastest frames; "
+        "frames that repeat an earlier part of the stream are as old as the start of that part",
         _P.SENSOR,
         "limits.stale_after_ms",
     ),
     rows.stop(
         _C.SAME_COUNTS,
-        "how long frames carry identical counts on all axes",
+        "time for which frames have identical counts on all axes",
         _P.SENSOR,
         "limits.frozen_after_ms",
     ),
-    rows.stop(_C.NO_NEW_FRAME, "time of the cycles without a new frame", _P.SENSOR, "limits.still_after_ms"),
+    rows.stop(
+        _C.NO_NEW_FRAME, "duration of the cycles without a new frame", _P.SENSOR, "limits.still_after_ms"
+    ),
     rows.stop(
         _C.DEAD_AXIS,
-        "an axis that the controlled force mainly lies on did not change since the zero while another moved by a "
-        "tenth of its range; or the moments show 10 N across the approach that unverified force axes do not",
+        "the main axis of the controlled force has not changed after the zero while another "
+        "changed by a tenth of its range; or the moments show 10 N across the approach that "
+        "unverified force axes do not",
         _P.SENSOR,
     ),
     rows.stop(
         _C.JUMP,
-        "the reported position moved faster than half again the path velocity, beyond 1 mm",
+        "the reported position moved more than 1 mm at more than 1.5 times the path velocity",
         _P.POSE,
         "robot.velocity_mm_s",
     ),
     rows.stop(
         _C.FOLLOWING,
-        "distance of the reported from the commanded position",
+        "distance between the reported and the commanded position",
         _P.POSE,
         "limits.following_error_mm",
     ),
     rows.stop(
         _C.TILT,
-        "turn of the reported orientation from the ordered one, beside what a robot may not have followed yet",
+        "angle between the reported and the ordered orientation, less what the robot may still lag behind",
         _P.POSE,
         "limits.tilt_deg",
     ),
@@ -114,8 +122,9 @@ STOPS: tuple[CauseRow, ...] = (
     ),
     rows.stop(
         _C.UNANSWERED,
-        "how far a pressing tool went deeper without the force changing, by one count or by 2 mN; or than force, "
-        "stiffness and a slope of 45° explain, where a false force of so much could pass the limit",
+        "distance that a pressing tool went deeper without a change of the force by one count or "
+        "2 mN; or beyond what force, stiffness and a slope of 45° explain, if an error of that "
+        "size could exceed the limit",
         _P.SENSOR,
         "limits.unanswered_mm",
         "limits.pull_limit_n",
@@ -126,66 +135,66 @@ STOPS: tuple[CauseRow, ...] = (
     rows.stop(_C.SEQUENCE, "the sensor's frame counter went back", _P.SENSOR),
     rows.stop(
         _C.DEADLINE,
-        "how long the computer stood still, or a decision lasted",
+        "pause of the computer, or duration of a decision",
         _P.COMPUTER,
         "limits.cycle_deadline_ms",
     ),
     rows.stop(
-        _C.INCONSISTENT, "depth and position of a command contradict each other, which is a bug", _P.PROGRAM
+        _C.INCONSISTENT, "depth and position of a command contradict each other; this is a bug", _P.PROGRAM
     ),
     rows.stop(
         _C.WITNESS,
-        "difference between the force sensor and the force that the robot itself feels, for a time, where it tells one",
+        "sustained difference between the force sensor and the robot's own force, if the robot reports one",
         _P.SENSOR,
         "limits.witness_n",
         "limits.witness_ms",
         words=f"{_SENSOR}, or something that touches {_ROBOT} beside the sensor",
-        where="what the sensor reads when the tool is pressed by hand; hoses and cables of the tool; then the robot's "
-        "own force, with its axes and its zero",
+        where="the sensor's reading when the tool is pressed by hand; hoses and cables of the tool; "
+        "then the axes and the zero of the robot's own force",
     ),
     rows.stop(
         _C.LOST_WEIGHT,
-        "a pull that lasts while the tool moves through free space: the sensor lost the tool's weight",
+        "a sustained pull while the tool moves through free space: the sensor has lost the tool's weight",
         _P.SENSOR,
         "limits.weight_tolerance_n",
         where=rows.FREELY,
     ),
     rows.stop(
         _C.UNCHANGED,
-        "how far the tool moved through free space while frames carry identical counts on all axes",
+        "distance that the tool moved through free space while frames have identical counts on all axes",
         _P.SENSOR,
         "limits.unchanged_mm",
         "limits.stale_after_ms",
     ),
     rows.stop(
         _C.OFF_PATH,
-        "distance along the approach of the reported position from all that was ordered in the time that the robot "
-        "takes for an order, half of it added",
+        "distance along the approach between the reported position and all positions ordered "
+        "within 1.5 times the robot's response time",
         _P.POSE,
         "limits.path_error_mm",
     ),
     rows.stop(
         _C.CONTROLLER,
-        "the controller raised an exception, or answered with what is not a number, or with a place farther than the "
-        "workspace and the whole correction together",
+        "the controller raised an exception, or returned a value that is not a number, or a "
+        "position beyond the workspace plus the total correction",
         _P.CONTROLLER,
     ),
     rows.stop(
         _C.STEP_CODE,
-        "a program's step raised an exception, or leads to a place that is not a number",
-        _P.OTHERS_CODE,
+        "a program's step raised an exception, or returned a position that is not a number",
+        _P.PLUGIN_CODE,
     ),
     rows.stop(
         _C.STEP_TROUBLE,
-        "a program's step of a plug-in says that it cannot continue",
+        "a plug-in's step reports that it cannot continue",
         _P.PATH,
         "task.step",
-        words="that which the step works on, by the word of the step",
-        where="its settings in task.step, and the place where the step began",
+        words="the object of the step, as the step itself reports",
+        where="its settings in task.step, and the position at which the step began",
     ),
     rows.stop(
         _C.OSCILLATION,
-        "the force continues swinging although the gain is at its least",
+        "the force continues to oscillate at the minimum gain",
         _P.CONTACT,
         "limits.oscillation_guard",
         "oscillation.peaks",
@@ -198,37 +207,37 @@ STOPS: tuple[CauseRow, ...] = (
     ),
     _stands(
         _C.BEHIND,
-        "a force from behind met the tool, beside one that was there when the retraction began",
+        "a force from behind met the tool, in addition to any that was present when the retraction began",
         "limits.pull_limit_n",
     ),
     _stands(
         _C.RETRACT_OVER,
-        "a retraction that began within the force limit carried the force beyond it, from the side",
+        "the force from the side exceeded its limit during a retraction that began within it",
         "limits.force_limit_n",
     ),
     _stands(
         _C.RETRACT_RISE,
-        "a force from the side rose while the tool retracted, from contact only after a time to take effect; or one "
-        "from the front rose at the second, slow try",
+        "a force from the side rose while the tool retracted, after a grace period if it was in "
+        "contact; or one from the front rose during the second, slow attempt",
         "limits.retract_rise_n",
         "limits.retract_grace_ms",
     ),
     _stands(
         _C.RETRACT_STAYS,
-        "the force stayed beyond its limit although the tool reported to be so much farther back; one from the front, "
-        "at the second try and beyond the start",
+        "the force stayed above its limit although the reported position had retracted by this "
+        "distance; for one from the front, during the second attempt and beyond the start",
         "limits.force_limit_n",
         "limits.resultant_limit_n",
         "limits.unanswered_mm",
     ),
 )
-"""Conditions for which the supervisor stops."""
+"""Conditions for which the supervisor stops a run."""
 
 CLAMPS: tuple[CauseRow, ...] = (
     _clamp(
         _C.BARRIER,
-        "deeper than where the force limit less its margin is predicted, by the larger of estimated and expected "
-        "stiffness",
+        "depth beyond which the force is predicted to exceed its limit less the margin, by the "
+        "larger of estimated and expected stiffness",
         "limits.force_limit_n",
         "limits.force_margin_share",
         "task.expected_stiffness_n_m",
@@ -236,18 +245,19 @@ CLAMPS: tuple[CauseRow, ...] = (
     ),
     _clamp(
         _C.OVERDUE,
-        "deeper while the sensor's next frame is later than its period and 10.5 ms of wire; continues with that frame",
+        "motion into the surface while the sensor's next frame is later than its period plus "
+        "10.5 ms of transmission; continues with that frame",
         part=_P.SENSOR,
     ),
-    _clamp(_C.DEEPER, "deeper faster than allowed", "limits.correction_mm_s"),
-    _clamp(_C.TOTAL, "deeper than the start by more in all", "limits.correction_total_mm"),
-    _clamp(_C.ACROSS, "across the approach faster than allowed", "limits.travel_mm_s"),
-    _clamp(_C.WORKSPACE, "out of the workspace", *rows.WORKSPACE),
-    _clamp(_C.TURN, "a program turns the tool faster than allowed", "limits.turn_deg_s"),
-    _clamp(_C.TIP, "a program tips the tool's axis farther than allowed", "limits.turn_total_deg"),
+    _clamp(_C.DEEPER, "motion into the surface faster than allowed", "limits.correction_mm_s"),
+    _clamp(_C.TOTAL, "total depth beyond the start", "limits.correction_total_mm"),
+    _clamp(_C.ACROSS, "motion across the approach faster than allowed", "limits.travel_mm_s"),
+    _clamp(_C.WORKSPACE, "a position outside the workspace", *rows.WORKSPACE),
+    _clamp(_C.TURN, "a program rotates the tool faster than allowed", "limits.turn_deg_s"),
+    _clamp(_C.TIP, "a program tilts the tool's axis farther than allowed", "limits.turn_total_deg"),
     _clamp(
         _C.GAIN,
-        "the force swings for long: the controller's corrections are lowered",
+        "the force oscillates for too long: the controller's corrections are reduced",
         "limits.oscillation_guard",
         "oscillation.peaks",
         "oscillation.window_ms",
@@ -256,8 +266,9 @@ CLAMPS: tuple[CauseRow, ...] = (
     ),
     _clamp(
         _C.RETRACT_WAITS,
-        "a force from the front rose, or stayed beyond its limit, while the tool retracted: it waits, and continues if "
-        "the force rises meanwhile, else tries once more at 1 mm/s",
+        "a force from the front rose, or stayed above its limit, while the tool retracted: it "
+        "waits, and continues if the force rises meanwhile, otherwise it tries once more at 1 "
+        "mm/s",
         "limits.retract_rise_n",
         "limits.retract_grace_ms",
         "limits.force_limit_n",
@@ -268,12 +279,12 @@ CLAMPS: tuple[CauseRow, ...] = (
     ),
     _clamp(
         _C.NO_FORCE,
-        "while the force cannot be known a retraction goes back at 2.75 mm/s to the depth of the start, or a little "
-        "behind the contact, and no farther",
+        "without a valid force, the tool retracts at 2.75 mm/s to the depth of the start, or "
+        "slightly beyond the contact, and no farther",
         "limits.stale_after_ms",
         "limits.blind_retract_mm",
         part=_P.SENSOR,
         when=_W.RETRACTION,
     ),
 )
-"""Conditions that shorten a command. A command that pulls back is never shortened, but by the workspace."""
+"""Conditions for which the supervisor clamps a command. Only the workspace clamps a retraction."""

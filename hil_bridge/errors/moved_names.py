@@ -1,6 +1,7 @@
-"""Names that packages were written for and that have changed since, and where a package uses them.
+"""Renamed names in the API for plug-ins, and the locations at which a plug-in still uses the old names.
 
-A package that cannot be loaded, or whose step has methods of an earlier version, is told all of them at once.
+The error message about a plug-in that cannot be loaded, or whose step has methods of an earlier version, lists all
+of them.
 """
 
 import ast
@@ -9,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 SINCE = "0.7"
-"""The version in which the names of this table changed."""
+"""Version in which the names in this table changed."""
 _CONTROL = "hil_bridge.control"
 _DEVICES = "hil_bridge.devices"
 MOVED: Mapping[str, str] = {
@@ -34,7 +35,7 @@ MOVED: Mapping[str, str] = {
     f"{_DEVICES}.robots.probing.Probed": f"{_DEVICES}.robots.probe.ProbeResult",
     f"{_DEVICES}.robots.probing.probe_link": f"{_DEVICES}.robots.probe.probe_link",
 }
-"""Old name and new one."""
+"""New names, by the old name."""
 METHODS: Mapping[str, tuple[str, str]] = {
     "take": ("leg, state, felt", "context, state"),
     "is_over": ("leg, state, felt", "context, state"),
@@ -42,21 +43,21 @@ METHODS: Mapping[str, tuple[str, str]] = {
     "lead": ("leg, state, stroke, order, felt", "context, state, stroke, order"),
     "end_sample": ("leg, before, taken, felt", "context, before, result"),
 }
-"""Parameters of a step's methods, old and new ones."""
-TOLD_MOST = 12
-"""Chosen: most places that one message names."""
+"""Parameters of a step's methods, by method: the old and the new ones."""
+PLACES_LIMIT = 12
+"""Maximum number of locations in one message. Chosen."""
 _FILES_MOST, _FILE_BYTES = 200, 1_000_000
-"""Chosen: of a package, so that a strange one takes no time."""
+"""Maximum number and size of the files that are parsed. Chosen: parsing an unusual package must not take long."""
 
 
 def old_names(module: str) -> str:
-    """Return what of hil-bridge a package uses by an old name, with the new one, for one line; empty for nothing.
+    """Return the uses of old names in a package, with the new names, in one line; empty if there are none.
 
-    `module` is a module of the package. Its files are parsed, not imported.
+    `module` is a module of the package. The files of the package are parsed, not imported.
     """
-    found = [text for path in _sources(module) for text in _in_file(path)]
-    more = f"; and {len(found) - TOLD_MOST} more" if len(found) > TOLD_MOST else ""
-    return "; ".join(found[:TOLD_MOST]) + more
+    uses = [text for path in _sources(module) for text in _in_file(path)]
+    more = f"; and {len(uses) - PLACES_LIMIT} more" if len(uses) > PLACES_LIMIT else ""
+    return "; ".join(uses[:PLACES_LIMIT]) + more
 
 
 def _sources(module: str) -> Iterator[Path]:

@@ -1,4 +1,4 @@
-"""Entry points of installed packages: all that they offer to hil-bridge, without importing any of it."""
+"""Entry points for hil-bridge that installed packages declare, read without importing the packages."""
 
 import sys
 from functools import lru_cache
@@ -23,24 +23,24 @@ GROUPS = tuple(
         "surfaces",
     )
 )
-"""Entry point groups that are looked through."""
+"""Entry point groups of hil-bridge."""
 OWN = frozenset(("hil_bridge", "emulators", "protocol"))
-"""Outermost modules of hil-bridge itself, whose commands and kinds of devices are entry points, too."""
+"""Top-level packages of hil-bridge itself. Its commands and kinds of devices are entry points as well."""
 
 
 def offered() -> EntryPoints:
-    """All that the packages on Python's path offer."""
-    return _offered(tuple(sys.path))
+    """Return the entry points for hil-bridge from all packages on Python's path."""
+    return _entry_points(tuple(sys.path))
 
 
 @lru_cache(maxsize=1)
-def _offered(path: tuple[str, ...]) -> EntryPoints:
-    """Return the entry points, cached because reading all packages takes milliseconds.
+def _entry_points(path: tuple[str, ...]) -> EntryPoints:
+    """Return the entry points for hil-bridge. They are cached, because reading all packages takes milliseconds.
 
-    Only those that name us are parsed.
+    Only packages with an entry point group of hil-bridge are parsed.
     """
     packages = [one for one in distributions() if _PREFIX in (one.read_text("entry_points.txt") or "")]
-    if len(packages) > 1:  # to read a name takes longer than all else
+    if len(packages) > 1:  # reading a name takes longer than everything else
         packages = list(
             {one.name: one for one in reversed(packages)}.values()
         )  # the first on the path hides the others
@@ -48,20 +48,20 @@ def _offered(path: tuple[str, ...]) -> EntryPoints:
 
 
 def package_of(point: EntryPoint) -> str:
-    """Package of an offer, with its version."""
+    """Return the package of an entry point, with its version."""
     return f"{point.dist.name} {point.dist.version}" if point.dist else "an unknown package"
 
 
 def outermost_module(point: EntryPoint) -> str:
-    """Return the outermost module of an offer."""
+    """Return the top-level package of an entry point."""
     return point.value.partition(":")[0].partition(".")[0].strip()
 
 
 def is_own(point: EntryPoint) -> bool:
-    """Return whether an offer comes with hil-bridge itself."""
+    """Return whether an entry point belongs to hil-bridge itself."""
     return outermost_module(point) in OWN
 
 
 def packages_of_modules() -> dict[str, str]:
-    """Return the plug-ins, with their versions, by the outermost module of their offers."""
+    """Return the names and versions of plug-ins, by their top-level packages."""
     return {outermost_module(point): package_of(point) for point in offered() if not is_own(point)}

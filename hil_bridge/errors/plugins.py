@@ -1,11 +1,11 @@
-"""Objects that packages offer through entry points: controllers, robots, sensors, steps, surfaces, rewards.
+"""Objects that plug-ins provide through entry points: controllers, robots, sensors, steps, surfaces, rewards.
 
-A package offers one in its pyproject.toml, for example:
+A package declares one in its pyproject.toml, for example:
 
     [project.entry-points."hil_bridge.controllers"]
     my-controller = "my_package.control:MyController"
 
-Nothing of a package is imported before that which it offers is chosen.
+A package is not imported before one of its objects is selected.
 """
 
 from collections.abc import Collection
@@ -22,50 +22,53 @@ from hil_bridge.errors.offers import OWN, is_own, offered, outermost_module, pac
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """An extension that a package offers under a name."""
+    """Object that a plug-in provides under a given name."""
 
     value: Any
     where: str
-    """The thing, its name and its package, in words for an error."""
+    """Description of the object with its name and its package, for an error message."""
     source: str
-    """Module and attribute, as the package names them."""
+    """Module and attribute, as declared in the entry point."""
 
 
 def plugin_names(group: str) -> list[str]:
-    """Return the names that packages offer in an entry point group, each once, sorted."""
+    """Return the unique names in an entry point group, sorted."""
     return sorted({point.name for point in offered().select(group=group)})
 
 
 def own_names(group: str) -> list[str]:
-    """Return the names that hil-bridge itself offers in an entry point group, sorted."""
+    """Return the names that hil-bridge itself declares in an entry point group, sorted."""
     return sorted({point.name for point in offered().select(group=group) if is_own(point)})
 
 
 def offers(group: str) -> list[tuple[str, str, str]]:
-    """Return what plug-ins offer in an entry point group: name, package with version, and place in it, sorted."""
+    """Return the name, the package with its version, and the module with its attribute for each plug-in in an entry
+    point group, sorted.
+    """
     points = offered().select(group=group)
     return sorted({(point.name, package_of(point), point.value) for point in points if not is_own(point)})
 
 
 def find_plugin(group: str, thing: str, name: str, built_in: Collection[str] = ()) -> Found | None:
-    """Extension that a plug-in offers under a name, or None. `thing` is the word for it in an error.
+    """Return the object that a plug-in provides under a name; None if there is none. `thing` is the word for the
+    object in errors.
 
-    Raises ConfigError that names the distribution when it cannot be loaded, and when two offer the same name or one
-    takes a name from `built_in`.
+    Raises ConfigError with the distribution if the object cannot be loaded, if two plug-ins provide the same name,
+    or if a plug-in provides a name in `built_in`.
     """
     points = list(offered().select(group=group, name=name))
     if not points:
         return None
     owners = sorted(package_of(point) for point in points)
     if name in built_in:
-        raise ConfigError(f"{thing} {name!r} is built in, but {owners[0]} offers one of that name, too")
+        raise ConfigError(f"{thing} {name!r} is built in, but {owners[0]} also provides one of that name")
     if len(points) > 1:
-        raise ConfigError(f"{thing} {name!r} is offered by {' and by '.join(owners)}; uninstall one")
+        raise ConfigError(f"{thing} {name!r} is provided by {' and by '.join(owners)}; uninstall one")
     (point,) = points
     where = f"{thing} {point.name!r} of {package_of(point)}"
     if EntryPoint.pattern.match(point.value) is None:
         raise ConfigError(
-            f"{where} cannot be loaded: {point.value!r} names no object; give it as module:object"
+            f"{where} cannot be loaded: {point.value!r} is not an object reference; use module:object"
         )
     try:
         return Found(point.load(), where, point.value)
@@ -73,14 +76,16 @@ def find_plugin(group: str, thing: str, name: str, built_in: Collection[str] = (
         if not is_own(point):
             refuse_old_names(where, point.module, failure(error))
         raise missing(point, where, error.name or point.module) from error
-    # Foreign code may raise anything while it is imported.
+    # A plug-in may raise any exception while it is imported.
     except (Exception, SystemExit) as error:
         refuse_old_names(where, point.module, failure(error))
         raise ConfigError(f"{where} cannot be loaded: {failure(error)}") from error
 
 
 def missing(point: EntryPoint, where: str, module: str) -> ConfigError:
-    """Return the error for an object, named by `where`, one of whose modules is not installed."""
+    """Return the error about an object whose module requires a module that is not installed. `where` describes the
+    object.
+    """
     outermost = module.partition(".")[0]
     package = outermost
     if outermost in OWN:
@@ -94,12 +99,12 @@ def missing(point: EntryPoint, where: str, module: str) -> ConfigError:
 
 
 def refuse_old_names(where: str, module: str, failed: str = "") -> None:
-    """Raise ConfigError with all that a package uses by names of an earlier version. `where` names what it offers,
-    `failed` the error that it raised, which may have another cause.
+    """Raise ConfigError with all uses of old names in a package. `where` describes the object of the package.
+    `failed` is the error that it raised, which may have another cause.
     """
     if names := old_names(module):
         raised = f"; it fails with {failed}" if failed else ""
         raise ConfigError(
-            f"{where} was written for a version of hil-bridge before {SINCE}: {names}{raised}",
+            f"{where} was written for hil-bridge before version {SINCE}: {names}{raised}",
             remedy="see Upgrading a package in the documentation",
         )

@@ -1,6 +1,6 @@
-"""Text and TOML that an operator or a recording hands us, read without trusting it.
+"""Safe reading of text, TOML and JSON from untrusted files and recordings.
 
-Whatever is in a file, reading it ends in values of ordinary size or in one line that says what is wrong.
+Regardless of the content, reading returns values of limited size, or raises an error with a one-line message.
 """
 
 import codecs
@@ -18,17 +18,21 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.errors.file_kinds import HEAD_BYTES, refuse_known, refuse_table
 
 TEXT_LIMIT_BYTES = 1 << 28
-"""Longest text file that is read. Chosen: a day and a half of a busy computer link as a text capture."""
+"""Maximum size of a text file, bytes. Chosen: a day and a half of a busy computer link as a text capture."""
 TOML_LIMIT_BYTES = 1 << 20
-"""Longest TOML file. Chosen: our largest, with every setting and its comment, is 40 times shorter."""
+"""Maximum size of a TOML file, bytes. Chosen: 40 times the size of the project's largest file, which contains every
+setting with its comment.
+"""
 DEPTH_LIMIT = 32
-"""Tables and arrays within each other at most. Chosen: our deepest settings lie 5 deep."""
+"""Maximum depth of nested tables and arrays. Chosen: the project's settings have at most 5 levels."""
 INTEGER_LIMIT = 1 << 63
-"""Whole numbers lie below this, and not below its negative. Standard: TOML 1.0 asks for 64 bits and allows no more."""
+"""Exclusive upper limit of integers. Its negative is the inclusive lower limit. Standard: TOML 1.0, 64 bits."""
 SHOWN_CHARACTERS = 80
-"""Most characters of a wrong value in a message. Chosen: a line of a terminal."""
+"""Maximum number of characters of an invalid value in a message. Chosen: a line of a terminal."""
 NUMBER_CHARACTERS = 12
-"""A number that is longer is rounded in messages. Chosen: longer ones come from arithmetic."""
+"""Maximum number of characters of a number in a message. A longer number is rounded. Chosen: longer numbers come
+from arithmetic.
+"""
 
 _MARKS = {
     codecs.BOM_UTF8: "utf-8-sig",
@@ -44,21 +48,21 @@ _KINDS = (
     (stat.S_ISSOCK, "a socket"),
 )
 _DEEP_KEY = re.compile(rf"(?<![\w-])(?>[\w-]++[ \t\"']*+\.[ \t\"']*+){{{DEPTH_LIMIT}}}")
-"""A key of too many parts, for which the parser would take time by the square of their number. It has the same look in
-a text, where none of ours has it.
+"""Pattern for a key with too many parts, because the parser's time grows with the square of their number. The
+pattern also matches such a text in a string, which none of the project's files contains.
 """
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def read_text(path: Path, limit: int = TEXT_LIMIT_BYTES, encoding: str = "utf-8") -> str:
-    """Read a text file of at most `limit` bytes; a byte-order mark gives its encoding. Raises ConfigError naming the
-    file.
+    """Return the text of a file of at most `limit` bytes. A byte-order mark determines its encoding. Raises
+    ConfigError with the file.
     """
     with open_ordinary(path) as file:
         data = read_up_to(file, limit + 1)
     if len(data) > limit:
         refuse_known(format_path(path), data)
-        raise ConfigError(f"{format_path(path)} is longer than {limit} bytes: it is not what is wanted here")
+        raise ConfigError(f"{format_path(path)} is too large; allowed: at most {limit} bytes")
     marks = (name for mark, name in _MARKS.items() if data.startswith(mark) and len(data) > len(mark))
     encoding = next(marks, encoding)
     try:
@@ -67,20 +71,21 @@ def read_text(path: Path, limit: int = TEXT_LIMIT_BYTES, encoding: str = "utf-8"
         refuse_known(format_path(path), data)
         line, name = data.count(b"\n", 0, error.start) + 1, encoding.removesuffix("-sig")
         raise ConfigError(
-            f"{format_path(path)} is no text in {name}: {error.reason} in line {line}; save it as {name}"
+            f"{format_path(path)} is not valid {name}: {error.reason} in line {line}; save it as {name}"
         ) from error
 
 
 @contextmanager
 def open_ordinary(path: Path, what: str = "") -> Iterator[BinaryIO]:
-    """Open an ordinary file to be read: not a device, a pipe or a folder, which might never end or never begin.
+    """Open a regular file for reading. A device, a pipe or a folder is refused, because reading it may block.
 
-    `what` says what it is, as "the recording". Raises ConfigError naming the file, also for an error while inside.
+    `what` describes the file, for example "the recording". Raises ConfigError with the file, also if an OSError or
+    a ValueError is raised inside the context.
     """
     name = f"{what} {format_path(path)}".lstrip()
     refuse_nul(path, name)
     try:
-        # a pipe without a writer must not keep us waiting
+        # opening a pipe without a writer must not block
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
             refuse_other_kinds(os.fstat(file.fileno()).st_mode, name)
             yield file
@@ -91,23 +96,25 @@ def open_ordinary(path: Path, what: str = "") -> Iterator[BinaryIO]:
 
 
 def refuse_nul(path: Path, name: str) -> None:
-    """Raise ConfigError for a path that no file can have. Each version of Python answers it in words of its own."""
+    """Raise ConfigError for a path that contains a NUL. The message of Python's own error depends on the version of
+    Python.
+    """
     if "\0" in str(path):
-        raise ConfigError(f"cannot read {name}: a NUL stands in it")
+        raise ConfigError(f"cannot read {name}: its path contains a NUL")
 
 
 def refuse_other_kinds(mode: int, name: str) -> None:
-    """Raise ConfigError for a file whose mode, as stat(2) tells it, is of no ordinary file."""
+    """Raise ConfigError unless the given mode from stat(2) is the mode of a regular file."""
     if stat.S_ISDIR(mode):
         raise ConfigError(f"cannot read {name}: {os.strerror(errno.EISDIR)}")
     if not stat.S_ISREG(mode):
         kind = next((text for is_kind, text in _KINDS if is_kind(mode)), "something else")
-        raise ConfigError(f"cannot read {name}: it is {kind}; name an ordinary file")
+        raise ConfigError(f"cannot read {name}: it is {kind}, not a regular file")
 
 
 def refuse_known_file(path: Path) -> None:
-    """Raise ConfigError for a file that a reader of recordings refuses, and that is known by its first bytes, a table,
-    or TOML.
+    """Raise ConfigError for a file of a known type that is not a recording: a type known by its first bytes, a
+    table, or TOML.
     """
     try:
         with open_ordinary(path) as file:
@@ -120,7 +127,7 @@ def refuse_known_file(path: Path) -> None:
 
 
 def read_up_to(file: BinaryIO, limit: int) -> bytes:
-    """Read the next bytes of a file, `limit` at most, without the memory for more than there are."""
+    """Return at most `limit` bytes from a file, without allocating more memory than the content needs."""
     data = bytearray()
     while piece := file.read(min(_PIECE_BYTES, limit - len(data))):
         data += piece
@@ -128,40 +135,43 @@ def read_up_to(file: BinaryIO, limit: int) -> bytes:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read the values of a TOML file. Raises ConfigError as `read_text` and `parse_toml` do."""
+    """Return the values of a TOML file. Raises ConfigError for the same reasons as `read_text` and `parse_toml`."""
     return parse_toml(read_text(path, TOML_LIMIT_BYTES), format_path(path))
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
-    """Parse the values of a TOML text. Raises ConfigError that names `source`."""
+    """Return the values of a TOML text. Raises ConfigError with `source`."""
     if _DEEP_KEY.search(text):
-        raise ConfigError(f"{source} is no TOML of ours: {_TOO_DEEP}")
+        raise ConfigError(f"{source} cannot be read: {_TOO_DEEP}")
     import tomllib
 
     try:
         values = tomllib.loads(text)
     except RecursionError as error:
-        raise ConfigError(f"{source} is no TOML of ours: {_TOO_DEEP}") from error
-    except ValueError as error:  # TOMLDecodeError is one; a number of 5000 digits is a plain one
+        raise ConfigError(f"{source} cannot be read: {_TOO_DEEP}") from error
+    except ValueError as error:  # includes TOMLDecodeError; a number of 5000 digits raises a plain one
         refuse_table(source, text[:HEAD_BYTES].encode())
-        raise ConfigError(f"{source} is no TOML: {_in_words(str(error))}") from error
+        raise ConfigError(f"{source} is not valid TOML: {_explain(str(error))}") from error
     for problem in _problems(values):
         raise ConfigError(f"{source}: {problem}")
     return values
 
 
-def _in_words(problem: str) -> str:
-    """Translate the TOML parser's message to words of a file; of the rest its first clause."""
+def _explain(problem: str) -> str:
+    """Return an explanation of the TOML parser's message about a repeated table, or the first clause of any other
+    message.
+    """
     if (twice := _TWICE.match(problem)) is None:
         return problem.partition(";")[0]
     table = ".".join(re.findall(r"'([^']*)'", twice[1]))
-    return f"it has the table [{table}] twice {twice[2]}; put the lines of the second into the first"
+    return f"it contains the table [{table}] twice {twice[2]}; merge the second into the first"
 
 
 def toml_value(value: object) -> str:
-    """Format a plain value, an array or an inline table as TOML.
+    """Return a plain value, an array or an inline table formatted as TOML.
 
-    The standard library writes no TOML, and no small library writes the comments that our files mostly are.
+    The standard library does not write TOML, and no small library writes comments, which make up most of the
+    project's files.
     """
     match value:
         case bool():
@@ -177,12 +187,12 @@ def toml_value(value: object) -> str:
 
 
 def toml_pair(key: str, value: object) -> str:
-    """`key = value`; a key that is no bare one is quoted."""
+    """Return `key = value`, with the key in quotes if it is not a bare key."""
     return f"{key if _BARE_KEY.fullmatch(key) else toml_value(key)} = {toml_value(value)}"
 
 
 def parse_json(text: str) -> Any:
-    """Value of a JSON text in a recording. Raises ValueError with the reason."""
+    """Return the value of a JSON text from a recording. Raises ValueError with the reason."""
     try:
         value = json.loads(text)
     except RecursionError as error:
@@ -193,7 +203,9 @@ def parse_json(text: str) -> Any:
 
 
 def format_value(value: object) -> str:
-    """Format a value for a message: a number with nine digits at most, and anything else cut if it is long."""
+    """Return a value formatted for a message: a number with at most nine digits; any other value, truncated if it
+    is long.
+    """
     text = (
         f"{value:.9g}" if isinstance(value, float) and len(repr(value)) > NUMBER_CHARACTERS else repr(value)
     )
@@ -201,15 +213,14 @@ def format_value(value: object) -> str:
 
 
 def format_path(path: Path) -> str:
-    """Format a path for a message, on one line."""
+    """Return a path formatted for a message, on one line."""
     text = str(path)
     return text if text.isprintable() else repr(text)
 
 
 def harmless(text: str) -> str:
-    """Remove characters that act on a terminal from a text of a device or a package.
-
-    Each is shown as its escape in Python; line ends and tabs stay.
+    """Return a text from a device or a plug-in with its control characters escaped as in Python. Line ends and tabs
+    are kept.
     """
     if text.isprintable():
         return text
@@ -217,28 +228,28 @@ def harmless(text: str) -> str:
 
 
 _TWICE = re.compile(r"Cannot declare \((.+)\) twice (\(at line \d+, column \d+\))")
-_TOO_DEEP = f"tables and arrays lie more than {DEPTH_LIMIT} deep in each other"
+_TOO_DEEP = f"tables and arrays are nested more than {DEPTH_LIMIT} levels deep"
 
 
 def _problems(value: object) -> Iterator[str]:
-    """Properties that none of our values has, found without recursion."""
+    """Yield descriptions of unsupported properties of the values, without recursion."""
     waiting: list[tuple[str, int, object]] = [("", 0, value)]
     while waiting:
-        key, depth, found = waiting.pop()
-        match found:
+        key, depth, item = waiting.pop()
+        match item:
             case dict() | list() if depth >= DEPTH_LIMIT:
                 yield _TOO_DEEP
             case dict():
-                for name, item in found.items():
+                for name, child in item.items():
                     if not name.isprintable():
-                        yield f"the key {format_value(name)} holds a character that cannot be printed"
-                    waiting.append((f"{key}.{name}" if key else name, depth + 1, item))
+                        yield f"the key {format_value(name)} contains a non-printable character"
+                    waiting.append((f"{key}.{name}" if key else name, depth + 1, child))
             case list():
-                waiting += ((key, depth + 1, item) for item in found)
-            case str() if "\0" in found:
-                yield f"{_cut(key)}: a text must not hold a NUL character, got {format_value(found)}"
-            case int() if not -INTEGER_LIMIT <= found < INTEGER_LIMIT:
-                yield f"{_cut(key)}: a whole number must fit 64 bits"
+                waiting += ((key, depth + 1, child) for child in item)
+            case str() if "\0" in item:
+                yield f"{_cut(key)}: a string must not contain a NUL character, got {format_value(item)}"
+            case int() if not -INTEGER_LIMIT <= item < INTEGER_LIMIT:
+                yield f"{_cut(key)}: an integer must fit into 64 bits"
 
 
 def _cut(key: str) -> str:

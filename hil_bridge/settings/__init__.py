@@ -1,1 +1,1 @@
-"""The configuration: one TOML file, validated as a whole."""
+"""Configuration of a run: one TOML file, validated as a unit."""

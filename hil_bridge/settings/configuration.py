@@ -1,4 +1,4 @@
-"""Configuration: one TOML file, validated, with the unit of every setting in its key."""
+"""Configuration of a run: one validated TOML file, with the unit of every setting in its key."""
 
 import dataclasses
 import json
@@ -68,7 +68,7 @@ OPTIONS = {
     "task.force_n": "--force-n",
     "task.file": "--task",
 }
-"""Command-line options by the key that they override."""
+"""Command-line options, by the key that they override."""
 
 
 class _Section(BaseModel):
@@ -268,7 +268,7 @@ class ControllerConfig(_Section):
                 adapter = TypeAdapter(kind)
             except PydanticUserError as error:
                 reason = str(error).splitlines()[0]
-                raise ValueError(f"{name} has a parameter that no file can hold: {reason}") from error
+                raise ValueError(f"{name} has a parameter that no file can contain: {reason}") from error
             adapter.validate_python(parameters)
         return parameters
 
@@ -339,20 +339,20 @@ def _config_class(chosen: Chosen) -> type[Config]:
 
 
 def with_all_kinds() -> Config:
-    """Return every setting at its default, with the sections of all built-in kinds."""
+    """Return a configuration with every setting at its default, and with the sections of all built-in kinds."""
     return _config_class(Chosen(tuple(ROBOTS.own), tuple(SENSORS.own)))()
 
 
 def read_config(values: Mapping[str, Any]) -> Config:
-    """Return a configuration from nested tables, with the sections of all kinds that it names.
+    """Return a configuration from nested tables, with the sections of all kinds that the tables name.
 
-    Raises pydantic's ValidationError, and ConfigError for a kind whose package is broken.
+    Raises pydantic's ValidationError, or ConfigError for a kind whose package is broken.
     """
     return _config_class(chosen_in(values)).model_validate(values)
 
 
 def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
-    """Read a TOML file, put the overrides that are not None (by dotted key) on top, and validate.
+    """Return the configuration from a TOML file and overrides by dotted key. Overrides that are None are ignored.
 
     Raises ConfigError with the file, the key and what to do.
     """
@@ -368,14 +368,18 @@ def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
 
 
 def read_values(path: Path) -> dict[str, Any]:
-    """Read the values of a TOML file; paths in it are relative to its folder. Raises ConfigError."""
+    """Return the values of a TOML file. Paths in the values are relative to the folder of the file. Raises
+    ConfigError.
+    """
     values = read_toml(path)
     resolve_files(values, path.parent)
     return values
 
 
 def lay_over(values: dict[str, Any], overrides: Mapping[str, object]) -> set[str]:
-    """Put overrides that are not None into nested tables, by dotted key; return the keys that have a table."""
+    """Put overrides into nested tables, by dotted key. Overrides that are None are ignored. Return the keys that
+    have a table.
+    """
     given = set()
     for key, value in overrides.items():
         if value is None:
@@ -394,7 +398,7 @@ def lay_over(values: dict[str, Any], overrides: Mapping[str, object]) -> set[str
 
 
 def _numbered(tables: list[Any], number: str, key: str) -> object:
-    """Return the table of this number, from 1, as in messages."""
+    """Return the table with the given number, counted from 1 as in messages."""
     if number.isdecimal() and 0 < int(number) <= len(tables):
         return tables[int(number) - 1]
     raise ConfigError(
@@ -403,15 +407,15 @@ def _numbered(tables: list[Any], number: str, key: str) -> object:
 
 
 def dump(config: Config) -> str:
-    """Return the complete configuration as one line of JSON, for the record."""
+    """Return the complete configuration as one line of JSON, for the recording."""
     return json.dumps(config.model_dump(mode="json"), separators=(",", ":"), sort_keys=True)
 
 
 def explain(
     error: ValidationError, path: Path | None, given: set[str], sources: Mapping[str, Path] | None = None
 ) -> SettingRefused:
-    """Describe the first error in one line: where, what, what to do. `sources` are files by the keys that came
-    from them.
+    """Return a one-line description of the first error: where, what, and what to do. `sources` maps keys to the
+    files that they come from.
     """
     errors = error.errors()
     first, further = first_problem(errors), count_problems(errors) - 1
@@ -425,16 +429,16 @@ def explain(
     match first["type"]:
         case "extra_forbidden" | "unexpected_keyword_argument":
             instead = STEPS_HINT if location == ["step"] else _instead(location)
-            text = f"is no setting{instead}"
+            text = f"is not a setting{instead}"
         case "value_error":
             cause = first["ctx"]["error"]
-            if isinstance(cause, SettingError):  # a check of a whole section
+            if isinstance(cause, SettingError):  # a check of a complete section
                 location.append(cause.setting)
                 text = cause.problem
             else:
                 joint = ": "
                 text = str(cause)
-        case "missing":  # only a vector can lack something
+        case "missing":  # only a vector can have missing elements
             location.pop()
             joint = ": "
             text = f"a value is missing{got}"
@@ -451,7 +455,7 @@ def explain(
 
 
 def _with_kinds_of(location: Sequence[str]) -> Config:
-    """Return the defaults of all kinds of our own, and of those plug-ins that this key names."""
+    """Return the defaults of all built-in kinds, and of the plug-ins that the given key names."""
     robots, sensors, surfaces = (
         (*registry.own, *(name for name in registry.names if _is_named(registry, name, location)))
         for registry in (ROBOTS, SENSORS, SURFACES)
@@ -464,15 +468,15 @@ def _is_named(registry: Registry[Any], name: str, location: Sequence[str]) -> bo
 
 
 def _at(location: Sequence[str]) -> object:
-    """Return the value in the default configuration of any devices; None for an unknown key."""
-    found: Any = _with_kinds_of(location)
+    """Return the default value of a key in a configuration with any devices; None for an unknown key."""
+    value: Any = _with_kinds_of(location)
     for part in location:
-        found = getattr(found, part, None)
-    return found
+        value = getattr(value, part, None)
+    return value
 
 
 def _instead(location: Sequence[str]) -> str:
-    """Suggest names for a mistyped key."""
+    """Return a suggestion of names for a mistyped key."""
     section = _at(location[:-1])
     if not is_section(section):
         return ""

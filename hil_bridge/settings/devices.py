@@ -1,4 +1,4 @@
-"""Devices of a configuration: kind, wire and settings of each."""
+"""Devices of a configuration: kind, link and settings of each device."""
 
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -20,21 +20,21 @@ _Kind = TypeVar("_Kind", RobotKind[Any, Any], SensorKind[Any, Any])
 
 @dataclass(frozen=True, slots=True)
 class Device(Generic[_Kind]):
-    """A robot or a sensor of a configuration."""
+    """Robot or sensor of a configuration."""
 
     kind: _Kind
     url: str
-    """URL of its wire, without the kind; empty for the emulated device."""
+    """URL of the link, without the kind; empty for the emulated device."""
     settings: KindSettings[Any, Any]
 
     @property
     def named_url(self) -> str:
-        """URL of its wire with the kind in front, as in a configuration."""
+        """URL of the link with the kind as a prefix, as in a configuration."""
         return f"{self.kind.name}+{self.url}"
 
     @property
     def is_emulated(self) -> bool:
-        """Whether this program emulates it; a URL may lead to an emulator elsewhere."""
+        """Whether this program emulates the device. Even if it does not, the URL may lead to an emulator elsewhere."""
         return not self.url
 
 
@@ -48,7 +48,9 @@ def robot_in(config: Config) -> Robot:
 
 
 def robot_at(config: Config, url: str) -> Robot:
-    """Return the robot at this URL with its settings; "" for the emulated one. Raises ConfigError."""
+    """Return the robot at the given URL with its settings. The URL "" selects the emulated robot. Raises
+    ConfigError.
+    """
     kind, wire = robot_of(url) if url else (ROBOTS.kind(config.robot.emulated), "")
     return Device(kind, wire, settings_of(config, kind))
 
@@ -59,24 +61,26 @@ def sensor_in(config: Config) -> Sensor:
 
 
 def sensor_at(config: Config, url: str) -> Sensor:
-    """Return the sensor at this URL with its settings; "" for the emulated one. Raises ConfigError."""
+    """Return the sensor at the given URL with its settings. The URL "" selects the emulated sensor. Raises
+    ConfigError.
+    """
     kind, wire = sensor_of(url) if url else (SENSORS.kind(config.sensor.emulated), "")
     return Device(kind, wire, settings_of(config, kind))
 
 
 class CellName(NamedTuple):
-    """Name of the cell that a run moves, for display."""
+    """Name of the cell in which a run moves, for display."""
 
     real: bool
     """Whether a real robot may move."""
     words: str
-    """EMULATED or REAL; names the devices if only one of them is real."""
+    """EMULATED or REAL. If only one of the devices is real, the text names the devices."""
     devices: str = ""
-    """Kinds of robot and sensor, if `words` does not name them."""
+    """Kinds of robot and sensor, unless `words` already names them."""
 
 
 def name_cell(robot: Robot, sensor: Sensor) -> CellName:
-    """Return the name of the cell with these devices."""
+    """Return the name of the cell with the given devices."""
     kinds = f"{robot.kind.name}, {sensor.kind.name}"
     if robot.is_emulated and sensor.is_emulated:
         return CellName(False, "EMULATED", kinds)

@@ -1,4 +1,4 @@
-"""Fault in a configuration: target, name, start time, duration, parameters."""
+"""Fault in a configuration: target, name, start time, duration and parameters."""
 
 import operator
 import re
@@ -18,21 +18,23 @@ if TYPE_CHECKING:
     from hil_bridge.record import CycleRecord
 
 PHASES = ("", *BEFORE_TOUCH, *(str(phase) for phase in Phase if phase is not Phase.END))
-"""Phases of a run in which a fault can begin; empty: the first, or any."""
+"""Phases of a run in which a fault can begin. An empty phase stands for the first phase, or for any phase."""
 _QUANTITIES: Mapping[str, Callable[["CycleRecord"], float]] = {
     "force": lambda record: record.force,
     "depth_mm": lambda record: record.depth * 1e3,
     "travel_mm": lambda record: record.travel_commanded * 1e3,
     "cycle": lambda record: float(record.cycle),
 }
-"""Quantities of a cycle for a condition: N, mm below the start point, mm along the surface, number."""
+"""Quantities of a cycle for a condition: force, N; depth below the start point, mm; travel along the surface, mm;
+number of the cycle.
+"""
 _COMPARISONS: Mapping[str, Callable[[float, float], bool]] = {"<": operator.lt, ">": operator.gt}
 _CONDITION = re.compile(r"\s*([a-z_]{1,20})\s*([<>])\s*([-+]?[0-9]{1,12}(?:\.[0-9]{1,12})?)\s*")
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """A quantity of a cycle below or above a number."""
+    """Condition that a quantity of a cycle is below or above a number."""
 
     quantity: str
     comparison: str
@@ -40,14 +42,14 @@ class Condition:
 
     @classmethod
     def read(cls, text: str) -> Self:
-        """Parse a condition such as `force > 8`. Raises SettingError."""
-        found = _CONDITION.fullmatch(text)
-        if found is None or found[1] not in _QUANTITIES:
+        """Return the condition parsed from a text such as `force > 8`. Raises SettingError."""
+        match = _CONDITION.fullmatch(text)
+        if match is None or match[1] not in _QUANTITIES:
             raise SettingError(
                 "when",
                 f"must be one of {', '.join(_QUANTITIES)}, then < or >, then a number, got {text[:60]!r}",
             )
-        return cls(found[1], found[2], float(found[3]))
+        return cls(match[1], match[2], float(match[3]))
 
     def holds(self, record: "CycleRecord") -> bool:
         """Return whether the condition holds in this cycle."""
@@ -83,7 +85,7 @@ class FaultConfig(BaseModel):
 
     @property
     def condition(self) -> Condition | None:
-        """Condition parsed from `when`; None without one. Raises SettingError."""
+        """Condition parsed from `when`; None if there is no condition. Raises SettingError."""
         return Condition.read(self.when) if self.when else None
 
     @property
@@ -97,7 +99,7 @@ class FaultConfig(BaseModel):
         return self
 
     def check_cell(self, robot_url: str, sensor_url: str, cell: EmulatedKinds) -> None:
-        """Raise ValueError if it concerns a real device, or if the cell does not have such a fault."""
+        """Raise ValueError if the fault concerns a real device, or if the cell has no such fault."""
         name = f"{self.on}: {self.fault}"
         try:
             find(cell.faults, self.on, self.fault).values(self.fault, self.given, self.on)
@@ -115,7 +117,9 @@ class FaultConfig(BaseModel):
 
 
 def refuse_faults(faults: Sequence[FaultConfig], command: str, instead: str = "") -> None:
-    """Raise ConfigError if faults are configured for a command that injects none; `instead` names an alternative."""
+    """Raise ConfigError if faults are configured for a command that injects no faults. `instead` names an
+    alternative.
+    """
     if faults:
         raise ConfigError(
             f"faults.0: {command} has no phases of a run and would ignore the fault; delete [[faults]]"

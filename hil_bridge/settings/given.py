@@ -1,4 +1,4 @@
-"""Configuration given by a program: a file, tables or a configuration, with overrides."""
+"""Configuration passed by a program: a file, tables or a configuration, with overrides."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -14,36 +14,40 @@ from hil_bridge.settings.configuration import Config, ControllerConfig, explain,
 from hil_bridge.settings.program import with_program
 
 Source: TypeAlias = Config | Mapping[str, Any] | Path | str | None
-"""A configuration, its tables, the path of its file, or nothing for the defaults."""
+"""Source of a configuration: a configuration, its tables, the path of its file, or nothing for the defaults."""
 _PLAIN = (bool, int, float, str)
-"""Types of parameters that a record can hold."""
+"""Types of parameters that a recording can hold."""
 
 
 class GivenController(ControllerConfig):
-    """A controller given as an object. The record has its name and its plain parameters."""
+    """Controller passed as an object. The recording has its name and its plain parameters."""
 
     _controller: Controller[Any] = PrivateAttr()
 
     @property
     def controller(self) -> Controller[Any]:
-        """The object."""
+        """Controller object."""
         return self._controller
 
     def tuned(self, tuning: Tuning) -> "GivenController":
-        """Return a copy with a tuning that the controller declares, for each parameter that still has its default."""
-        found: Any = self._controller
-        if not dataclasses.is_dataclass(found) or isinstance(found, type):
+        """Return a copy with a tuning that the controller declares. A parameter is tuned only if it still has its
+        default.
+        """
+        controller: Any = self._controller
+        if not dataclasses.is_dataclass(controller) or isinstance(controller, type):
             return self.model_copy(update={"sample_ms": tuning.sample_ms})
         defaults = {
             field.name: field.default
-            for field in dataclasses.fields(found)
-            if field.init and field.default == getattr(found, field.name)
+            for field in dataclasses.fields(controller)
+            if field.init and field.default == getattr(controller, field.name)
         }
         changed = {name: value for name, value in tuning.parameters.items() if name in defaults}
         if changed:
-            found = dataclasses.replace(found, **changed)
-        section = self.model_copy(update={"sample_ms": tuning.sample_ms, "parameters": _parameters(found)})
-        section._controller = found
+            controller = dataclasses.replace(controller, **changed)
+        section = self.model_copy(
+            update={"sample_ms": tuning.sample_ms, "parameters": _parameters(controller)}
+        )
+        section._controller = controller
         return section
 
 
@@ -55,8 +59,8 @@ def config_of(
 ) -> Config:
     """Return the configuration of a run.
 
-    `faults` are tables as in [[faults]], and come after those of the source. Raises ConfigError with the key and what
-    to do.
+    `faults` holds tables as in [[faults]], which are added after the faults of the source. Raises ConfigError with
+    the key and what to do.
     """
     path = Path(source) if isinstance(source, (str, Path)) else None
     name = controller if isinstance(controller, str) else None
@@ -70,8 +74,8 @@ def config_of(
             _table(values, "controller")["name"] = name
         if seed is not None:
             _table(values, "run")["seed"] = seed
-        whole = isinstance(source, Config)  # and has the steps of its program already
-        sources = {} if whole else with_program(values, str(path or "configuration"))
+        is_complete = isinstance(source, Config)  # it already contains the steps of its program
+        sources = {} if is_complete else with_program(values, str(path or "configuration"))
         try:
             config = read_config(values)
         except ValidationError as error:
@@ -94,13 +98,13 @@ def _values(source: Source, path: Path | None) -> dict[str, Any]:
 
 
 def _table(values: dict[str, Any], name: str) -> dict[str, Any]:
-    """Return a table of the values; an empty one in place of an invalid one."""
+    """Return a table from the values. An invalid table is replaced by an empty one."""
     table = values.setdefault(name, {})
     return table if isinstance(table, dict) else {}
 
 
 def _wrap_controller(config: Config, controller: Any) -> GivenController:
-    """Return the section with this object. Raises ConfigError for an object that is not a controller."""
+    """Return the section with the controller object. Raises ConfigError for an object that is not a controller."""
     if isinstance(controller, type):
         raise ConfigError(
             f"controller: {controller.__name__} is a class; give an instance, {controller.__name__}(…), or its name"
@@ -119,7 +123,7 @@ def _wrap_controller(config: Config, controller: Any) -> GivenController:
 
 
 def _parameters(controller: Any) -> dict[str, Any]:
-    """Return the plain parameters of a controller that is a dataclass, for the record."""
+    """Return the plain parameters of a controller that is a dataclass, for the recording."""
     if not dataclasses.is_dataclass(controller):
         return {}
     values = {

@@ -1,4 +1,4 @@
-"""Sections of a configuration for the kinds of devices in use."""
+"""Sections of a configuration for the device kinds that it uses."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
@@ -27,7 +27,7 @@ _Emulated = TypeVar("_Emulated")
 _Settings = TypeVar("_Settings")
 
 USUAL_ROBOT, USUAL_SENSOR = "s3", "jr3"
-"""Kinds of the emulated devices of a configuration that names none."""
+"""Default kinds of the emulated devices, for a configuration that names no kinds."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -40,7 +40,9 @@ class Chosen:
 
 
 def chosen_in(values: Mapping[str, Any]) -> Chosen:
-    """Return the kinds that a configuration names: in a URL, as emulated device, or by a section; else the defaults."""
+    """Return the kinds that a configuration names in a URL, as emulated device or by a section; the default kinds
+    otherwise.
+    """
     robot, sensor, cell = (_table(values, name) for name in ("robot", "sensor", "cell"))
     return Chosen(
         _named(ROBOTS, robot.get("url"), _emulated(robot, USUAL_ROBOT), *robot, *cell),
@@ -54,7 +56,7 @@ def _emulated(section: Mapping[str, Any], usual: str) -> object:
 
 
 def section_with(base: type[BaseModel], kinds: Sequence[DeviceKind]) -> Any:
-    """Return a section with one inside it for each kind. Raises ConfigError for two kinds with one section."""
+    """Return a section with an inner section for each kind. Raises ConfigError if two kinds have the same section."""
     fields: dict[str, Any] = {
         name: (settings, settings()) for name, settings in _inside(kinds, lambda kind: kind.settings).items()
     }
@@ -64,7 +66,7 @@ def section_with(base: type[BaseModel], kinds: Sequence[DeviceKind]) -> Any:
 
 
 def cell_with(kinds: Sequence[DeviceKind], surfaces: Sequence[SurfaceKind]) -> Any:
-    """Return the section of the emulated cell, with one inside it for each of these devices and surfaces."""
+    """Return the section of the emulated cell, with an inner section for each of the given devices and surfaces."""
     inside = _inside(kinds, lambda kind: None if kind.emulation is None else kind.emulation.settings)
     inside |= {section_of(kind): kind.settings for kind in surfaces}
     fields = [
@@ -83,7 +85,7 @@ def cell_with(kinds: Sequence[DeviceKind], surfaces: Sequence[SurfaceKind]) -> A
 
 
 def _inside(kinds: Sequence[DeviceKind], settings: Callable[[DeviceKind], Any]) -> dict[str, Any]:
-    """Return settings by section. Raises ConfigError if two kinds have different settings under one name."""
+    """Return the settings by section. Raises ConfigError if two kinds have different settings under the same name."""
     inside: dict[str, Any] = {}
     for kind in kinds:
         own, name = settings(kind), section_of(kind)
@@ -99,7 +101,7 @@ def _inside(kinds: Sequence[DeviceKind], settings: Callable[[DeviceKind], Any]) 
 def settings_of(
     config: Any, kind: RobotKind[_Client, _Emulated] | SensorKind[_Client, _Emulated]
 ) -> KindSettings[_Client, _Emulated]:
-    """Return the settings of a device in a configuration; its defaults if it is not mentioned."""
+    """Return the settings of a device in a configuration, or its defaults if the configuration does not mention it."""
     section, name = (config.robot if isinstance(kind, RobotKind) else config.sensor), section_of(kind)
     emulated: Any = None if kind.emulation is None else _inner(config.cell, name, kind.emulation.settings)
     return KindSettings(_inner(section, name, kind.settings), emulated)
@@ -111,7 +113,7 @@ def surface_settings(config: Any, kind: SurfaceKind) -> Any:
 
 
 def _inner(section: object, name: str, settings: type[_Settings]) -> _Settings:
-    """Return the section of one device inside another one; its defaults if the configuration has none."""
+    """Return the section of one device inside another section, or its defaults if the configuration has none."""
     inner = getattr(section, name, None)
     return inner if isinstance(inner, settings) else settings()
 

@@ -1,4 +1,4 @@
-"""Paths in a configuration, relative to its folder."""
+"""Paths in a configuration, relative to the folder of the configuration."""
 
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,9 @@ FILE_KEYS = (
     "controller.parameters.rules_file",
     "task.file",
 )
-"""Keys that name a file; a relative path starts at the folder of the configuration."""
+"""Keys of file names. A relative path begins at the folder of the configuration."""
 _WITH_KINDS = ("robot", "sensor", "cell")
-"""Sections with a table for each kind; keys of a kind's files and folders have these endings:"""
+"""Sections with a table for each kind. Keys of a kind's files and folders have the endings in `_ENDINGS`."""
 _ENDINGS = ("_file", "_folder")
 
 
@@ -31,7 +31,7 @@ def resolve_files(values: dict[str, Any], folder: Path) -> None:
 
 
 def _table(values: Any, *sections: str) -> dict[str, Any]:
-    """Return the table itself; an empty one if there is none."""
+    """Return the table itself, or an empty table if there is none."""
     for section in sections:
         values = values.get(section) if isinstance(values, dict) else None
     return values if isinstance(values, dict) else {}

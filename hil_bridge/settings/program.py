@@ -1,4 +1,4 @@
-"""Program of a configuration: steps from a separate file, and messages on invalid steps."""
+"""Program of a configuration: steps from a separate file, and messages about invalid steps."""
 
 import dataclasses
 import difflib
@@ -16,25 +16,25 @@ from protocol.marks import SettingError
 
 
 def _by_tag(key: str, *sections: Any) -> Mapping[str, type]:
-    """Return classes of settings by the value of the key that distinguishes them."""
+    """Return classes of settings, by the value of the key that distinguishes the classes."""
     return {section.__dataclass_fields__[key].default: section for section in sections}
 
 
 STEPS: Mapping[str, type] = {**BUILT_IN, "repeat": Repeat}
-"""Settings of each built-in word of a program."""
+"""Settings of each built-in step, by its word."""
 PATHS = _by_tag("kind", Line, Arc, Polyline, Raster, Spiral)
-"""Settings of each kind of path."""
+"""Settings of each kind of path, by its name."""
 _SECTIONS: Mapping[str, type] = {"limits": StepLimits, "criterion": Criterion}
 _KEY = "task.step"
 STEPS_HINT = f"; steps in a configuration are [[{_KEY}]], and a file of [[step]] alone is given with --task"
-"""Advice on steps in the wrong place."""
+"""Advice for steps that are in the wrong table."""
 
 
 def with_program(values: dict[str, Any], source: str) -> dict[str, Path]:
-    """Put the steps and the frame of the file that `task.file` names into the values of a configuration.
+    """Add the steps and the frame from the file that `task.file` names to the values of a configuration.
 
-    Returns the file by the keys that came from it. Raises ConfigError for a file that cannot be read or holds
-    something else, and for steps that `source` has already.
+    Returns the file by the keys that come from it. Raises ConfigError if the file cannot be read or holds anything
+    else, or if `source` already has steps.
     """
     task = values.get("task")
     name = task.get("file") if isinstance(task, dict) else None
@@ -45,7 +45,7 @@ def with_program(values: dict[str, Any], source: str) -> dict[str, Path]:
         raise SettingRefused(
             source,
             (),
-            f"the steps [[task.step]] are given, and the file {format_path(path)} too: leave one of them out",
+            f"both the steps [[task.step]] and the file {format_path(path)} are given: remove one of them",
         )
     read = read_toml(path)
     if unknown := [key for key in read if key not in ("step", "frame")]:
@@ -55,7 +55,7 @@ def with_program(values: dict[str, Any], source: str) -> dict[str, Path]:
     if not read.get("step"):
         raise ConfigError(f"{format_path(path)}: no steps: give each as a table [[step]]")
     task["step"] = read["step"]
-    found = {_KEY: path}
+    sources = {_KEY: path}
     frame = read.get("frame", {})
     if not isinstance(frame, dict):
         raise ConfigError(
@@ -63,34 +63,36 @@ def with_program(values: dict[str, Any], source: str) -> dict[str, Path]:
         )
     own = values.setdefault("frame", {})
     if not isinstance(own, dict):  # the configuration's own mistake
-        return found
+        return sources
     for key, value in frame.items():
         if own.get(key, value) != value:
             raise SettingRefused(
                 source,
                 ("frame", key),
-                f"differs from that in {format_path(path)}: leave one of them out",
+                f"differs from that in {format_path(path)}: remove one of them",
                 " ",
             )
         own[key] = value
-        found[f"frame.{key}"] = path
-    return found
+        sources[f"frame.{key}"] = path
+    return sources
 
 
 def in_file(error: StepError, source: str, program: str) -> ConfigError:
-    """Return the error with the file of the invalid step: `source`, or `program` if the steps have their own file."""
+    """Return the error with the file of the invalid step: `source`, or `program` if the steps have a separate file."""
     if program:
         return ConfigError(f"{program}: {error.in_table('step')}")
     return ConfigError(f"{source}: {error}") if source else error
 
 
 def is_program(values: Mapping[str, Any]) -> bool:
-    """Return whether these are the values of a file that holds only the steps of a program."""
+    """Return whether the values come from a file that holds only the steps of a program."""
     return "step" in values and "task" not in values
 
 
 def describe_problem(error: Mapping[str, Any]) -> tuple[str, str] | None:
-    """Return place and text of pydantic's error in a step, such as "2 (track)"; None for an error elsewhere."""
+    """Return location and text of pydantic's error in a step, for example "2 (track)"; None for an error outside
+    the steps.
+    """
     location = tuple(error["loc"])
     if location[:2] != ("task", "step"):
         return None
@@ -106,20 +108,22 @@ def describe_problem(error: Mapping[str, Any]) -> tuple[str, str] | None:
 
 
 def first_problem(errors: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
-    """Return the error to report: a mistyped key rather than the key that is missing because of it."""
+    """Return the error to report. A mistyped key takes precedence over the key that is missing because of it."""
     first = errors[0]
-    beside = [error for error in errors if error["loc"][:-1] == first["loc"][:-1]]
-    mistyped = (error for error in beside if error["type"] == "unexpected_keyword_argument")
+    siblings = [error for error in errors if error["loc"][:-1] == first["loc"][:-1]]
+    mistyped = (error for error in siblings if error["type"] == "unexpected_keyword_argument")
     return next(mistyped, first) if first["type"] == "missing" else first
 
 
 def count_problems(errors: Sequence[Mapping[str, Any]]) -> int:
-    """Count invalid settings: a step's force that is neither a number nor a profile gives two errors."""
+    """Return the number of invalid settings. A force of a step that is neither a number nor a profile gives two
+    errors.
+    """
     return len({_place(error["loc"]) for error in errors})
 
 
 def instead_of(names: Collection[str], wrong: str) -> str:
-    """Suggest names for a mistyped one; a wrong unit suffix is named as such."""
+    """Return a suggestion of names for a mistyped name. A wrong unit suffix is identified as such."""
     stem = wrong.rsplit("_", 1)[0]
     same_stem = [name for name in names if name.rsplit("_", 1)[0] == stem or name.startswith(f"{wrong}_")]
     if same_stem:
@@ -130,7 +134,7 @@ def instead_of(names: Collection[str], wrong: str) -> str:
 
 
 def _kind(word: str | int) -> type | None:
-    """Return the settings of a word; None for an unknown one."""
+    """Return the settings of a step by its word; None for an unknown word."""
     return STEPS.get(str(word)) or step_kind(str(word))
 
 
@@ -141,7 +145,7 @@ def _place(location: Sequence[str | int]) -> tuple[str | int, ...]:
 
 
 def _keys(section: type | None, rest: Sequence[str | int]) -> tuple[list[str], type | None]:
-    """Return the keys below a step as in its file, and the section of the last one."""
+    """Return the keys below a step, as in its file, and the section of the last key."""
     keys: list[str] = []
     for part in rest:
         if isinstance(part, int) or keys == ["force_n"]:  # within a value
@@ -155,17 +159,17 @@ def _keys(section: type | None, rest: Sequence[str | int]) -> tuple[list[str], t
 
 
 def _words(error: Mapping[str, Any], keys: Sequence[str], section: type | None) -> str:
-    """Return the message on an error, for after the step's label."""
+    """Return the text of an error, to follow the label of the step."""
     key, got = ".".join(keys), f", got {format_value(error['input'])}"
     begin = f": {key}" if key else ""
     match error["type"]:
         case "unexpected_keyword_argument":
-            return f"{begin} is no setting{instead_of(_names(section), keys[-1])}"
+            return f"{begin} is not a setting{instead_of(_names(section), keys[-1])}"
         case "value_error":
             cause = error["ctx"]["error"]
             return f"{begin}.{cause}" if begin and isinstance(cause, SettingError) else f"{begin}: {cause}"
         case "missing" if error["loc"][-1] == "step":
-            return f"{begin} is missing: its steps are tables [[task.step.step]], in a file of its own [[step.step]]"
+            return f"{begin} is missing: its steps are tables [[task.step.step]], in a separate file [[step.step]]"
         case "missing" if isinstance(error["loc"][-1], str):
             return f"{begin} is missing"
         case "missing":

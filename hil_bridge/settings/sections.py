@@ -9,19 +9,19 @@ from pydantic import BaseModel
 
 
 def is_section(value: object) -> bool:
-    """Return whether an object is a section, as opposed to a value."""
+    """Return whether an object is a section, not a value."""
     return isinstance(value, BaseModel) or dataclasses.is_dataclass(value)
 
 
 def items_of(section: object) -> list[tuple[str, Any]]:
-    """Return names and values of a section, in order."""
+    """Return the names and values of a section, in order."""
     if isinstance(section, BaseModel):
         return [(name, getattr(section, name)) for name in type(section).model_fields]
     return [(field.name, getattr(section, field.name)) for field in dataclasses.fields(section)]  # type: ignore[arg-type]
 
 
 def changed(section: object, default: object, before: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Yield dotted key, value and default of each setting that differs from the default section."""
+    """Yield the dotted key, value and default of each setting that differs from the default section."""
     defaults = dict(items_of(default)) if type(default) is type(section) else {}
     for name, value in items_of(section):
         usual, key = defaults.get(name), f"{before}{name}"

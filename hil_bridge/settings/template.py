@@ -1,4 +1,6 @@
-"""Descriptions of a configuration: a commented file of all settings, their JSON schema, and those with a mark."""
+"""Descriptions of a configuration: a commented file with all settings, their JSON schema, and the settings with a
+mark.
+"""
 
 import dataclasses
 import inspect
@@ -16,11 +18,11 @@ from hil_bridge.settings.sections import is_section, items_of
 from protocol.marks import Setting, settings
 
 _TABLES = ("faults", "step")
-"""Settings that are written as separate tables, with which an empty list would collide."""
+"""Settings that are written as separate tables. An empty list of the same name would collide with them."""
 
 
 def profile_rows(config: Config) -> Iterator[tuple[str, Setting]]:
-    """Yield every setting with a mark, with its dotted key."""
+    """Yield every setting that has a mark, with its dotted key."""
     for key, section in _sections("", config):
         if dataclasses.is_dataclass(section):
             for item in settings(section):
@@ -28,7 +30,7 @@ def profile_rows(config: Config) -> Iterator[tuple[str, Setting]]:
 
 
 def schema() -> dict[str, Any]:
-    """Return the JSON schema of a configuration file with any built-in devices; descriptions include the marks."""
+    """Return the JSON schema of a configuration file with any built-in devices. Its descriptions include the marks."""
     config = with_all_kinds()
     result = type(config).model_json_schema()
     definitions = result["$defs"]
@@ -50,11 +52,11 @@ class SettingRow(NamedTuple):
     """Row of a table of settings."""
 
     section: str
-    """Dotted key; empty for the top level."""
+    """Dotted key of the section; empty for the top level."""
     name: str
     type: str
     default: str
-    """Default as TOML writes it; empty for none."""
+    """Default as TOML writes it; empty if there is no default."""
     meaning: str
 
 
@@ -72,7 +74,7 @@ def setting_rows() -> Iterator[SettingRow]:
 
 
 def _type(entry: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
-    """Describe the type of a setting."""
+    """Return a description of a setting's type."""
     if "$ref" in entry:
         return _type(definitions[entry["$ref"].rpartition("/")[2]], definitions)
     if "enum" in entry:
@@ -89,8 +91,8 @@ def _type(entry: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
 def commented_defaults() -> str:
     """Return a configuration file with every setting at its default and a comment above it.
 
-    Sections of devices that it does not use are there as comments, a # without a space before what can be taken as
-    it is.
+    Sections of devices that the file does not use are comments. In these sections, lines with a setting begin with
+    a # without a space, so that a line can be used after its # is removed.
     """
     lines = ["# Configuration of hil-bridge. Every setting is at its default; delete what you do not change."]
     config = Config()
@@ -105,7 +107,7 @@ def commented_defaults() -> str:
 
 
 def _lines(key: str, section: Any) -> list[str]:
-    """Return the lines of a section, without those inside it; none if it has no settings of its own."""
+    """Return the lines of a section, without its inner sections; empty if the section has no settings of its own."""
     comments = _comments(section.__class__)
     plain = [(name, value) for name, value in items_of(section) if not is_section(value)]
     if not plain:
@@ -118,7 +120,7 @@ def _lines(key: str, section: Any) -> list[str]:
 
 
 def _sections(key: str, section: object) -> Iterator[tuple[str, Any]]:
-    """Yield the section itself, then every section inside it, with dotted keys."""
+    """Yield the section itself, and then every inner section, with dotted keys."""
     if key:
         yield key, section
     for name, value in items_of(section):
@@ -128,7 +130,9 @@ def _sections(key: str, section: object) -> Iterator[tuple[str, Any]]:
 
 @cache
 def _comments(cls: Any) -> dict[str, str]:
-    """Return the text for each field of a section: the setting's meaning with unit and mark, or its docstring."""
+    """Return the text for each field of a section: the setting's meaning with unit and mark, or the docstring of
+    the field.
+    """
     comments = field_docstrings(cls)
     if issubclass(cls, BaseModel):
         return comments

@@ -9,7 +9,7 @@ from hil_bridge.transports.delivery import QUEUE_BYTES, Data, Delivery
 
 
 class Around(Generic[Data]):
-    """Transport around another one."""
+    """Transport that wraps another transport."""
 
     __slots__ = ("_delivery", "_inner")
 
@@ -23,7 +23,7 @@ class Around(Generic[Data]):
         return self._inner.name
 
     def start(self, on_data: Callable[[Data], None], on_end: Callable[[TransportError], None]) -> None:
-        """Start both."""
+        """Start this transport and the inner one."""
         self._delivery.start(on_data, on_end)
         self._inner.start(self._arrived, self._inner_ended)
 
@@ -36,7 +36,7 @@ class Around(Generic[Data]):
         raise NotImplementedError
 
     def _leave(self, data: Data) -> None:
-        """Send data to the inner transport, whose failure ends it."""
+        """Send data to the inner transport. If that fails, handle the end of the inner transport."""
         try:
             self._inner.send(data)
         except TransportError as error:

@@ -1,4 +1,4 @@
-"""Retries at growing intervals, for a given time; and a wire that is reopened when it breaks."""
+"""Retries at growing intervals for a given time, and a wire that is reopened when it breaks."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator
@@ -12,17 +12,18 @@ from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery
 
 FIRST_WAIT_S = 0.1
 LONGEST_WAIT_S = 2.0
-"""First and longest time between two attempts, s; each is twice the one before. Chosen: a device server takes some
-seconds to start, and a refused connection costs it nothing. Without jitter: there is one client.
+"""Longest time between two attempts, s. The first one is `FIRST_WAIT_S`, and each is twice the previous one.
+Chosen: a device server takes some seconds to start, and a refused connection costs it nothing. There is no jitter,
+because there is only one client.
 """
 
 Opened = TypeVar("Opened")
 Notice = Callable[[str, str], None]
-"""Called with kind and text of an event that is relevant for the recording."""
+"""Callback for an event that is relevant for the recording; receives its kind and its text."""
 
 
 def waits() -> Iterator[float]:
-    """Yield the times to wait before each further attempt, s, endlessly."""
+    """Yield the waiting time before each further attempt, s, endlessly."""
     wait = FIRST_WAIT_S
     while True:
         yield wait
@@ -30,7 +31,7 @@ def waits() -> Iterator[float]:
 
 
 async def persistent(open_it: Callable[[], Awaitable[Opened]], patience_s: float, clock: Clock) -> Opened:
-    """Open something; while it is unavailable, retry for `patience_s`, or never if 0.
+    """Open a resource. If it is unavailable, retry for `patience_s`; 0 means a single attempt.
 
     Raises the last TransportUnavailable.
     """
@@ -49,8 +50,8 @@ async def persistent(open_it: Callable[[], Awaitable[Opened]], patience_s: float
 class Reconnecting:
     """Byte wire that is reopened when it breaks or the other side ends it.
 
-    Bytes in transit are lost, and so are bytes sent meanwhile: a link with repeats recovers. `on_notice` receives every
-    loss and return. If the wire is not back after `patience_s`, it ends with TransportBroken.
+    Bytes in transit, and bytes sent during the outage, are lost; a link with repeats recovers. `on_notice` receives
+    every loss and recovery. If the wire cannot be reopened within `patience_s`, it ends with TransportBroken.
     """
 
     __slots__ = ("_clock", "_delivery", "_inner", "_on_notice", "_open", "_patience", "_task", "lost")
@@ -71,7 +72,7 @@ class Reconnecting:
         self._delivery: Delivery[bytes] = Delivery(wire.name, QUEUE_BYTES)
         self._task: asyncio.Task[None] | None = None
         self.lost = 0
-        """Bytes sent while there was no wire."""
+        """Number of bytes that were sent during an outage and lost."""
 
     @property
     def name(self) -> str:

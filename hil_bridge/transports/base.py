@@ -9,7 +9,7 @@ from protocol.can.frame import CanFrame
 Frames: TypeAlias = Sequence[CanFrame]
 
 Datagrams: TypeAlias = Sequence[bytes]
-"""Datagrams, each of which is delivered complete or not at all."""
+"""Batch of datagrams, each of which is delivered complete or not at all."""
 
 Data = TypeVar("Data")
 
@@ -17,19 +17,19 @@ Data = TypeVar("Data")
 class Transport(Protocol[Data]):
     """Full-duplex wire for `bytes`, or for batches of CAN frames or datagrams, opened and ready.
 
-    Data is delivered by callback in the event loop's thread: no task switch lies between the wire and the state
-    machine. A wrapper (pacing, latency, faults, tap) is a transport around a transport.
+    Data is delivered by callback in the event loop's thread, so no task switch lies between the wire and the state
+    machine. A wrapper (pacing, latency, faults, tap) is a transport that wraps another transport.
     """
 
     @property
     def name(self) -> str:
-        """URL that it was opened from, for messages."""
+        """URL from which the wire was opened, for messages."""
 
     def start(self, on_data: Callable[[Data], None], on_end: Callable[[TransportError], None]) -> None:
-        """Start delivery; called once. Data that arrived since opening is delivered too.
+        """Start delivery. Called once. Data that arrived since opening is delivered too.
 
-        `on_end` is called exactly once, after the last data. It receives TransportClosed after our own `aclose`,
-        TransportBroken if the peer or the cable failed, and TransportEnded if the other side closed properly.
+        `on_end` is called exactly once, after the last data. It receives TransportClosed after `aclose` on this
+        side, TransportBroken if the peer or the cable failed, and TransportEnded if the other side closed properly.
         """
 
     def send(self, data: Data) -> None:
@@ -39,4 +39,4 @@ class Transport(Protocol[Data]):
         """
 
     async def aclose(self) -> None:
-        """Send what is queued (for at most a second), then close. Idempotent."""
+        """Send queued data for at most a second, then close the wire. Idempotent."""

@@ -1,4 +1,4 @@
-"""Parts of every transport: a buffer for arrivals until the client starts it, and a queue with times."""
+"""Common parts of all transports: a buffer for data that arrive before the client starts, and a queue with times."""
 
 import asyncio
 import inspect
@@ -13,17 +13,17 @@ from hil_bridge.errors import TransportClosed, TransportError
 Data = TypeVar("Data", bound=Sized)
 
 QUEUE_BYTES = 65536
-"""Limit of every queue of bytes. Chosen: a minute of a 9600-baud line."""
+"""Maximum length of every queue of bytes. Chosen: a minute of a 9600-baud line."""
 
 QUEUE_FRAMES = 1024
-"""Limit of every queue of CAN frames. Chosen: an eighth of a second of a full bus at 1 Mbit/s."""
+"""Maximum length of every queue of CAN frames. Chosen: an eighth of a second of a full bus at 1 Mbit/s."""
 
 FLUSH_S = 1.0
 """Longest time for which `aclose` sends queued data, s. Part of the transport contract."""
 
 
 class Delivery(Generic[Data]):
-    """Receiving side of a transport: buffers arrivals until `start`, ends once, after the last data."""
+    """Receiving side of a transport. It buffers arrivals until `start`, and ends once, after the last data."""
 
     __slots__ = (
         "_closing",
@@ -45,11 +45,11 @@ class Delivery(Generic[Data]):
         self._on_end: Callable[[TransportError], None] | None = None
         self._closing = False
         self.waiting = 0
-        """Bytes or frames that arrived before `start`."""
+        """Number of bytes or frames that arrived before `start`."""
         self.overruns = 0
-        """Bytes or frames lost because the client had not started the transport."""
+        """Number of bytes or frames that were lost because the client had not started the transport."""
         self.ended: TransportError | None = None
-        """Reason why the transport has ended."""
+        """Reason why the transport has ended; None while it is open."""
 
     def start(self, on_data: Callable[[Data], None], on_end: Callable[[TransportError], None]) -> None:
         """Start delivery, beginning with the buffered data."""
@@ -65,7 +65,7 @@ class Delivery(Generic[Data]):
             on_end(self.ended)
 
     def data(self, data: Data) -> None:
-        """Deliver an arrival, or buffer it until `start`."""
+        """Deliver data, or buffer them until `start`."""
         if self.ended is not None:
             return
         if self._on_data is not None:
@@ -77,28 +77,28 @@ class Delivery(Generic[Data]):
             self.waiting += len(data)
 
     def end(self, error: TransportError) -> None:
-        """End with this cause, unless it has ended."""
+        """End the delivery with this cause, unless it has already ended."""
         if self.ended is None:
             self.ended = error
             if self._on_data is not None and self._on_end is not None:
                 self._on_end(error)
 
     def check(self) -> None:
-        """Raise TransportError if it has ended or is being closed; for `send`."""
+        """Raise TransportError if the transport has ended or is being closed. Called by `send`."""
         if self.ended is not None:
             raise type(self.ended)(*self.ended.args) from self.ended
         if self._closing:
             raise TransportClosed(f"{self.name}: it is being closed")
 
     def begin_close(self) -> bool:
-        """Return whether there is anything to close; from now on nothing more can be sent."""
+        """Return whether there is anything to close. From now on, nothing more can be sent."""
         if self._closing or self.ended is not None:
             return False
         self._closing = True
         return True
 
     async def close(self, drained: Callable[[], Awaitable[None]], close: Callable[[], object]) -> None:
-        """Send what is queued, then close, which may take time. Idempotent."""
+        """Send queued data, which may take time, then close. Idempotent."""
         if not self.begin_close():
             return
         try:
@@ -109,12 +109,12 @@ class Delivery(Generic[Data]):
             self.closed()
 
     def closed(self) -> None:
-        """End because this side closed it."""
+        """End the delivery because this side has closed the transport."""
         self.end(TransportClosed(f"{self.name}: closed"))
 
 
 class TimedQueue:
-    """Actions that are executed in order, each at its own time, with one timer for all."""
+    """Queue of actions that are executed in order, each at its own time. All of them share one timer."""
 
     __slots__ = ("_actions", "_armed", "_clock", "weight")
 
@@ -123,10 +123,12 @@ class TimedQueue:
         self._actions: deque[tuple[float, int, Callable[[], None]]] = deque()
         self._armed = False
         self.weight = 0
-        """Bytes or frames in transit."""
+        """Number of bytes or frames in transit."""
 
     def put(self, action: Callable[[], None], weight: int, delay: float) -> None:
-        """Execute `action` after `delay`, s, but not before earlier ones; 0 means on the loop's next turn."""
+        """Execute `action` after `delay`, s, but not before earlier actions. A delay of 0 means the next iteration
+        of the loop.
+        """
         when = self._clock.now() + delay
         if self._actions:
             when = max(when, self._actions[-1][0])
@@ -136,12 +138,12 @@ class TimedQueue:
             self._arm(at_once=delay <= 0.0)
 
     async def drained(self) -> None:
-        """Return when everything has been executed."""
+        """Return when all actions have been executed."""
         while self._actions:
             await self._clock.sleep_until(self._actions[-1][0])
 
     def clear(self) -> None:
-        """Discard what is in transit."""
+        """Discard all queued actions."""
         self._actions.clear()
         self.weight = 0
 
@@ -156,7 +158,7 @@ class TimedQueue:
         self._armed = False
         now = self._clock.now()
         try:
-            # data queued meanwhile wait for the next turn: otherwise two ends that answer each other never return
+            # data queued by these actions wait for the next call; otherwise two ends that answer each other never end
             for _ in range(len(self._actions)):
                 if not self._actions or self._actions[0][0] > now:
                     break
@@ -169,7 +171,7 @@ class TimedQueue:
 
 
 async def flush(drained: Awaitable[None]) -> None:
-    """Wait until it is drained, for at most the time that a transport may take to close."""
+    """Wait until the queue is drained, for at most the time that a transport may take to close."""
     with suppress(TimeoutError):
         async with asyncio.timeout(FLUSH_S):
             await drained

@@ -1,4 +1,4 @@
-"""Listening side of wires whose clients come and go."""
+"""Listening side of wires whose clients may connect and disconnect."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -17,7 +17,7 @@ class Listening(Generic[Wire]):
     """Wire that waits for the other side."""
 
     transport: Wire
-    """Transport that lives until it is closed, which stops listening; clients may come and go."""
+    """Transport that exists until it is closed, which also stops listening. Clients may connect and disconnect."""
     address: str
     """URL for a client."""
 
@@ -25,7 +25,7 @@ class Listening(Generic[Wire]):
 class Exchange:
     """Transport of a listener, connected to the present client.
 
-    Bytes sent without a client are lost, as on an unplugged cable; `lost` counts them.
+    Bytes sent without a client are lost, as on an unplugged cable. `lost` counts them.
     """
 
     def __init__(self, name: str, free: Callable[[], None], stop: Callable[[], None]) -> None:
@@ -36,7 +36,7 @@ class Exchange:
         self._free = free
         self._stop = stop
         self.lost = 0
-        """Bytes sent that no client received."""
+        """Number of sent bytes that no client received."""
 
     @property
     def name(self) -> str:

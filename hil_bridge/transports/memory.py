@@ -1,4 +1,4 @@
-"""Byte wire inside one event loop, with latency and without jitter."""
+"""Byte wire inside one event loop, with latency but without jitter."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class _Listener:
 
 
 class _Acceptor:
-    """Accepts any number of clients at a time."""
+    """Listener that accepts any number of clients at a time."""
 
     busy = False
 
@@ -38,8 +38,8 @@ def memory_pair(
 ) -> tuple[Transport[bytes], Transport[bytes]]:
     """Return the two ends of a wire. Data reaches the other end unsplit after the latency, never within `send`.
 
-    `line` promises that one of the two is given to a serial line, which takes time itself. So without latency the wire
-    delivers within `send`, and no byte arrives earlier because of that.
+    `line` promises that one of the two ends is given to a serial line, which itself takes time. A wire without
+    latency then delivers within `send`, and no byte arrives earlier because of it.
     """
     at_once = line and latency_s <= 0.0
     here = _MemoryEnd(clock, latency_s, name, at_once)
@@ -49,9 +49,10 @@ def memory_pair(
 
 
 def listen_memory(name: str, clock: Clock, end: Uart | None = None) -> Transport[bytes]:
-    """Wait for clients of this name in this loop, one at a time. Raises TransportUnavailable if the name is in use.
+    """Wait for clients that use this name in this loop, one client at a time. Raises TransportUnavailable if the
+    name is in use.
 
-    `end` is the listener's UART; the line itself is at the client's side of the wire.
+    `end` is the listener's UART. The serial line itself is on the client's side of the wire.
     """
     listeners = _listeners(clock)
     if name in listeners:
@@ -64,8 +65,8 @@ def listen_memory(name: str, clock: Clock, end: Uart | None = None) -> Transport
 def listen_memory_clients(
     name: str, clock: Clock, on_client: Callable[[Transport[bytes]], object]
 ) -> Callable[[], None]:
-    """Wait for clients of this name in this loop, any number at a time: `on_client` receives the transport of each, and
-    closes it. Returns a function that stops listening. Raises TransportUnavailable if the name is in use.
+    """Wait for any number of clients that use this name in this loop. `on_client` receives the transport of each
+    client and closes it. Return a function that stops listening. Raises TransportUnavailable if the name is in use.
     """
     listeners = _listeners(clock)
     if name in listeners:
@@ -77,11 +78,11 @@ def listen_memory_clients(
 def connect_memory(
     name: str, latency_s: float, clock: Clock, line: bool = False
 ) -> tuple[Transport[bytes], Uart | None]:
-    """Connect to the listener with this name; return the wire and the listener's UART, if it has one.
+    """Connect to the listener with this name. Return the wire and the listener's UART, if it has one.
 
     The wire must be given to a serial line if the listener has a UART, or if `line` is true.
 
-    Raises TransportUnavailable without a listener, or if another client is connected.
+    Raises TransportUnavailable if there is no listener, or if another client is connected.
     """
     listener = _listeners(clock).get(name)
     if listener is None:

@@ -1,6 +1,6 @@
-"""Opening of wires by URL: the connecting and the listening side of byte wires, CAN buses and datagram wires.
+"""Opening of wires by URL: the connecting side and the listening side of byte wires, CAN buses and datagram wires.
 
-pyserial and python-can are slow to import, so they are imported only for wires that need them.
+Importing pyserial and python-can is slow, so they are imported only for wires that need them.
 """
 
 import logging
@@ -47,7 +47,7 @@ def _log(kind: str, text: str) -> None:
 
 
 async def connect_bytes(url: str, clock: Clock, on_notice: Notice = _log) -> Transport[bytes]:
-    """Open a byte wire. Raises ConfigError for the URL, TransportUnavailable for the wire.
+    """Open a byte wire. Raises ConfigError for an invalid URL, TransportUnavailable if the wire cannot be opened.
 
     `on_notice(kind, text)` receives damaged characters and lost connections.
     """
@@ -91,10 +91,11 @@ async def _connect_host(parsed: WireUrl, clock: Clock, on_notice: Notice) -> Tra
 
 
 async def connect_can(url: str, clock: Clock, accept: Sequence[CanFilter] = ()) -> Transport[Frames]:
-    """Open a CAN wire that receives frames matching one of the filters, or all frames without filters.
+    """Open a CAN wire that receives the frames that match one of the filters, or all frames if there are no
+    filters.
 
-    Errors on the bus arrive in band, as error frames that `protocol.can.error` decodes. Raises ConfigError for the URL,
-    TransportUnavailable for the wire.
+    Errors on the bus arrive in band, as error frames that `protocol.can.error` decodes. Raises ConfigError for an
+    invalid URL, TransportUnavailable if the wire cannot be opened.
     """
     return await _open_can(parse_url(url, CONNECT_CAN), clock, accept)
 
@@ -102,7 +103,7 @@ async def connect_can(url: str, clock: Clock, accept: Sequence[CanFilter] = ()) 
 async def listen_bytes(url: str, clock: Clock) -> Listening[Transport[bytes]]:
     """Open the other side of a byte wire.
 
-    Raises ConfigError for the URL, TransportUnavailable for the wire.
+    Raises ConfigError for an invalid URL, TransportUnavailable if the wire cannot be opened.
     """
     parsed = parse_url(url, LISTEN_BYTES)
     line = parsed.line
@@ -150,7 +151,7 @@ async def _listen_rfc2217(parsed: WireUrl, line: LineSettings, clock: Clock) -> 
 def _device_line(
     wire: Transport[bytes], parsed: WireUrl, line: LineSettings, clock: Clock, far: Uart | None
 ) -> PacedLine:
-    """Return the line between an emulated device and its client."""
+    """Return the serial line between an emulated device and its client."""
     adapted = _with_adapter(wire, parsed, clock, Direction.SENT)
     return PacedLine(adapted, Uart(lambda: line, _damaged(parsed)), clock, _fifo(parsed), far)
 
@@ -165,7 +166,7 @@ def _with_adapter(
 
 
 def _fifo(parsed: WireUrl) -> int:
-    """Return the FIFO size: an adapter takes every character as it arrives."""
+    """Return the FIFO size. A USB adapter reads every character on arrival."""
     return 1 if "usb_latency_ms" in parsed.options else FIFO
 
 
@@ -183,7 +184,8 @@ async def listen_can(
 ) -> Listening[Transport[Frames]]:
     """Open the other side of a CAN wire. All nodes are equal, so the address is the URL itself.
 
-    As for `connect_can`. Raises ConfigError for the URL, TransportUnavailable for the wire.
+    Filters and errors are as for `connect_can`. Raises ConfigError for an invalid URL, TransportUnavailable if the
+    wire cannot be opened.
     """
     return Listening(await _open_can(parse_url(url, LISTEN_CAN), clock, accept), url)
 
@@ -211,8 +213,8 @@ async def _adapter_line(parsed: WireUrl, clock: Clock) -> Transport[bytes]:
 async def connect_datagrams(url: str, clock: Clock, on_notice: Notice = _log) -> DatagramWire:
     """Open a datagram wire on which this side sends first. The other side may appear later.
 
-    `on_notice(kind, text)` receives strangers and an unreachable destination. Raises ConfigError for the URL,
-    TransportUnavailable for the wire.
+    `on_notice(kind, text)` receives strangers and an unreachable destination. Raises ConfigError for an invalid
+    URL, TransportUnavailable if the wire cannot be opened.
     """
     parsed = parse_url(url, CONNECT_DATAGRAMS)
     if parsed.scheme == "udp":
@@ -221,9 +223,10 @@ async def connect_datagrams(url: str, clock: Clock, on_notice: Notice = _log) ->
 
 
 async def listen_datagrams(url: str, clock: Clock, on_notice: Notice = _log) -> Listening[DatagramWire]:
-    """Open a datagram wire on which the other side sends first. Only closing it ends it.
+    """Open a datagram wire on which the other side sends first. The wire ends only when it is closed.
 
-    As for `connect_datagrams`. Raises ConfigError for the URL, TransportUnavailable for the wire.
+    Notices are as for `connect_datagrams`. Raises ConfigError for an invalid URL, TransportUnavailable if the wire
+    cannot be opened.
     """
     parsed = parse_url(url, LISTEN_DATAGRAMS)
     refuse = parsed.options.get("strangers") == "refuse"

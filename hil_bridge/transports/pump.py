@@ -13,19 +13,19 @@ Event = TypeVar("Event")
 
 
 STALL_S = 0.02
-"""Chosen: delay of a timer from which this process counts as stalled."""
+"""Delay of a timer above which this process counts as stalled, s. Chosen."""
 _RECEIVE_S = 0.001
-"""Chosen: time in which data that arrived during a stall is received before a deadline is judged, also from a device
-that is emulated in this process.
+"""Time for which data that arrived during a stall are received before a deadline is judged, s. Chosen: also
+sufficient for a device that is emulated in this process.
 """
 
 
 class Pump(Generic[Data, Event]):
-    """Moves data, events and time between one endpoint and one transport, by callbacks, without a task.
+    """Pump that moves data, events and time between one endpoint and one transport, by callbacks, without a task.
 
-    `on_event` is called with every event in order. `on_end` is called exactly once with the cause: the transport's end,
-    or an exception of the endpoint or `on_event`; the endpoint is not used afterwards. The opener of the transport
-    closes it.
+    `on_event` is called with every event in order. `on_end` is called exactly once with the cause: the end of the
+    transport, or an exception of the endpoint or of `on_event`. The endpoint is not used afterwards. Whoever opened
+    the transport closes it.
     """
 
     __slots__ = (
@@ -58,25 +58,25 @@ class Pump(Generic[Data, Event]):
         self._on_end = on_end
         self._timer: Timer | None = None
         self._armed = 0.0
-        """Time of the timer, if there is one."""
+        """Time for which the timer is set, s, if there is a timer."""
         self._armed_at = 0.0
-        """Time at which it was set."""
+        """Time at which the timer was set, s."""
         self._deadline: float | None = None
-        """Deadline of the endpoint."""
+        """Next deadline of the endpoint, s."""
         self._postponed: float | None = None
-        """Deadline that was postponed after a stall, once."""
+        """Deadline that was postponed after a stall; each deadline is postponed only once."""
         self._turning = False
         self._ended = False
 
     def start(self) -> None:
-        """Start, once. Data that the transport has already received is processed before this returns."""
+        """Start the pump, once. Data that the transport has already received is processed before this returns."""
         self._transport.start(self._received, self._end)
         self.kick()
 
     def kick(self) -> None:
-        """Process the endpoint after it was given something to do; may be called from within `on_event`."""
+        """Process the endpoint after it was given new data or requests. May be called within `on_event`."""
         if self._turning or self._ended:
-            return  # the present turn checks the endpoint again before it ends
+            return  # the call in progress checks the endpoint again before it ends
         self._turning = True
         try:
             self._turn()
@@ -102,7 +102,7 @@ class Pump(Generic[Data, Event]):
             if self._ended:
                 return
         deadline = self._deadline = endpoint.next_deadline()
-        # a deadline that is postponed, as a time-out is by every answer, is checked when the timer expires
+        # a postponed deadline, such as a time-out after every answer, is checked when the timer expires
         if deadline is not None and (self._timer is None or deadline < self._armed):
             self._arm(deadline)
 
@@ -136,7 +136,7 @@ class Pump(Generic[Data, Event]):
             self._arm(now + _RECEIVE_S)
             return
         try:
-            # a timer may come a rounding step early
+            # a timer may expire a rounding step early
             self._endpoint.handle_deadline(max(deadline, now))
         except RAISED as error:
             raise_if_interrupt(error)

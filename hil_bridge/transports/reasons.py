@@ -1,4 +1,4 @@
-"""One-line messages for exceptions of libraries and the system: what, where, what to do."""
+"""One-line messages for exceptions of libraries and of the operating system: what is wrong, where, and what to do."""
 
 import errno
 import socket
@@ -67,7 +67,7 @@ ADVICE = {
 
 
 class BusOff(Exception):
-    """CAN controller is bus-off because of its errors and did not recover."""
+    """Error of a CAN controller that is bus-off because of its errors and did not recover."""
 
     def __init__(self) -> None:
         super().__init__("the CAN controller is bus-off")
@@ -103,12 +103,12 @@ def error_number(error: BaseException | None) -> int | None:
 
 
 def reason(scheme: str, target: str, error: BaseException) -> str:
-    """Return the meaning of an error and a remedy, in one line."""
+    """Return the meaning of an error and a remedy in one line."""
     return "; ".join(filter(None, meaning(scheme, target, error)))
 
 
 def meaning(scheme: str, target: str, error: BaseException) -> tuple[str, str]:
-    """Return the meaning of an error, and a remedy; "" without one."""
+    """Return the meaning of an error and a remedy; the remedy is "" if there is none."""
     number = error_number(error)
     if number == errno.EBADF:
         return "other code of this process has closed its file", ""

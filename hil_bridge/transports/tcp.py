@@ -1,8 +1,8 @@
 """Bytes over TCP: a client, and a server for one client at a time.
 
-No client holds the server's port forever. One whose computer or cable is gone is detected by TCP keep-alive
-(`KEEPALIVE`). One that has not sent a single byte for `SILENT_S` is replaced as soon as another connects. One that has
-sent data may be silent indefinitely: a robot's link has pauses.
+No client holds the server's port forever. A client whose computer or cable has failed is detected by TCP keep-alive
+(`KEEPALIVE`). A client that has not sent a single byte for `SILENT_S` is replaced as soon as another one connects.
+A client that has sent data may be silent indefinitely, because the link of a robot has pauses.
 """
 
 import asyncio
@@ -19,27 +19,29 @@ from hil_bridge.transports.listening import Exchange
 from hil_bridge.transports.serial.files import FileWire
 
 CONNECT_TIMEOUT_S = 5.0
-"""Chosen: a reachable host answers sooner."""
+"""Time-out for connecting, s. Chosen: a reachable host answers sooner."""
 
 KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 1, "TCP_KEEPCNT": 4}
-"""A peer that has been silent for 5 s is probed once a second, and counts as gone after four probes. Chosen: an
-unplugged cable is detected within 10 s even on a wire that only receives.
+"""Socket options of TCP keep-alive. A peer that has been silent for 5 s is probed once a second, and counts as gone
+after four probes. Chosen: an unplugged cable is detected within 10 s even on a wire that only receives.
 """
 
 BACKLOG = 64
-"""Clients that wait to be accepted, if many connect at once. Chosen: with 1, a third one retries after 1 s."""
+"""Number of clients that can wait to be accepted, if many connect at once. Chosen: with 1, a third client retries
+after 1 s.
+"""
 
 _UNREAD_BYTES = 1 << 16
-"""Chosen: send buffer of the operating system for one of many clients, so that one that does not read is soon detected;
-the default is millions of bytes.
+"""Send buffer of the operating system for each of many clients, bytes. Chosen: a client that does not read is soon
+detected; the default is millions of bytes.
 """
 
 SILENT_S = 5.0
-"""Time for which a client without data has the port to itself. Chosen: users of a link send at once."""
+"""Time for which a client that sends no data keeps the port, s. Chosen: users of a link send at once."""
 
 
 def keep_alive(connection: socket.socket) -> None:
-    """Let the system detect that the peer is gone, see `KEEPALIVE`."""
+    """Let the operating system detect that the peer is gone; see `KEEPALIVE`."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for option, value in KEEPALIVE.items():
         if hasattr(socket, option):  # not every system has these options
@@ -47,7 +49,7 @@ def keep_alive(connection: socket.socket) -> None:
 
 
 async def connect_tcp(host: str, port: int, clock: Clock, name: str) -> Transport[bytes]:
-    """Connect to a server, without Nagle's delay. Raises TransportUnavailable."""
+    """Connect to a server, without Nagle's delay. Raises TransportUnavailable if the server cannot be reached."""
     try:
         async with asyncio.timeout(CONNECT_TIMEOUT_S):
             resolved = await clock.loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
@@ -64,7 +66,7 @@ async def connect_tcp(host: str, port: int, clock: Clock, name: str) -> Transpor
     return FileWire(name, _Connection(connection, name), clock)
 
 
-def _unwrapped(wire: Transport[bytes]) -> Transport[bytes]:
+def _unwrap(wire: Transport[bytes]) -> Transport[bytes]:
     return wire
 
 
@@ -73,20 +75,22 @@ async def listen_tcp(
     port: int,
     clock: Clock,
     name: str,
-    around: Callable[[Transport[bytes]], Transport[bytes]] = _unwrapped,
+    around: Callable[[Transport[bytes]], Transport[bytes]] = _unwrap,
 ) -> tuple[Transport[bytes], str, int]:
-    """Wait for clients, one at a time. A client that connects while another is there waits until that one has left. It
-    replaces that one if that one has been silent since it connected.
+    """Wait for clients, one at a time. A new client waits until the present client has left. It replaces the
+    present client if that client has been silent since it connected.
 
-    `around` wraps the connection of a client. Returns the transport, and the actual address and port. Raises
-    TransportUnavailable.
+    `around` wraps the connection of a client. Return the transport, and the actual address and port. Raises
+    TransportUnavailable if the port cannot be opened.
     """
     server, here = await _listen(host, port, clock, name)
     return _Server(server, name, clock, around).exchange, here[0], here[1]
 
 
 async def _listen(host: str, port: int, clock: Clock, name: str) -> tuple[socket.socket, Any]:
-    """Open the listening socket and return it with its address. Raises TransportUnavailable."""
+    """Open the listening socket and return it with its address. Raises TransportUnavailable if the port cannot be
+    opened.
+    """
     try:
         resolved = await clock.loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         server = _open_listener(resolved[0])
@@ -98,9 +102,10 @@ async def _listen(host: str, port: int, clock: Clock, name: str) -> tuple[socket
 async def listen_tcp_clients(
     host: str, port: int, clock: Clock, name: str, on_client: Callable[[Transport[bytes]], object]
 ) -> tuple[Callable[[], None], str, int]:
-    """Wait for clients, any number at a time: `on_client` receives the transport of each, and closes it.
+    """Wait for any number of clients. `on_client` receives the transport of each client and closes it.
 
-    Returns a function that stops listening, and the actual address and port. Raises TransportUnavailable.
+    Return a function that stops listening, and the actual address and port. Raises TransportUnavailable if the port
+    cannot be opened.
     """
     server, here = await _listen(host, port, clock, name)
 
@@ -108,7 +113,7 @@ async def listen_tcp_clients(
         try:
             connection, address = server.accept()
         except OSError:
-            return  # it disconnected before it was accepted
+            return  # the client disconnected before it was accepted
         connection.setblocking(False)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _UNREAD_BYTES)
         on_client(FileWire(name, _Connection(connection, f"{address[0]}:{address[1]}"), clock))
@@ -123,7 +128,7 @@ async def listen_tcp_clients(
 
 
 def _open_listener(resolved: Any) -> socket.socket:
-    """Open a socket that listens on a resolved address. Raises OSError."""
+    """Open a socket that listens on a resolved address. Raises OSError if that fails."""
     family, kind, protocol, _, address = resolved
     server = socket.socket(family, kind, protocol)
     try:
@@ -138,7 +143,7 @@ def _open_listener(resolved: Any) -> socket.socket:
 
 
 class _Server:
-    """Accepts the next client when there is none."""
+    """Server that accepts the next client when no client is connected."""
 
     def __init__(
         self,
@@ -152,7 +157,7 @@ class _Server:
         self._clock = clock
         self._name = name
         self._silent: socket.socket | None = None
-        """Present client, while it has not sent anything."""
+        """Socket of the present client while it has not sent anything; otherwise None."""
         self._timer: Timer | None = None
         self.exchange = Exchange(name, self._wait, self._stop)
         self._wait()
@@ -165,7 +170,7 @@ class _Server:
         try:
             connection, address = self._server.accept()
         except OSError:
-            return  # it disconnected before it was accepted
+            return  # the client disconnected before it was accepted
         self._clock.loop.remove_reader(self._server.fileno())
         connection.setblocking(False)
         self._silent = connection
@@ -174,7 +179,9 @@ class _Server:
         self.exchange.attach(self._around(_FirstByteWatch(wire, self._settle)))
 
     def _settle(self) -> None:
-        """Stop waiting: the client keeps the port, or there is none."""
+        """End the wait for the first data. Either the client has sent data and keeps the port, or there is no
+        client.
+        """
         self._silent = None
         if (listening := self._server.fileno()) >= 0:
             self._clock.loop.remove_reader(listening)
@@ -183,7 +190,7 @@ class _Server:
             self._timer = None
 
     def _yield(self) -> None:
-        """Let the next client replace the silent one, from now on."""
+        """Let the next client replace the silent client from now on."""
         self._clock.loop.add_reader(self._server.fileno(), self._make_room)
 
     def _make_room(self) -> None:
@@ -198,7 +205,7 @@ class _Server:
 
 
 class _FirstByteWatch:
-    """Wire of a client, with a callback for its first data."""
+    """Wire of a client that calls back on its first data."""
 
     __slots__ = ("_inner", "_on_first", "aclose", "name", "send")
 
@@ -208,7 +215,7 @@ class _FirstByteWatch:
         self._on_first: Callable[[], None] | None = on_first
 
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
-        """As for the wire."""
+        """Start the wire; see `Transport.start`."""
 
         def received(data: bytes) -> None:
             if self._on_first is not None:

@@ -1,4 +1,4 @@
-"""Wires by URL: the possible URLs, and the wires that they open.
+"""URLs of wires, with their options.
 
 | connect | listen |
 |---|---|
@@ -13,32 +13,33 @@
 | `udp://host:port` | `udp-bind://127.0.0.1:6510?strangers=refuse` |
 | `udp+memory:NAME?latency_ms=5&jitter_ms=1&loss=0.01&duplicate=0.01&reorder=0.01&seed=7` | the same, and `strangers` |
 
-A baud rate on a wire that is no serial port means that bytes are paced as on such a line. Without options a
-line has 9600 baud, no parity and one stop bit.
+With a baud rate, a wire other than a serial port delivers bytes at the pace of a serial line. The defaults of a line
+are 9600 baud, no parity and one stop bit.
 
-The listening side's options are the settings of the emulated device's UART. The client's settings may be known too: in
-memory from its URL, on RFC 2217 from its requests, on a pseudo-terminal its baud rate alone. Then a difference between
-the two changes the bytes on either side as a UART would. A listener in memory without a line is taken to be set right.
+The listening side's options are the settings of the emulated device's UART. The client's settings may be known, too: in
+memory from its URL, on RFC 2217 from its requests, on a pseudo-terminal its baud rate only. If the two differ, the
+bytes on either side are changed as by a UART. In memory, a listener without line settings is assumed to match.
 
 Options of an emulated line:
-- `damaged=drop`, `zero` or `keep`: bytes that the device takes for a character with a parity or framing error: none,
-  00h, the bits as read. Assumed: `drop`, which fits a controller that is silent to a wrong parity.
+- `damaged=drop`, `zero` or `keep`: what the device reads for a character with a parity or framing error: nothing, 00h,
+  or the bits as received. Assumed: `drop`, which corresponds to a controller that ignores a wrong parity.
 - `usb_latency_ms=16`: a USB adapter at the computer's end, with this latency timer.
 
 Options of a TCP connection:
-- `connect_s=30`: for how long to try to connect, at growing intervals; by default once.
-- `reconnect_s=30`: a connection that broke is made again for this long, and bytes under way are lost; by default
-  it ends the run. While it is away no byte of the device arrives: time limits above this wire still hold.
+- `connect_s=30`: time for which connecting is retried, at growing intervals; by default there is one attempt.
+- `reconnect_s=30`: time for which a broken connection is retried; bytes in transit are lost. By default, a broken
+  connection ends the run. Time limits of the layers above continue to apply during the outage.
 
-Datagrams: `udp` speaks first, and takes the datagrams of that host and port alone. `udp-bind` waits for the other
-side to speak first, and answers the side that spoke last.
-- `strangers=follow` or `refuse`: a second side that speaks while the first is in use becomes the one that is
-  answered, or is refused; by default `follow`. It is counted either way.
-- `latency_ms`, `jitter_ms`: every datagram takes so long, and up to so much longer.
-- `loss`, `duplicate`, `reorder`: probabilities that a datagram is lost, comes twice, comes behind the next one. The
-  draws repeat with the `seed`. Each end's options are those of its own path to the network, both ways.
+Datagrams: `udp` sends first, and accepts datagrams of its host and port only. `udp-bind` waits for the other side to
+send first, and answers the newest sender.
+- `strangers=follow` or `refuse`: a second sender becomes the peer while the first is still in use, or is refused;
+  default: `follow`. It is counted in either case.
+- `latency_ms`, `jitter_ms`: delay of every datagram, and largest additional delay.
+- `loss`, `duplicate`, `reorder`: probabilities that a datagram is lost, arrives twice, or arrives after the next one.
+  The faults are reproducible with the `seed`. The options of each end apply to its own path to the network, in both
+  directions.
 
-Nothing listens beyond this computer unless its URL names a host that does.
+No wire is reachable from other computers unless its URL names such an address.
 """
 
 import math
@@ -55,26 +56,26 @@ from protocol.can.slcan import BIT_RATE_COMMANDS
 SLCAN = ("can+slcan", "can+slcan+tcp")
 """Schemes of a serial CAN adapter."""
 SLCAN_BAUDRATE = 115_200
-"""Baud rate of an slcan adapter's serial port without one in its URL. Chosen: python-can's. Most adapters are USB
-devices, which have no rate.
+"""Default baud rate of the serial port of an slcan adapter, bit/s. Chosen: the default of python-can. Most adapters
+are USB devices, which have no baud rate.
 """
 SERIAL_PORTS = ("serial", "rfc2217", "rfc2217-listen")
-"""Schemes whose wire always is a serial line."""
+"""Schemes whose wire is always a serial line."""
 
 
 @dataclass(frozen=True, slots=True)
 class WireUrl:
-    """Valid URL of a wire."""
+    """Validated URL of a wire."""
 
     text: str
     scheme: str
     target: str
-    """Device, host and port, channel or name."""
+    """Target of the wire: device, host and port, channel or name."""
     options: Mapping[str, Any]
 
     @property
     def name(self) -> str:
-        """URL without its options, which would clutter messages."""
+        """URL without its options, for messages."""
         return self.text.partition("?")[0]
 
     @property
@@ -91,7 +92,7 @@ class WireUrl:
 
 
 _DIGITS = 9
-"""Most digits of a whole number in a URL. Chosen: more than any rate or port has."""
+"""Maximum number of digits of an integer in a URL. Chosen: more than any rate or port has."""
 
 
 def _whole(text: str) -> int:
@@ -162,7 +163,7 @@ def _path(text: str) -> Path:
 @dataclass(frozen=True, slots=True)
 class _Scheme:
     target: str
-    """Address after the colon, as an example for messages; empty if there must be none."""
+    """Example of the address after the colon, for messages; empty if the scheme has no address."""
     options: Mapping[str, Callable[[str], Any]]
 
 
@@ -227,13 +228,13 @@ HOST_PORTS = {
     "rfc2217-listen": 0,
     "udp-bind": 0,
 }
-"""Schemes whose target is a host with a port, and the lowest port; 0 lets the system choose one."""
+"""Schemes whose target is a host with a port, with the lowest valid port; 0 lets the operating system choose a port."""
 
 
 def parse_url(url: str, schemes: Mapping[str, _Scheme], given: str = "") -> WireUrl:
-    """Parse a URL by one of the tables above. Raises ConfigError that names the invalid part.
+    """Parse a URL according to one of the tables above. Raises ConfigError that names the invalid part.
 
-    `given` is the URL of the user, if `url` was derived from it.
+    `given` is the URL of the user if `url` was derived from it.
     """
     named = given or url
     if not unquote(url).isprintable():
@@ -277,9 +278,9 @@ def parse_url(url: str, schemes: Mapping[str, _Scheme], given: str = "") -> Wire
 
 
 def split_option(url: str, name: str) -> tuple[str, str | None]:
-    """Split off one of a URL's options; return the URL without it, and its text or None.
+    """Split off an option of a URL. Return the URL without the option, and the text of the option or None.
 
-    Raises ConfigError for an option that is given twice.
+    Raises ConfigError if the option is given twice.
     """
     head, _, query = url.partition("?")
     options = [option for option in query.split("&") if option]
@@ -298,7 +299,7 @@ def with_option(url: str, name: str, text: str) -> str:
 
 
 def with_line(url: str, line: LineSettings) -> str:
-    """Return the URL with the line settings that it does not contain."""
+    """Return the URL with those of the line settings that it does not contain yet."""
     head, _, query = url.partition("?")
     options = [option for option in query.split("&") if option]
     named = {option.partition("=")[0] for option in options}
@@ -308,7 +309,7 @@ def with_line(url: str, line: LineSettings) -> str:
 
 
 def with_baudrate(url: str, baudrate: int, schemes: Mapping[str, _Scheme]) -> str:
-    """Return the URL with a device's default baud rate, bit/s, if its wire can have one and the URL contains none."""
+    """Return the URL with a device's default baud rate, bit/s, if the URL contains none and its wire can have one."""
     scheme = schemes.get(url.partition(":")[0])
     if scheme is None or "baudrate" not in scheme.options or split_option(url, "baudrate")[1] is not None:
         return url

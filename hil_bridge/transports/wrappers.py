@@ -1,4 +1,4 @@
-"""Tap around a transport, for the recorder."""
+"""Tap on a transport, for the recorder."""
 
 from collections.abc import Callable, Sized
 from enum import StrEnum
@@ -11,7 +11,7 @@ Data = TypeVar("Data", bound=Sized)
 
 
 class Direction(StrEnum):
-    """Direction of data, from the side that holds the transport."""
+    """Direction of data, relative to the side that holds the transport."""
 
     RECEIVED = "rx"
     SENT = "tx"
@@ -21,8 +21,9 @@ _SENT = Direction.SENT
 
 
 class Tap(Generic[Data]):
-    """Passes all traffic to `on_traffic(direction, data)`: sent data once the wire has accepted it, received data
-    before it is delivered. Exceptions of `on_traffic` propagate to the sender or the receiving wire.
+    """Transport that passes all traffic to `on_traffic(direction, data)`: sent data once the wire has accepted it,
+    received data before it is delivered. Exceptions of `on_traffic` propagate to the sender or to the receiving
+    wire.
     """
 
     __slots__ = ("_inner", "_on_traffic")

@@ -1,6 +1,6 @@
 """Commands for the JR3: `hil-bridge emulate jr3-pci`, `decode jr3-can` and `decode jr3-uart`.
 
-`emulate jr3-pci` serves a real board of this computer to a bridge on this or another one.
+`emulate jr3-pci` serves a real board of this computer to a bridge on this or another computer.
 """
 
 from collections.abc import Sequence
@@ -99,7 +99,8 @@ def jr3_uart(hex_bytes: tuple[str, ...]) -> None:
 def monitor(sources: Sequence[str], options: Any) -> None:
     """Print the frames of a CAN bus, as the extension `monitor-jr3` of `hil-bridge monitor`.
 
-    `options` are `hil_bridge.site.monitoring.MonitorOptions`. Raises ConfigError.
+    `options` are `hil_bridge.site.monitoring.MonitorOptions`. Raises ConfigError if a source or an option is
+    invalid.
     """
     from hil_bridge.devices.kinds import SENSORS
     from hil_bridge.devices.sensors.jr3.monitor import monitor_can

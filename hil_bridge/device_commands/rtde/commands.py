@@ -1,4 +1,4 @@
-"""`hil-bridge emulate force-source`: the contact model as the force sensor of a robot controller."""
+"""`hil-bridge emulate force-source`: simulate the force sensor of a robot controller by means of the contact model."""
 
 from pathlib import Path
 

@@ -1,8 +1,9 @@
-"""Contact model as the force sensor of a Universal Robots controller: real, simulated by its maker, or emulated.
+"""Contact model that simulates the force sensor of a Universal Robots controller. The controller may be real,
+simulated by its manufacturer, or emulated.
 
-It reads the pose of the tool in each cycle, computes the force of the surface, and writes `external_force_torque`. So
-the force that programs of the controller read belongs to a pose that is some cycles old. With a stiff surface, a force
-loop of the controller may oscillate for that reason.
+The force source reads the pose of the tool in each cycle, computes the force of the surface, and writes
+`external_force_torque`. The force that programs of the controller read therefore belongs to a pose that is some
+cycles old. With a stiff surface, a force loop of the controller may oscillate for that reason.
 """
 
 import asyncio
@@ -28,9 +29,9 @@ from protocol.devices.rtde.wires import Pieces
 from protocol.geometry import Wrench, inverse, rotate
 
 _RATE_HZ = 8000
-"""Lowest sample rate at which a surface with memory is computed."""
+"""Lowest sample rate at which a surface with memory is computed, Hz."""
 _GAP_S = 0.1
-"""Chosen: longest gap between two packets across which the path is interpolated."""
+"""Longest gap between two packets across which the path is interpolated, s. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,13 +39,13 @@ class ForceOptions:
     """Options of the force source."""
 
     limit_n: float = 200.0
-    """Force at which the source stops, because the tool is deep in the surface."""
+    """Force at which the source stops because the tool is deep in the surface, N."""
     enable: bool = True
-    """Upload the program by which the controller accepts the force."""
+    """Whether to upload the program by which the controller accepts the force."""
 
 
 def make_surface(config: Config) -> Surface:
-    """Return the surface of a configuration. Raises ConfigError for an unknown kind and for invalid settings."""
+    """Return the surface of a configuration. Raises ConfigError if its kind is unknown or its settings are invalid."""
     name = config.cell.surface_kind
     if name:
         kind = SURFACES.kind(name)
@@ -56,7 +57,7 @@ def make_surface(config: Config) -> Surface:
 
 
 class ForceSource:
-    """Computes the force for one controller."""
+    """Computation of the force for one controller."""
 
     def __init__(self, surface: Surface, limit_n: float) -> None:
         self._surface, self._limit = surface, limit_n
@@ -67,9 +68,9 @@ class ForceSource:
         self.largest_n = 0.0
 
     def wrench(self, seen: Seen) -> Wrench:
-        """Return the wrench about the flange, along its axes, N and N·m, for a reported tool.
+        """Return the wrench at the flange for a reported tool pose, in the flange frame, N and N·m.
 
-        Raises DeviceError for a force that is too large, and for a clock that goes back.
+        Raises DeviceError if the force is too large or the clock of the reports goes back.
         """
         last = self._last
         if last is not None and seen.stamp <= last.stamp:
@@ -89,7 +90,7 @@ class ForceSource:
         self.largest_n = max(self.largest_n, self.newest_n)
         if not self.newest_n <= self._limit:
             raise DeviceError(
-                f"the surface force is {self.newest_n:.0f} N, allowed are {self._limit:g} N: "
+                f"the surface force is {self.newest_n:.0f} N; allowed: at most {self._limit:g} N; "
                 "lift the tool, or set --limit-n"
             )
         force = rotate(inverse(seen.pose.quaternion), (x, y, z))
@@ -102,10 +103,10 @@ class ForceSource:
 async def feed(
     url: str, config: Config, options: ForceOptions, wiring: Wiring, stopped: asyncio.Event
 ) -> ForceSource:
-    """Send forces to the controller at a URL until `stopped` is set; the force is reset at the end.
+    """Send forces to the controller at a URL until `stopped` is set. The force is reset at the end.
 
-    Raises ConfigError for the URL, DeviceError for what the controller refuses or a force that is too large, and
-    TransportError for its wires.
+    Raises ConfigError for an invalid URL, DeviceError if the controller refuses or the force is too large, and
+    TransportError if a wire fails.
     """
     _, wire_url = robot_of(url)
     profile = settings_of(config, ROBOT).client
@@ -134,7 +135,7 @@ async def feed(
     try:
         await stopped.wait()
     finally:
-        ended = failures[:1]  # our own closing is not a failure
+        ended = failures[:1]  # closing on this side is not a failure
         await bundle.aclose()
     if ended:
         raise ended[0]

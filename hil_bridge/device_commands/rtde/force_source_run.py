@@ -1,4 +1,4 @@
-"""Force source in real time, until it is stopped."""
+"""Force source in real time, which runs until it is stopped."""
 
 import asyncio
 import signal
@@ -13,7 +13,7 @@ from hil_bridge.settings.configuration import Config
 
 
 def run_source(url: str, config: Config, options: ForceOptions, duration_s: float | None) -> str:
-    """Send forces to a controller for `duration_s`, or until SIGINT or SIGTERM, and return a summary. Raises as
+    """Send forces to a controller for `duration_s`, or until SIGINT or SIGTERM. Return a summary. Errors as for
     `feed`.
     """
     with real_time_thread(config.realtime):

@@ -5,8 +5,8 @@
     0.013402 S3 06
     0.013410 PC 10 02 00 08 01 00 13 01 00 00 10 03 18
 
-The sender is `PC` or `S3`; `tx` and `rx` mean the same, from the PC's side; `?` is unknown. Empty lines, and text after
-a #, are ignored.
+The sender is `PC` or `S3`, or equivalently `tx` or `rx`; `?` is an unknown sender. Empty lines, and text after a #, are
+ignored.
 """
 
 import re
@@ -21,12 +21,12 @@ from hil_bridge.record.pieces import not_readable, recorded_pieces
 
 
 class Sender(StrEnum):
-    """End of the link that sent a piece."""
+    """End of the link that sent a piece of traffic."""
 
     PC = "PC"
     ROBOT = "S3"
     UNKNOWN = "?"
-    """Unknown: both directions on one wire."""
+    """Unknown sender, because both directions are on one wire."""
 
 
 _SENDERS = {
@@ -55,7 +55,7 @@ class Piece:
 
 
 def parse_capture(text: str, name: str) -> Iterator[Piece]:
-    """Yield the pieces of a text capture in order. Raises ConfigError with `name` and the invalid line."""
+    """Yield the pieces of a text capture in order. Raises ConfigError that contains `name` and the invalid line."""
     newest = 0.0
     for number, line in enumerate(text.splitlines(), 1):
         content = line.partition("#")[0].strip()

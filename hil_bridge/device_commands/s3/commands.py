@@ -44,7 +44,7 @@ def link_profiles() -> Sequence[str]:
 
 
 def check_link_profile(name: str) -> None:
-    """Raise ConfigError for an unknown name, with the known ones."""
+    """Raise ConfigError that lists the known names if the name is unknown."""
     from hil_bridge.errors import ConfigError
     from protocol.devices.s3.adlp import settings_of_profile
 

@@ -1,7 +1,8 @@
-"""Passive monitor of a computer link: pieces of both directions in, one line for each block and each problem out.
+"""Passive monitor of a computer link. It receives pieces of both directions, and returns one line for each block
+and each problem.
 
-Pure; it is given the time. ENQ, ACK and EOT in their regular order have no line of their own. A block's line includes
-the times of its bid and its acknowledgement. It is output when the answer to the block is known.
+Pure; it is given the time. ENQ, ACK and EOT in their regular order do not have lines of their own. The line of a
+block includes the times of its bid and of its acknowledgement. It is output when the answer to the block is known.
 
 Source: computer-link specification, section 2.
 """
@@ -27,23 +28,25 @@ from protocol.devices.s3.adlp import (
 from protocol.devices.s3.arap import KNOWN, OrderBook
 
 GARBAGE_SIZE = 5
-"""Number of consecutive meaningless bytes after which a control byte counts as one, too. Chosen, as in the link."""
+"""Number of consecutive meaningless bytes after which a control byte counts as meaningless, too. Chosen: as in the
+link.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Line of the monitor."""
+    """Line of the monitor's output."""
 
     at: float
-    """Time of its last byte, s."""
+    """Time of the last byte, s."""
     sender: Sender
     text: str
     line_time: float | None = None
-    """Time of a block's characters on the line, s."""
+    """Duration of a block's characters on the line, s."""
     data: bytes = b""
-    """Bytes of the line; a block's telegram without its frame."""
+    """Bytes of the line. For a block, its telegram without the frame."""
     trouble: bool = False
-    """Whether it reports a problem."""
+    """Whether the line reports a problem."""
 
 
 @dataclass(slots=True)
@@ -53,14 +56,14 @@ class Counts:
     blocks: int = 0
     repeats: int = 0
     refusals: int = 0
-    """NAK."""
+    """Number of NAK bytes."""
     unanswered: int = 0
-    """Blocks and bids without an answer."""
+    """Number of blocks and bids without an answer."""
     collisions: int = 0
     garbage: int = 0
-    """Bytes without meaning."""
+    """Number of meaningless bytes."""
     busy: float = 0.0
-    """Time of all characters on the line, s."""
+    """Total duration of all characters on the line, s."""
 
 
 @dataclass(slots=True)
@@ -72,40 +75,40 @@ class _Bid:
 
 @dataclass(slots=True)
 class _Pending:
-    """Block that has no answer yet."""
+    """Block that has not been answered yet."""
 
     sender: Sender
     at: float
     block: Block
     marks: list[str]
-    """Descriptions of its anomalies and waiting times."""
+    """Descriptions of the anomalies and waiting times of the block."""
     trouble: bool
-    """Whether one of these marks is a problem."""
+    """Whether one of `marks` is a problem."""
 
 
 @dataclass(slots=True)
 class _Direction:
-    """State of one direction."""
+    """State of one direction of the link."""
 
     scanner: BlockScanner
     newest: float = 0.0
     garbage: bytearray = field(default_factory=bytearray)
     garbage_text: str = ""
     recent: bytes = b""
-    """Newest bytes, up to the longest block."""
+    """Newest bytes, up to the length of the longest block."""
     last: bytes = b""
     """Newest telegram."""
     acknowledged: bool = True
     """Whether the block was acknowledged."""
     repeats: int = 0
     open: bool = False
-    """Whether a message has begun and its EOT has not arrived."""
+    """Whether a message has begun but its EOT has not arrived."""
     further: int | None = None
-    """Function of a telegram that continues in another block."""
+    """Function of a telegram that continues in another block; None if there is none."""
 
 
 class LinkMonitor:
-    """Decodes pieces in the order of time; `next_line` returns the resulting lines."""
+    """Monitor that decodes pieces in order of time. `next_line` returns the resulting lines."""
 
     def __init__(self, profile: LinkProfile, orders: OrderBook = KNOWN) -> None:
         self._profile = profile
@@ -134,7 +137,7 @@ class LinkMonitor:
         return self._lines.popleft() if self._lines else None
 
     def take(self, piece: Piece) -> None:
-        """Process a piece."""
+        """Process a piece of traffic."""
         self.idle(piece.at)
         for sender in Sender:
             if sender is not piece.sender:
@@ -147,7 +150,7 @@ class LinkMonitor:
             self._token(piece.sender, token, piece.at)
 
     def idle(self, now: float) -> None:
-        """Advance to `now` without new bytes, and end what has waited too long."""
+        """Advance to `now` without new bytes, and end everything that has waited too long."""
         for sender, direction in self._directions.items():
             if now - direction.newest > self._gap:
                 self._break_off(sender)
@@ -161,7 +164,7 @@ class LinkMonitor:
             self._unanswered_bid(bid)
 
     def finish(self) -> None:
-        """End the capture and output what is still open."""
+        """End the capture and output everything that is still incomplete."""
         for sender in Sender:
             self._break_off(sender)
             self._end_garbage(sender)
@@ -194,8 +197,8 @@ class LinkMonitor:
                 direction.garbage += noise.data
 
     def _break_off(self, sender: Sender) -> None:
-        """End an incomplete block. It may be complete except for its check character: while the longer reading of its
-        length is possible, the scanner waits for more.
+        """End an incomplete block. It may be complete except for its check character: as long as a longer
+        length is possible, the scanner waits for more bytes.
         """
         direction = self._directions[sender]
         if not (dropped := direction.scanner.drop()):
@@ -249,7 +252,7 @@ class LinkMonitor:
         self._pending = _Pending(sender, at, block, marks, trouble)
 
     def _close(self, how: str, trouble: bool = False, acknowledged: bool = False) -> None:
-        """Output the line of the pending block, whose answer is known."""
+        """Output the line of the pending block because its answer is known."""
         pending, self._pending = self._pending, None
         assert pending is not None
         direction = self._directions[pending.sender]
@@ -266,15 +269,15 @@ class LinkMonitor:
         self._lines.append(Line(pending.at, sender, text, line_time, telegram, trouble or pending.trouble))
 
     def _close_unanswered(self) -> None:
-        """Close the pending block without an answer, because the new bytes are not one. If directions are unknown, the
-        monitor may not receive the answer.
+        """Close the pending block without an answer, because the new bytes are not an answer. If directions are
+        unknown, the monitor may not receive the answer.
         """
         if self._pending is not None:
             self.counts.unanswered += 1
             self._close("no answer", trouble=self._pending.sender is not Sender.UNKNOWN)
 
     def _stray(self, at: float, sender: Sender, text: str) -> None:
-        """Report a control byte out of place, unless directions are unknown."""
+        """Report an unexpected control byte, unless directions are unknown."""
         if sender is not Sender.UNKNOWN:
             self._trouble(at, sender, text)
 
@@ -284,7 +287,7 @@ class LinkMonitor:
     # --- control bytes
 
     def _answers(self, sender: Sender) -> _Pending | None:
-        """Return the block that a control byte of this sender may answer."""
+        """Return the block that a control byte of this sender may answer, or None."""
         pending = self._pending
         return pending if pending is not None and _faces(sender, pending.sender) else None
 
@@ -362,7 +365,7 @@ class LinkMonitor:
 
 
 def _faces(sender: Sender, other: Sender) -> bool:
-    """Return whether one can answer the other."""
+    """Return whether one of two senders can answer the other."""
     return sender is not other or sender is Sender.UNKNOWN
 
 

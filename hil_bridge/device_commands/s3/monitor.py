@@ -29,13 +29,14 @@ from protocol.devices.s3.arap import KNOWN, OrderBook
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 _TICK_S = 0.25
-"""Time between checks of a live link for time-outs. Chosen."""
+"""Interval at which a live link is checked for time-outs, s. Chosen."""
 
 
 def monitor_file(path: Path, link: LinkProfile | None, orders: OrderBook, raw: bool) -> None:
     """Print the decoded link traffic of a recording or a text capture, and its totals.
 
-    `link` holds the settings of the line; None uses those of the recorded run. Raises ConfigError for the file.
+    `link` contains the settings of the line; None selects the settings of the recorded run. Raises ConfigError if
+    the file is invalid.
     """
     pieces, recorded = _pieces(path)
     if not pieces:
@@ -53,10 +54,11 @@ def monitor_file(path: Path, link: LinkProfile | None, orders: OrderBook, raw: b
 def monitor_link(
     urls: Sequence[str], link: LinkProfile, orders: OrderBook, raw: bool, save: Path | None
 ) -> None:
-    """Monitor until Ctrl-C: one wire with both directions on it, or one for the PC and one for the robot.
+    """Monitor a link until Ctrl-C, on one wire for both directions, or on two wires, one for the PC and one for the
+    robot.
 
-    `save` is a new file for a text capture. Raises ConfigError for a URL or the file, TransportError if a wire cannot
-    be opened or ends.
+    `save` is a new file for a text capture. Raises ConfigError for an invalid URL or file, TransportError if a wire
+    cannot be opened or ends.
     """
     with ExitStack() as stack:
         keep: Callable[[Piece], object] = _drop
@@ -74,7 +76,7 @@ def monitor_link(
 
 
 def _drop(piece: Piece) -> None:
-    """Do nothing: no file was requested."""
+    """Do nothing, because no file was requested."""
 
 
 async def listen(
@@ -84,9 +86,10 @@ async def listen(
     show: Printer,
     keep: Callable[[Piece], object],
 ) -> tuple[Counts, float]:
-    """Monitor the wires until a signal or the end of one; return the totals and the duration of the traffic, s.
+    """Monitor the wires until a signal arrives or one of the wires ends. Return the totals and the duration of the
+    traffic, s.
 
-    `keep` receives every piece. Raises as `monitor_link`.
+    `keep` receives every piece. Errors as for `monitor_link`.
     """
     clock = Clock.running()
     senders = (Sender.UNKNOWN,) if len(urls) == 1 else (Sender.PC, Sender.ROBOT)
@@ -129,17 +132,17 @@ async def listen(
 
 
 def _pieces(path: Path) -> tuple[list[Piece], LinkProfile]:
-    """Return the pieces in a file and its link settings."""
+    """Return the pieces in a file, and the link settings of the file."""
     with open_ordinary(path) as file:
         head = file.read(len(MCAP_MAGIC))
     if head == MCAP_MAGIC:
         records, metadata = read_link(path)
-        return list(link_pieces(records, str(path))), _recorded_link(metadata.get("config", ""))
+        return list(link_pieces(records, str(path))), _read_link_settings(metadata.get("config", ""))
     return list(parse_capture(read_text(path), str(path))), LinkProfile()
 
 
-def _recorded_link(config: str) -> LinkProfile:
-    """Return the settings of the robot's link in a recorded configuration; the defaults if it contains none."""
+def _read_link_settings(config: str) -> LinkProfile:
+    """Return the settings of the robot's link in a recorded configuration, or the defaults if it contains none."""
     try:
         robot = parse_json(config)["robot"]
         link = TypeAdapter(LinkProfile).validate_python(robot["link"])
@@ -149,7 +152,9 @@ def _recorded_link(config: str) -> LinkProfile:
 
 
 def monitor(sources: Sequence[str], options: MonitorOptions) -> None:
-    """Print a file, or the links at one or two URLs, as the extension `monitor-s3`. Raises ConfigError."""
+    """Print a file, or the links at one or two URLs, as the extension `monitor-s3`. Raises ConfigError if a source
+    is invalid.
+    """
     first = sources[0]
     settings = settings_of(options.config, S3).client
     link, file = settings.link, settings.orders_file

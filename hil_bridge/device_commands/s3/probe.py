@@ -1,4 +1,4 @@
-"""`hil-bridge probe robot`: find the settings under which a controller answers, and write them to a file."""
+"""`hil-bridge probe robot`: detect the settings with which a controller answers, and write them to a file."""
 
 import asyncio
 from collections.abc import Callable
@@ -27,7 +27,7 @@ from hil_bridge.devices.robots.s3.room import robot_wire
 from hil_bridge.devices.robots.s3.settings import S3Settings
 from hil_bridge.errors import DeviceError, TransportUnavailable
 from hil_bridge.errors.text_files import toml_pair
-from hil_bridge.record.files import check_place, write_whole
+from hil_bridge.record.files import check_place, write_atomically
 from hil_bridge.site.robot_probe import FOUND, TO_FILL_IN
 from hil_bridge.transports import LineSettings, Parity, Transport, connect_bytes
 from hil_bridge.transports.pump import Pump
@@ -36,9 +36,9 @@ from protocol.devices.s3.adlp import DEFAULT_PROFILE, LinkProfile, settings_of_p
 from protocol.endpoint import Trouble
 
 PATIENCE_S = 0.7
-"""Longest wait for an ACK. Chosen: a device that answers at all does so within some tens of milliseconds."""
+"""Longest wait for an ACK, s. Chosen: a device that answers at all does so within some tens of milliseconds."""
 ANSWER_PATIENCE_S = 3.0
-"""Longest wait for the answer to an acknowledged query. Chosen."""
+"""Longest wait for the answer to an acknowledged query, s. Chosen."""
 
 
 def probe_robot(
@@ -48,10 +48,11 @@ def probe_robot(
     overwrite: bool = False,
     say: Callable[[str], object] = click.echo,
 ) -> tuple[str, KindSettings[Any, Any]]:
-    """Probe in real time, with one line per try to `say`, and write the result to `out`, which is replaced only with
-    `overwrite`. Return the URL and the settings that work.
+    """Probe a controller in real time and return the URL and the settings that work. `say` receives one line per
+    try. The result is written to `out`, which is replaced only with `overwrite`.
 
-    Raises ConfigError for the URL or the file, TransportUnavailable for the wire, DeviceError if nothing works.
+    Raises ConfigError for an invalid URL or file, TransportUnavailable if the wire cannot be opened, DeviceError if
+    no settings work.
     """
     if out is not None:
         check_place(out, overwrite)
@@ -73,7 +74,7 @@ def probe_robot(
         trouble = find_trouble(url, log)
         raise DeviceError(trouble.fact, remedy=trouble.remedy)
     if out is not None:  # before more output: the reader may have closed the pipe
-        write_whole(out, site_toml(url, finding).encode(), overwrite)
+        write_atomically(out, site_toml(url, finding).encode(), overwrite)
     say("\n" + "\n".join(f"{name:<14} {value}" for name, value in finding_rows(url, finding)))
     if out is not None:
         say(f"\nwrote {out}")
@@ -82,7 +83,7 @@ def probe_robot(
 
 
 def link_settings(finding: Finding) -> KindSettings[Any, Any]:
-    """Return the settings of a robot with the link of a finding."""
+    """Return the settings of a robot with the link settings of a finding."""
     link = LinkProfile(
         **{
             **settings_of_profile(finding.profile),
@@ -101,10 +102,10 @@ async def probe(
     on_try: Callable[[Try, Outcome], object],
     on_message: Callable[[str], object],
 ) -> Finding | None:
-    """Find the settings under which the robot at a URL answers; None if there are none.
+    """Return the settings with which the robot at a URL answers, or None if there are none.
 
-    `on_try` is called after each try, `on_message` with unsolicited messages of the robot. Raises ConfigError for the
-    URL, TransportUnavailable if the wire cannot be opened at all, TransportError if it breaks.
+    `on_try` is called after each try, `on_message` with unsolicited messages of the robot. Raises ConfigError for
+    an invalid URL, TransportUnavailable if the wire cannot be opened at all, TransportError if it breaks.
     """
     _, link = robot_wire(url, LinkProfile())
     settable = "baudrate" in CONNECT_BYTES[parse_url(url, CONNECT_BYTES).scheme].options
@@ -137,7 +138,7 @@ async def probe(
 
 
 class _Session:
-    """Open wire on which queries are sent one after the other."""
+    """Open wire on which queries are sent one after another."""
 
     def __init__(self, wire: Transport[bytes], clock: Clock, on_message: Callable[[str], object]) -> None:
         self._wire = wire
@@ -176,11 +177,11 @@ class _Session:
         self._failure = cause
         with suppress(asyncio.InvalidStateError):
             self._outcome.set_exception(cause)
-            self._outcome.exception()  # marks it as retrieved, even if the waiting task is gone
+            self._outcome.exception()  # mark the exception as retrieved, even if the waiting task has ended
 
 
 def url_with_line(url: str, line: LineSettings) -> str:
-    """Return the URL with these line settings in place of its own."""
+    """Return the URL with its line settings replaced by these."""
     head, _, query = url.partition("?")
     options = dict(parse_qsl(query, keep_blank_values=True))
     options |= {"baudrate": str(line.baudrate), "parity": line.parity.value, "stopbits": str(line.stopbits)}
@@ -188,12 +189,12 @@ def url_with_line(url: str, line: LineSettings) -> str:
 
 
 def line_text(line: LineSettings | None) -> str:
-    """Return rate and format in the usual notation."""
+    """Return the baud rate and the character format in the usual notation."""
     return "line as it is" if line is None else f"{line.baudrate} 8{line.parity.value}{line.stopbits}"
 
 
 def try_text(attempt: Try) -> str:
-    """Describe a try."""
+    """Return a description of a try."""
     stuffing = "doubled" if attempt.dle_stuffing == "double" else "single"
     query = attempt.query.name.lower()
     return f"{line_text(attempt.line)}, length {attempt.length_style}, 10h {stuffing}, {query} status"
@@ -213,7 +214,7 @@ def finding_rows(url: str, finding: Finding) -> list[tuple[str, str]]:
 
 
 def profile_evidence(finding: Finding) -> str:
-    """Return the evidence for the profile: the lengths that the controller answered."""
+    """Return the evidence for the profile: the length styles that the controller answered."""
     answered = " and ".join(finding.answered)
     if finding.profile == DEFAULT_PROFILE:
         return f"length {answered} answered"
@@ -221,7 +222,7 @@ def profile_evidence(finding: Finding) -> str:
 
 
 def site_toml(url: str, finding: Finding) -> str:
-    """Return a configuration file with the settings that work, and comments for the user."""
+    """Return a configuration file with the settings that work, with comments for the user."""
     line, evidence = finding.line, finding.stuffing_evidence
     rows = [
         *FOUND,
@@ -248,7 +249,7 @@ def site_toml(url: str, finding: Finding) -> str:
 
 
 def find_trouble(url: str, log: list[tuple[Try, Outcome]]) -> Trouble:
-    """Return the reason why nothing was found, and the remedy."""
+    """Return the reason why no settings were found, and the remedy."""
     replies = [outcome.reply for _, outcome in log]
     reached = next((attempt for attempt, outcome in log if outcome.reply not in LINE_WRONG), None)
     if reached is not None:

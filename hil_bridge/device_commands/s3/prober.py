@@ -1,4 +1,4 @@
-"""PC's end of a link whose settings are unknown: one query after the other, each with its own settings."""
+"""PC side of a link whose settings are unknown. It sends one query after another, each with its own settings."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -32,12 +32,12 @@ _REPLIES: dict[LinkFailure | OrderFailure, Reply] = {
 
 
 _PLAIN = (Reply.SILENCE, Reply.NOISE)
-"""Replies that need no details."""
+"""Replies that are displayed without details."""
 
 
 @dataclass(frozen=True, slots=True)
 class UnsolicitedMessage:
-    """Unsolicited message of the controller, which was acknowledged."""
+    """Unsolicited message of the controller that was acknowledged."""
 
     text: str
 
@@ -46,7 +46,7 @@ ProbeEvent: TypeAlias = Outcome | UnsolicitedMessage
 
 
 class Prober:
-    """Endpoint for bytes: `ask` begins a query, an `Outcome` among its events ends it.
+    """Endpoint for bytes. `ask` begins a query, and an `Outcome` among its events ends the query.
 
     Unsolicited messages of the controller are received and acknowledged with the settings of the newest query.
     """
@@ -56,7 +56,7 @@ class Prober:
         self._events: deque[ProbeEvent] = deque()
 
     def ask(self, query: Query, profile: LinkProfile) -> None:
-        """Send a query with these settings; an earlier query is discarded."""
+        """Send a query with these settings. An earlier query is discarded."""
         self._host = ArapHost(profile)
         self._host.order(query.value)
 
@@ -74,11 +74,11 @@ class Prober:
         return self._host.data_to_send(now)
 
     def next_deadline(self) -> float | None:
-        """Return the link's next time-out."""
+        """Return the time of the link's next time-out, s."""
         return self._host.next_deadline()
 
     def handle_deadline(self, now: float) -> None:
-        """Handle the time-outs up to now."""
+        """Handle all time-outs up to now."""
         self._host.handle_deadline(now)
         self._take()
 
@@ -119,9 +119,9 @@ def _state(status: Status) -> str:
 
 
 def profile_of(attempt: Try, patience: float, answer_patience: float) -> LinkProfile:
-    """Return the link's settings for a try. They allow one repeat, so that wrong settings fail fast.
+    """Return the link settings for a try. They allow one repeat, so that wrong settings fail fast.
 
-    `patience` is the longest wait for an ACK, `answer_patience` that for the answer telegram; both s.
+    `patience` is the longest wait for an ACK, s; `answer_patience` is the longest wait for the answer telegram, s.
     """
     line = attempt.line or LineSettings(parity=Parity.EVEN)
     return LinkProfile(

@@ -1,4 +1,4 @@
-"""Telegrams as one line of text, for the monitor."""
+"""Description of a telegram as one line of text, for the monitor."""
 
 from collections.abc import Mapping
 
@@ -18,13 +18,13 @@ from protocol.endpoint import RemoteProtocolError
 _FLAGS = {"flags_16": FLAG_BITS_16, "flags_17": FLAG_BITS_17}
 _FURTHER = (TelegramType.FURTHER_FROM_PC, TelegramType.FURTHER_FROM_ROBOT)
 _SUFFIXED = (TelegramType.ORDER, TelegramType.SPONTANEOUS, TelegramType.FURTHER_FROM_PC)
-"""Types whose suffix has a meaning even if it is 0."""
+"""Telegram types whose suffix has a meaning even if it is 0."""
 
 
 def telegram_text(
     raw: bytes, from_robot: bool, further: int | None = None, orders: OrderBook = KNOWN
 ) -> tuple[str, int | None]:
-    """Describe a telegram; also return its function if another block of it follows.
+    """Describe a telegram. If another block of the telegram follows, also return the function of the telegram.
 
     `further` is the function of an announced block. Fields that are 0 are omitted.
     """
@@ -51,7 +51,7 @@ def telegram_text(
 
 
 def _field_text(field: Mapping[str, object]) -> str:
-    """Describe a field, flags by their names; empty for one that is 0."""
+    """Describe a field; flags are listed by name. Return "" for a field that is 0."""
     name, value = str(field["name"]), field["value"]
     if name in _FLAGS and isinstance(value, (int, float)):
         raised = (flag.replace("_", " ") for flag, bit in _FLAGS[name].items() if int(value) >> bit & 1)

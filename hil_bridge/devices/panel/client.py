@@ -9,7 +9,7 @@ from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
 
 TIMEOUT_S = 5.0
-"""Chosen: the panel answers at once, even if its computer is busy."""
+"""Time-out for an answer of the panel, s. Chosen: the panel answers at once, even on a busy computer."""
 
 _SCHEMES = {"tcp": CONNECT_BYTES["tcp"]}
 
@@ -17,8 +17,8 @@ _SCHEMES = {"tcp": CONNECT_BYTES["tcp"]}
 def ask(url: str, request: Mapping[str, Any]) -> dict[str, Any]:
     """Send a request and return the panel's answer.
 
-    Raises ConfigError for the URL and for an invalid request, TransportUnavailable if no panel listens, DeviceError for
-    an invalid answer.
+    Raises ConfigError for an invalid URL or request, TransportUnavailable if no panel listens, DeviceError for an
+    invalid answer.
     """
     address = parse_url(url, _SCHEMES).host_port
     try:
@@ -40,7 +40,7 @@ def ask(url: str, request: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _line(connection: socket.socket) -> bytes:
-    """Read up to the end of the line or of the connection, or up to the limit."""
+    """Read up to the end of the line, the end of the connection, or the size limit."""
     data = b""
     while b"\n" not in data and len(data) < ANSWER_LIMIT:
         if not (more := connection.recv(4096)):

@@ -8,18 +8,18 @@ from collections.abc import Mapping
 from typing import Any
 
 REQUEST_LIMIT = 1024
-"""Longest request in bytes. Chosen."""
+"""Maximum length of a request, bytes. Chosen."""
 ANSWER_LIMIT = 65536
-"""Longest answer in bytes. Chosen."""
+"""Maximum length of an answer, bytes. Chosen."""
 
 
 def encode(message: Mapping[str, Any]) -> bytes:
-    """Return the message as a line, including its end."""
+    """Return the message as a line, including the line ending."""
     return json.dumps(message, separators=(",", ":")).encode() + b"\n"
 
 
 def decode(line: bytes) -> dict[str, Any]:
-    """Return the object of a line. Raises ValueError for a line that is not a JSON object."""
+    """Return the object that a line contains. Raises ValueError if the line is not a JSON object."""
     try:
         message = json.loads(line)
     except (ValueError, RecursionError):

@@ -1,8 +1,9 @@
-"""Server of the panel on loopback: several clients, one request of one client per turn of the event loop.
+"""Server of the panel on the loopback interface. It serves several clients, one request of one client per iteration
+of the event loop.
 
-There is no password, so it listens on this computer only; other computers need a tunnel. A client that sends anything
-but a request is disconnected, such as a browser that was directed here. No client blocks a place forever: if all places
-are taken, a new client replaces the one that has been silent longest.
+There is no password, so the server listens on this computer only; other computers need a tunnel. A client that
+sends anything but a request, such as a browser that was directed to the port, is disconnected. No client blocks a
+slot forever: if all slots are occupied, a new client replaces the one that has been silent longest.
 """
 
 import asyncio
@@ -17,15 +18,15 @@ from hil_bridge.transports import reasons
 from hil_bridge.transports.urls import LISTEN_BYTES, parse_url
 
 CLIENT_LIMIT = 8
-"""Clients at a time. Chosen."""
+"""Maximum number of simultaneous clients. Chosen."""
 _HIGH_BYTES = 65536
-"""Chosen: unread bytes at which nothing more is sent to a client."""
+"""Number of unread bytes at which nothing more is sent to a client. Chosen."""
 
 _SCHEMES = {"tcp-listen": LISTEN_BYTES["tcp-listen"]}
 
 
 def panel_address(url: str) -> tuple[str, int]:
-    """Return host and port of a panel's URL. Raises ConfigError for anything but tcp-listen on loopback."""
+    """Return host and port of a panel's URL. Raises ConfigError if the URL is not tcp-listen on loopback."""
     wire = parse_url(url, _SCHEMES)
     host, port = wire.host_port
     if wire.options:
@@ -45,8 +46,8 @@ def _is_loopback(host: str) -> bool:
 
 
 class PanelServer:
-    """Server that passes requests to `perform` and returns its answers; a ValueError is sent to the client as
-    an error.
+    """Server that passes requests to `perform` and returns the answers. A ValueError is sent to the client as an
+    error.
     """
 
     def __init__(self, perform: Callable[[Mapping[str, Any]], Mapping[str, Any]], clock: Clock) -> None:
@@ -55,11 +56,11 @@ class PanelServer:
         self._server: asyncio.Server | None = None
         self._closed = False
         self._clients: dict[asyncio.StreamWriter, asyncio.Task[None]] = {}
-        """Connected clients, the one that has been silent longest first."""
+        """Connected clients. The client that has been silent longest is first."""
 
     async def listen(self, url: str) -> str:
-        """Start to listen and return the URL for clients. Raises ConfigError for the URL, TransportUnavailable for the
-        port.
+        """Start listening and return the URL for clients. Raises ConfigError for an invalid URL,
+        TransportUnavailable if the port cannot be opened.
         """
         host, port = panel_address(url)
         try:
@@ -83,7 +84,7 @@ class PanelServer:
         """Serve one connection."""
         task = asyncio.current_task()
         assert task is not None
-        if self._closed:  # it connected in the same turn
+        if self._closed:  # the client connected in the same iteration of the loop
             writer.transport.abort()
             return
         writer.transport.set_write_buffer_limits(high=_HIGH_BYTES)
@@ -96,22 +97,22 @@ class PanelServer:
             understood = True
             while understood:
                 line = await reader.readuntil(b"\n")
-                if writer in self._clients:  # just active: move behind all others
+                if writer in self._clients:  # the client was just active: move it behind all others
                     self._clients[writer] = self._clients.pop(writer)
                 answer, understood = self._answer(line)
                 writer.write(answer)
                 await writer.drain()
-                await asyncio.sleep(0)  # lets the other clients and the cell run before its next request
+                await asyncio.sleep(0)  # let the other clients and the cell run before the next request
         except asyncio.LimitOverrunError:
             _dismiss(writer, f"a request has at most {REQUEST_LIMIT} bytes")
         except (asyncio.IncompleteReadError, ConnectionError):
-            pass  # it has disconnected
+            pass  # the client has disconnected
         finally:
             self._clients.pop(writer, None)
             _dismiss(writer)
 
     def _answer(self, line: bytes) -> tuple[bytes, bool]:
-        """Return the answer to a line, and whether it was a request at all."""
+        """Return the answer to a line, and whether the line was a valid request."""
         try:
             request = decode(line)
         except ValueError as error:
@@ -123,7 +124,9 @@ class PanelServer:
 
 
 def _dismiss(writer: asyncio.StreamWriter, why: str = "") -> None:
-    """Close a connection and send the reason; abort it if the client has not read earlier data."""
+    """Send a client the reason and close its connection. If the client has not read earlier data, abort the
+    connection.
+    """
     if why and not writer.is_closing():
         writer.write(encode({"error": why}))
     writer.close()

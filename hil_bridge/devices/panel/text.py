@@ -1,4 +1,4 @@
-"""Text form of a panel's answers. An answer without a state is a dash."""
+"""Text form of a panel's answers. A missing state is displayed as a dash."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -14,7 +14,7 @@ def state_text(answer: Mapping[str, Any]) -> str:
 
 
 def controls_text(controls: Mapping[str, Any]) -> str:
-    """Return every control with its positions and its meaning."""
+    """Return every control with its positions and meaning, as lines."""
     calls = [
         (f"{one_line(name)} {'|'.join(map(str, _listed(control.get('to'))))}", control.get("meaning", ""))
         for name, control in _tables(controls)
@@ -28,7 +28,7 @@ def _listed(positions: object) -> Sequence[object]:
 
 
 def faults_text(targets: Mapping[str, Any]) -> str:
-    """Return every fault of every target with its parameters, defaults and ranges."""
+    """Return every fault of every target with its parameters, defaults and ranges, as lines."""
     lines = []
     for target, faults in _tables(targets):
         lines.append(target)

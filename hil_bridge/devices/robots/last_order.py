@@ -1,4 +1,4 @@
-"""State of a movement that is common to all robots: the last order, and whether more may be ordered."""
+"""State of a movement, common to all robots: the last order, and whether further orders are allowed."""
 
 from protocol.geometry import Pose, Vector
 
@@ -18,5 +18,5 @@ class LastOrder:
 
     @property
     def commanded(self) -> Vector | None:
-        """Last point ordered, m; None before the first."""
+        """Last ordered point, m; None before the first order."""
         return None if self._last is None else self._last.position

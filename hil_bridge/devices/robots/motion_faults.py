@@ -1,4 +1,4 @@
-"""Displacement of a robot before a movement, and faults of one movement of a stream. Pure."""
+"""Displacement of a robot before a movement, and faults of a streamed movement. Pure."""
 
 import math
 
@@ -7,15 +7,17 @@ from protocol.endpoint import NO_TROUBLE, Trouble
 from protocol.geometry import angle_between
 
 NEAR_M, NEAR_RAD = 0.5e-3, math.radians(0.5)
-"""Chosen: largest distance from its set point at which a robot may continue after a fault, and from its planned start
-at which it may begin to move; also the tolerance for a small step.
+"""Largest distance and rotation, m and rad, between a robot and its set point at which it may continue after a
+fault, and between a robot and its planned start at which it may begin to move. Chosen. Also the tolerance for a
+small step.
 """
 
 
 def describe_displacement(start: Pose, present: Pose) -> str:
-    """Describe how far a robot has moved from the pose that was read before a movement; empty if it has not.
+    """Describe how far a robot has moved from the pose that was read before a movement. Return "" if it has not
+    moved.
 
-    A movement is planned from that pose. From another one, its first order would be a jump.
+    The movement is planned from that pose. From any other pose, the first order would be a jump.
     """
     distance = math.dist(start.position, present.position)
     turn = angle_between(start.quaternion, present.quaternion)
@@ -28,22 +30,22 @@ def describe_displacement(start: Pose, present: Pose) -> str:
 
 
 class MotionFaults:
-    """Fault of a movement, which is reported at least once and as long as it lasts."""
+    """Fault of a movement. A fault is reported at least once, and for as long as it persists."""
 
     def __init__(self) -> None:
         self.first = NO_TROUBLE
-        """First fault that persists or has not been reported."""
+        """First fault that persists or has not been reported yet."""
         self._reported = False
         self.displaced = False
-        """Whether the robot has reported a fault, and has not returned to its set point since."""
+        """Whether the robot has not returned to its set point since it reported a fault."""
 
     def note(self, fault: Trouble, displaced: bool) -> None:
-        """Add a fault; `displaced` as for the field."""
+        """Add a fault. See the field `displaced` for the argument of the same name."""
         self.first = self.first or fault
         self.displaced = self.displaced or displaced
 
     def is_back(self, reported: Pose, setpoint: Pose) -> bool:
-        """Return whether a robot without a fault has returned to its set point, which ends the fault."""
+        """Return whether a robot that reports no fault has returned to its set point. This ends the fault."""
         near = math.dist(reported.position, setpoint.position) <= NEAR_M
         back = near and angle_between(reported.quaternion, setpoint.quaternion) <= NEAR_RAD
         if back:

@@ -1,7 +1,8 @@
-"""Link of a plug-in's robot: any exception or invalid answer of its code becomes an error that ends the run.
+"""Link to the robot of a plug-in. Any exception or invalid return value of the plug-in becomes an error that ends
+the run.
 
-One proxy wraps the link, and one its movement. Each forwards all attributes of the wrapped object. The last gate checks
-each target of the movement.
+One proxy wraps the link, another one its movement. Each proxy forwards all attributes of the wrapped object. The
+last gate checks each target of the movement.
 """
 
 import inspect
@@ -15,7 +16,7 @@ from hil_bridge.devices.robots.gate import Bounds, Gate
 from hil_bridge.devices.robots.seam import Motion, MotionLimits, RobotFacts, RobotLink, RobotReport, Sent
 from hil_bridge.errors import BridgeError, GateStop
 from hil_bridge.errors.cancelling import raise_if_interrupt
-from hil_bridge.errors.failures import RAISED, WrongAnswer, blame, code_failed, link_cause, of_others
+from hil_bridge.errors.failures import RAISED, WrongAnswer, blame, code_failed, involves_plugin, link_cause
 from protocol.geometry import Pose
 
 _AWAITED: Mapping[str, type | None] = {
@@ -27,7 +28,7 @@ _AWAITED: Mapping[str, type | None] = {
     "settled": None,
     "halt": Sent,
 }
-"""Awaited methods of a link and a movement, with the type of their answers; None if the answer is not used."""
+"""Coroutine methods of a link and of a movement, with the type of the result, or None if the result is not used."""
 
 _READ: Mapping[str, tuple[type, ...]] = {
     "facts": (RobotFacts,),
@@ -41,15 +42,17 @@ _READ: Mapping[str, tuple[type, ...]] = {
 
 
 class _PluginProxy:
-    """Proxy of a plug-in's object."""
+    """Proxy of an object that a plug-in provides."""
 
     def __init__(self, thing: Any, name: str) -> None:
-        """Wrap `thing`; `name` is that of the robot's wire."""
+        """Wrap `thing`. `name` is the name of the robot's wire."""
         self.__dict__.update(_thing=thing, _name=name)
 
     def __getattr__(self, attribute: str) -> Any:
-        """Return the attribute of the wrapped object. Its methods raise only BridgeErrors and what cancels the task."""
-        with self._translating(attribute):
+        """Return the attribute of the wrapped object. Its methods raise only BridgeErrors and the exceptions that
+        cancel a task.
+        """
+        with self._convert_errors(attribute):
             value = getattr(self._thing, attribute)
             kinds = _READ.get(attribute)
             if kinds is not None and not isinstance(value, kinds):
@@ -64,14 +67,14 @@ class _PluginProxy:
         return value
 
     def __setattr__(self, attribute: str, value: Any) -> None:
-        with self._translating(attribute):
+        with self._convert_errors(attribute):
             setattr(self._thing, attribute, value)
 
     def _await(self, attribute: str, method: Any) -> Any:
         kind = _AWAITED[attribute]
 
         async def ask(*values: Any, **options: Any) -> Any:
-            with self._translating(attribute):
+            with self._convert_errors(attribute):
                 answer = method(*values, **options)
                 if inspect.isawaitable(answer):
                     answer = await answer
@@ -85,22 +88,22 @@ class _PluginProxy:
 
     def _call(self, attribute: str, method: Any) -> Any:
         def call(*values: Any, **options: Any) -> Any:
-            with self._translating(attribute):
+            with self._convert_errors(attribute):
                 return method(*values, **options)
 
         return call
 
     @contextmanager
-    def _translating(self, attribute: str) -> Iterator[None]:
-        """Convert exceptions to BridgeError, except what cancels the task and AttributeErrors for attributes that are
-        missing.
+    def _convert_errors(self, attribute: str) -> Iterator[None]:
+        """Convert exceptions to BridgeError, except those that cancel the task, and AttributeErrors for missing
+        attributes.
         """
         try:
             yield
         except RAISED as error:
             if (
                 isinstance(error, AttributeError)
-                and not of_others(error)
+                and not involves_plugin(error)
                 and not hasattr(type(self._thing), attribute)
             ):
                 raise
@@ -113,7 +116,7 @@ class _PluginProxy:
 
 
 class _PluginLink(_PluginProxy):
-    """Proxy of a link."""
+    """Proxy of a plug-in's link."""
 
     def __init__(self, link: RobotLink, name: str, clock: Clock) -> None:
         super().__init__(link, name)
@@ -121,7 +124,7 @@ class _PluginLink(_PluginProxy):
 
     @asynccontextmanager
     async def motion(self, limits: MotionLimits) -> AsyncIterator["_PluginMotion"]:
-        """As for the link."""
+        """Return a movement; see `RobotLink.motion`."""
         inside: BaseException | None = None
         try:
             async with self._thing.motion(limits) as motion:
@@ -137,14 +140,14 @@ class _PluginLink(_PluginProxy):
 
 
 class _PluginMotion(_PluginProxy):
-    """Proxy of a movement."""
+    """Proxy of a plug-in's movement."""
 
     def __init__(self, motion: Motion, name: str, limits: MotionLimits, clock: Clock) -> None:
         super().__init__(motion, name)
         ask, gate = self._await("to", motion.to), Gate(limits.bounds or Bounds(), clock.now())
 
         async def to(target: Pose, *, soon: bool = False) -> Sent:
-            """As for the movement. Raises GateStop for a target that the last gate stops."""
+            """Order the next point; see `Motion.to`. Raises GateStop if the last gate stops the target."""
             if stopped := gate.judge(target, clock.now()):
                 raise GateStop(stopped)
             try:
@@ -157,10 +160,10 @@ class _PluginMotion(_PluginProxy):
 
 
 def _has_pose(answer: Any) -> bool:
-    """Return whether an answer is either no report, or a report with a pose, valid or not."""
+    """Return whether a result is not a report, or is a report that contains a pose, which may be invalid."""
     return not isinstance(answer, RobotReport) or isinstance(answer.pose, Pose)
 
 
 def wrap_plugin_link(link: RobotLink, url: str, clock: Clock) -> RobotLink:
-    """Wrap the link of a plug-in's robot on the wire of this URL."""
+    """Wrap the link to a plug-in's robot. `url` is the URL of the robot's wire."""
     return cast(RobotLink, _PluginLink(link, url, clock))

@@ -1,4 +1,4 @@
-"""Probe of a robot: its rate, its position, and the reasons why a run would not begin. Nothing is ordered."""
+"""Probe of a robot: its rate, its position, and the reasons why a run would not start. The probe sends no orders."""
 
 import asyncio
 import math
@@ -20,38 +20,40 @@ _Answer = TypeVar("_Answer")
 _Data = TypeVar("_Data")
 
 FIRST_S = 3.5
-"""Chosen: longest wait for the first report; including the count after it, the result takes at most 5 s."""
+"""Longest wait for the first report, s. Chosen: including the time for counting reports, the probe takes at most 5
+s.
+"""
 COUNT_S = 0.5
-"""Chosen: time for which reports are counted."""
+"""Time for which reports are counted, s. Chosen."""
 NOTICES_MAX = 8
-"""Chosen: most notices of a robot that are listed."""
+"""Maximum number of notices of a robot that are listed. Chosen."""
 
 
 class ProbeResult(NamedTuple):
     """Findings of a probe."""
 
     rows: tuple[tuple[str, str], ...]
-    """Names and texts, for display."""
+    """Names and values of the findings, as text for display."""
     refusals: tuple[Trouble, ...] = ()
-    """Reasons why a run would not begin now; empty if there are none."""
+    """Reasons why a run would not start at present; empty if there are none."""
 
     def with_more(self, other: "ProbeResult") -> "ProbeResult":
-        """Return these findings with others of the same robot."""
+        """Return these findings, extended by other findings of the same robot."""
         return ProbeResult(self.rows + other.rows, self.refusals + other.refusals)
 
 
 class _ReceiveOnlyWire(Generic[_Data]):
-    """Wire over which nothing is sent."""
+    """Wire that receives and never sends."""
 
     def __init__(self, wire: Transport[_Data]) -> None:
         self.name, self.start, self.aclose = wire.name, wire.start, wire.aclose
 
     def send(self, data: _Data) -> None:
-        """Discard it."""
+        """Discard the data."""
 
 
 def mute(wiring: Wiring) -> Wiring:
-    """Return the wiring of a robot that sends first: it is received from and not answered."""
+    """Return the wiring for a robot that sends first. Data from the robot are received and not answered."""
 
     def wrap(device: str, wire: Transport[Any]) -> Transport[Any]:
         return _ReceiveOnlyWire(wiring.wrap(device, wire))
@@ -62,10 +64,10 @@ def mute(wiring: Wiring) -> Wiring:
 async def probe_link(
     url: str, connect: Callable[[Wiring], Awaitable[RobotLink]], wiring: Wiring
 ) -> ProbeResult:
-    """Probe a robot that `connect` opens at a URL. Nothing is ordered, and the robot is not made ready.
+    """Probe the robot that `connect` opens at a URL. No order is sent, and the robot is not made ready.
 
-    Raises TransportUnavailable for the wire, BridgeError if nothing answers. Notices that arrived without an answer are
-    findings.
+    Raises TransportUnavailable if the wire cannot be opened, BridgeError if the robot does not answer. If it sent
+    notices without an answer, the notices are returned as findings.
     """
     notices: list[tuple[str, str]] = []
 
@@ -98,7 +100,7 @@ async def probe_link(
 
 
 def _rows_of(newest: RobotReport, ended: bool) -> list[tuple[str, str]]:
-    """Return the findings of the newest report, for display; `ended` if no more reports followed."""
+    """Return the findings of the newest report for display. `ended` says that no further report followed."""
     x, y, z = (1e3 * value for value in newest.pose.position)
     known = all(map(math.isfinite, (x, y, z)))
     rows = [("position", f"{x:.1f} {y:.1f} {z:.1f} mm" if known else "invalid")]
@@ -108,14 +110,14 @@ def _rows_of(newest: RobotReport, ended: bool) -> list[tuple[str, str]]:
 
 
 def _refusals(reports: list[RobotReport], ended: BridgeError | None) -> tuple[Trouble, ...]:
-    """Return the reason why a run would not begin: the reported fault, or the end of the reports."""
+    """Return the reasons why a run would not start: the reported fault, or the end of the reports."""
     if reports and (newest := reports[-1]).fault:
         return (Trouble(newest.fault, newest.remedy),)
     return () if ended is None else (Trouble(ended.fact, ended.remedy),)
 
 
 async def first_answer(name: str, answer: Awaitable[_Answer]) -> _Answer:
-    """Wait for the answer to a request of a probe. Raises DeviceError if none comes in time."""
+    """Wait for the answer to a probe's request. Raises DeviceError if no answer arrives in time."""
     try:
         async with asyncio.timeout(FIRST_S):
             return await answer
@@ -129,7 +131,7 @@ async def first_answer(name: str, answer: Awaitable[_Answer]) -> _Answer:
 async def _wait_for_first(
     link: RobotLink, clock: Clock, until: float, reports: list[RobotReport]
 ) -> BridgeError | None:
-    """Wait for the first report; return the error if none came. A stream that pauses is given time."""
+    """Wait for the first report. Return the error if none arrived. A paused stream is given time to resume."""
     while True:
         try:
             reports.append(await first_answer(link.name, link.report()))
@@ -143,7 +145,7 @@ async def _wait_for_first(
 
 
 async def _collect_reports(link: RobotLink, clock: Clock, reports: list[RobotReport]) -> BridgeError | None:
-    """Collect reports for a short time; return the error by which the stream ended, if it did."""
+    """Collect reports for a short time. Return the error if the stream ended with one."""
     until = clock.now() + COUNT_S
     while clock.now() < until:
         try:
@@ -154,7 +156,7 @@ async def _collect_reports(link: RobotLink, clock: Clock, reports: list[RobotRep
 
 
 def _rate_text(reports: list[RobotReport], packets: int, cycle_s: float | None) -> str:
-    """Describe the rate of the packets after the first of these reports, and the configured one."""
+    """Describe the measured rate of the packets after the first of these reports, and the configured rate."""
     passed = reports[-1].received_at - reports[0].received_at
     expected = f"; {1.0 / cycle_s:.0f} Hz by its settings" if cycle_s else ""
     if passed <= 0.0 or packets < 1:

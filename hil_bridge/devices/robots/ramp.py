@@ -1,8 +1,8 @@
-"""Speed profile of a set point along its path, without a step in velocity at its beginning and end. Pure.
+"""Speed profile of a set point along its path, without a velocity step at the beginning or the end. Pure.
 
-The set point always moves on the straight line to its goal, and never beyond. If the goal reverses, it is followed at
-once: the remaining velocity in another direction is dropped, because a tool that is to retract must not continue first.
-Only acceleration is bounded, and deceleration at a known goal.
+The set point always moves on the straight line to its goal, and never beyond it. If the goal reverses, the set
+point follows at once: the remaining velocity in another direction is dropped, because a tool that is to retract
+must not first continue forward. Only the acceleration, and the deceleration at a known goal, are limited.
 """
 
 import math
@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from protocol.geometry import Pose, Quaternion, Vector, rotation_vector, towards, turn_between
 
 GAP_CYCLES = 2.5
-"""Chosen: cycles without a step after which the robot is taken to be stationary, so that the ramp begins again."""
+"""Number of cycles without a step after which the robot is assumed to be stationary, so that the ramp starts from
+zero. Chosen.
+"""
 _NOTHING: Vector = (0.0, 0.0, 0.0)
 
 
@@ -20,30 +22,30 @@ class Pace:
     """Limits of a step."""
 
     speed: float
-    """m/s"""
+    """Largest speed, m/s."""
     turn_speed: float
-    """rad/s"""
+    """Largest rotational speed, rad/s."""
     acceleration: float
-    """m/s²"""
+    """Largest acceleration, m/s²."""
     turn_acceleration: float
-    """rad/s²"""
+    """Largest rotational acceleration, rad/s²."""
 
 
 class Ramp:
-    """Velocity of one set point, from step to step."""
+    """Velocity of one set point, updated at each step."""
 
     def __init__(self, cycle: float) -> None:
-        """`cycle` is the time between two steps, s."""
+        """Create a ramp with zero velocity. `cycle` is the time between two steps, s."""
         self._cycle = cycle
         self._velocity = self._turning = _NOTHING
-        """Velocities of the last step: m/s and rad/s, base frame."""
+        """Linear and rotational velocity of the last step, m/s and rad/s, base frame."""
 
     def rest(self) -> None:
         """Reset the velocity to zero."""
         self._velocity = self._turning = _NOTHING
 
     def step(self, setpoint: Pose, goal: Pose, pace: Pace, passed: float) -> Pose:
-        """Return the next set point, `passed`, s, after the last step. At most one cycle of that time counts."""
+        """Return the next set point. `passed` is the time since the last step, s; at most one cycle of it counts."""
         if passed > GAP_CYCLES * self._cycle:
             self.rest()
         time = min(passed, self._cycle)
@@ -58,8 +60,8 @@ class Ramp:
         return after
 
     def _speed(self, before: Vector, path: Vector, most: float, gain: float, time: float) -> float:
-        """Return the speed of a step along its path. Its increase is at most `gain`, and steps that decrease as fast
-        can end it.
+        """Return the speed of a step along its path. The speed increases by at most `gain`, and only so far that
+        steps which decrease at the same rate can end the path.
         """
         (u, v, w), (x, y, z) = before, path
         length = math.hypot(x, y, z)
@@ -83,5 +85,5 @@ def _per(path: Vector, time: float) -> Vector:
 
 
 def _turn(start: Quaternion, goal: Quaternion) -> Vector:
-    """Return the shorter rotation between two orientations, as axis times angle, rad, base frame."""
+    """Return the shorter rotation between two orientations as a rotation vector, rad, base frame."""
     return _NOTHING if start == goal else rotation_vector(turn_between(start, goal))

@@ -1,4 +1,4 @@
-"""Requests to a robot that reports on request: one exchange at a time, with callers queued."""
+"""Requests to a robot that reports on request. One exchange is in progress at a time; further callers are queued."""
 
 import asyncio
 from collections import deque
@@ -16,9 +16,10 @@ Answer = TypeVar("Answer")
 
 
 class RequestChannel(Generic[Data, Event, Answer]):
-    """Drives an endpoint over a wire. `on_event` receives its events, and calls `resolve` for the answers.
+    """Channel that drives an endpoint over a wire. `on_event` receives the events of the endpoint and calls
+    `resolve` with each answer.
 
-    A caller that is cancelled leaves its exchange open, because the other side will still answer it. The next caller
+    A caller that is cancelled leaves its exchange open, because the other side will still answer. The next caller
     waits for that answer, so that no answer is attributed to the wrong request.
     """
 
@@ -30,15 +31,17 @@ class RequestChannel(Generic[Data, Event, Answer]):
         on_event: Callable[[Event], None],
         on_failure: Callable[[BridgeError], None],
     ) -> None:
-        """`on_failure` is called once with the reason why the link has failed, unless this side has closed the wire."""
+        """Create a channel. `on_failure` is called once with the reason when the link fails, unless this side has
+        closed the wire.
+        """
         self._name = wire.name
         self._loop = clock.loop
         self._on_failure = on_failure
         self._pump: Pump[Data, Event] = Pump(endpoint, wire, clock, on_event, self._ended)
         self._answer: asyncio.Future[Answer] | None = None
-        """Answer of the present exchange; cancelled if its caller no longer waits."""
+        """Answer to the present exchange; cancelled if its caller no longer waits."""
         self._waiting: deque[asyncio.Future[None]] = deque()
-        """Callers that wait for the present exchange to end."""
+        """Callers that wait for the end of the present exchange."""
         self._failure: BridgeError | None = None
 
     @property
@@ -48,17 +51,18 @@ class RequestChannel(Generic[Data, Event, Answer]):
 
     @property
     def awaited(self) -> bool:
-        """Whether a caller still waits for the answer of the present exchange."""
+        """Whether a caller still waits for the answer to the present exchange."""
         return self._answer is not None and not self._answer.cancelled()
 
     def start(self) -> None:
-        """Start to receive."""
+        """Start receiving."""
         self._pump.start()
 
     async def exchange(self, send: Callable[[], object]) -> Answer:
         """Call `send` when the link is free, and wait for the answer.
 
-        Raises what `send` raises, the error that the exchange is resolved with, and the reason why the link has failed.
+        Raises the exception of `send`, the error with which the exchange is resolved, or the reason why the link
+        has failed.
         """
         while self._answer is not None:
             ended = self._loop.create_future()
@@ -73,15 +77,15 @@ class RequestChannel(Generic[Data, Event, Answer]):
         return await answer
 
     def resolve(self, outcome: Answer | BridgeError) -> None:
-        """End the present exchange, if any, with its answer or an error."""
+        """End the present exchange with an answer or an error. Does nothing if no exchange is in progress."""
         answer, self._answer = self._answer, None
         if answer is None:
             return
         if answer.cancelled():
-            pass  # its caller no longer waits
+            pass  # the caller no longer waits
         elif isinstance(outcome, BridgeError):
             answer.set_exception(outcome)
-            answer.exception()  # retrieved, even if its caller is cancelled before it awaits
+            answer.exception()  # mark the exception as retrieved, even if the caller is cancelled before it awaits
         else:
             answer.set_result(outcome)
         while self._waiting:

@@ -1,19 +1,20 @@
 """Answers to a robot that drives the cycle: a bounded next set point for each packet, with a dead-man's switch.
 
-No I/O and no clock: like every endpoint, it is given the time. It wraps the robot's `StreamClient` and answers each
-packet inside the call that delivered it, so that no task lies between packet and answer.
+The responder has no I/O and no clock: like every endpoint, it is given the time. It wraps the robot's `StreamClient`
+and answers each packet inside the call that delivered it, so that no task lies between packet and answer.
 
 An answer moves the set point towards the newest target by at most speed × cycle, and never by more than speed × the
-time since the last step. So packets that were delayed and arrive together do not add up to a jump. Acceleration, and
-deceleration at a target, are limited; see `robots.ramp`. Every stop is immediate. The set point does not move
+time since the last step. Packets that were delayed and arrive together therefore do not add up to a jump.
+Acceleration, and deceleration at a target, are limited; see `robots.ramp`. Every stop is immediate. The set point does
+not move
 
-- without a new target for `hold_after`; it continues once there is one;
+- if there has been no new target for `hold_after`; it continues with the next target;
 - after a packet that reports a fault or an invalid pose, until the robot reports that it is ready and at the set point,
-  and there is a new target: its motion in between is unknown;
-- for a duplicate packet, or one that arrives after a later one;
+  and there is a new target, because the robot's motion in between is unknown;
+- for a duplicate packet, or a packet that arrives after a later one;
 - if the last gate stops it, which is a fault of this side, until there is a new target.
 
-Without a new target for `give_up_after` the movement is ended, whether the robot still sends or not.
+If there has been no new target for `give_up_after`, the movement is ended, even if the robot no longer sends.
 """
 
 import math
@@ -41,35 +42,35 @@ from protocol.robot import (
 )
 
 EVENTS_MAX = 1024
-"""Limit of queued events. Chosen: four times the datagrams that a wire delivers at once."""
+"""Maximum number of queued events. Chosen: four times the datagrams that a wire delivers at once."""
 CONFIRMED_AFTER = 3
-"""Number of answers with a target after which it counts as delivered, because one may be lost. Chosen: at a loss of 5
-%, 1 in 8000 remains.
+"""Number of answers with a target after which the target counts as delivered. A single answer may be lost. Chosen:
+at a loss of 5 %, 1 target in 8000 remains undelivered.
 """
 
 
 class SetpointResponder(Generic[Data]):
-    """Endpoint that answers the packets of a robot's client."""
+    """Endpoint that answers the packets that a robot's client decodes."""
 
     def __init__(self, client: StreamClient[Data], cycle: float) -> None:
-        """`cycle` is the time between two packets of the robot, s."""
+        """Wrap a client. `cycle` is the time between two packets of the robot, s."""
         self._client = client
         self._cycle = cycle
         self._events: deque[StreamEvent] = deque(maxlen=EVENTS_MAX)
         self.counters: Counter[str] = Counter()
-        """Counts of packets, answers and their problems, by name."""
+        """Counts of packets, of answers and of their problems, by name."""
         self._arrived: list[float] = []
-        """Arrivals of the packets whose answers have not been sent yet, s."""
+        """Arrival times of the packets whose answers have not been sent yet, s."""
         self._answered: tuple[tuple[str, float], ...] = ()
-        """Stamps of the answer sent last."""
+        """Stamps of the last answer that was sent."""
         self.newest: RobotReport | None = None
         """Report with the highest sequence number."""
         self.speed = 0.0
         """Speed of the set point, m/s; may be set at any time."""
         self.faults = MotionFaults()
-        """Faults of the robot in this movement, and of this side."""
+        """Faults of the robot and of this side in this movement."""
         self.lost = NO_TROUBLE
-        """Reason why the other side, or a missing target, ended the movement."""
+        """Reason why the movement was ended, by the other side or because of a missing target."""
         self._limits = MotionLimits(0.0)
         self._ramp = Ramp(cycle)
         self._setpoint: Pose | None = None
@@ -78,10 +79,10 @@ class SetpointResponder(Generic[Data]):
         self._targeted_at = self._stepped_at = -math.inf
         self._gate = Gate(Bounds(), 0.0)
         self._gate_speed = self._deepest = math.nan
-        """Speed assumed by the gate, m/s, and depth of the deeper end of the path to the target, m."""
+        """Speed assumed by the gate, m/s, and larger depth of the two ends of the path to the target, m."""
         self._held = False
         self._sent_count = 0
-        """Number of answers that contained the target."""
+        """Number of answers that have contained the target."""
 
     @property
     def moving(self) -> bool:
@@ -94,7 +95,7 @@ class SetpointResponder(Generic[Data]):
         return self._setpoint is None or self._sent_count >= CONFIRMED_AFTER
 
     def begin(self, pose: Pose, limits: MotionLimits, now: float) -> None:
-        """Begin a movement at this pose, the robot's present one."""
+        """Begin a movement at the present pose of the robot."""
         self._setpoint = self._goal = pose
         self._limits, self.speed = limits, limits.speed
         self._targeted_at = self._stepped_at = now
@@ -104,7 +105,7 @@ class SetpointResponder(Generic[Data]):
         self._client.begin(pose)
 
     def aim(self, target: Pose, now: float) -> None:
-        """Move there from the next packet on; does nothing outside a movement."""
+        """Move to this target from the next packet on. Does nothing outside a movement."""
         if self._setpoint is not None:
             self._goal, self._sent_count = target, 0
             bounds = self._gate.bounds
@@ -116,7 +117,7 @@ class SetpointResponder(Generic[Data]):
         self._targeted_at, self._held = now, False
 
     def stay(self) -> None:
-        """Discard the rest of the path."""
+        """Discard the rest of the path, so that the set point stays."""
         self._goal, self._sent_count = self._setpoint, 0
         self._ramp.rest()
 
@@ -172,7 +173,7 @@ class SetpointResponder(Generic[Data]):
                 self.end()
 
     def _note(self, report: RobotReport, now: float) -> bool:
-        """Store a report and queue it; return False if it is not newer than the newest."""
+        """Store a report and queue it. Return False if it is older than the newest report."""
         self.counters[PACKETS] += 1
         if self.newest is not None:
             missing = report.sequence - self.newest.sequence - 1
@@ -192,8 +193,8 @@ class SetpointResponder(Generic[Data]):
         return True
 
     def _compare(self, report: RobotReport, setpoint: Pose, now: float) -> RobotReport:
-        """Return a report of this movement with the fault that has yet to be reported. A fault discards the rest of the
-        path.
+        """Return a report of this movement, including any fault that has not been reported yet. A fault discards
+        the rest of the path.
         """
         faults = self.faults
         if report.fault:
@@ -202,7 +203,7 @@ class SetpointResponder(Generic[Data]):
         elif faults.displaced and faults.is_back(report.pose, setpoint):
             self._setpoint = self._goal = (
                 report.pose
-            )  # an operator's stop is continued from the robot's present pose
+            )  # after an operator's stop, continue from the robot's present pose
             self._open_gate(report.pose, now)
             self._client.begin(report.pose)
         if report.fault or not faults.first:
@@ -246,7 +247,7 @@ class SetpointResponder(Generic[Data]):
         self._setpoint = after
 
     def _open_gate(self, pose: Pose, now: float) -> None:
-        """Check set points from this pose on: none may move farther than the speed allows in a cycle."""
+        """Start a gate at this pose: no set point may move farther than the speed allows in a cycle."""
         speed, limits = self.speed, self._limits
         bounds = replace(
             limits.bounds or Bounds(),
@@ -259,7 +260,7 @@ class SetpointResponder(Generic[Data]):
         self._gate, self._gate_speed = Gate(bounds, now, pose), speed
 
     def _watch(self, now: float) -> None:
-        """End a movement that no longer receives targets."""
+        """End the movement if it no longer receives targets."""
         if self.moving and now - self._targeted_at >= self._limits.give_up_after:
             self.lost = Trouble(f"no new target for {self._limits.give_up_after:g} s: the movement was ended")
             self.end()

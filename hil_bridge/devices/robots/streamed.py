@@ -1,4 +1,4 @@
-"""Link of a robot that drives the cycle, over any `StreamClient` and wire."""
+"""Link of a robot that drives the cycle, for any `StreamClient` and wire."""
 
 import asyncio
 from collections.abc import AsyncIterator, Mapping
@@ -24,11 +24,11 @@ from protocol.endpoint import Trouble
 from protocol.robot import ReportReceived, StreamClient, StreamEvent, StreamLost, StreamNotice
 
 READY_S = 10.0
-"""Chosen: longest wait for a robot's first packet."""
+"""Longest wait for a robot's first packet, s. Chosen."""
 SILENT_S = 0.5
-"""Chosen: time without a packet after which a streaming robot is silent. Many cycles of the slowest."""
+"""Time without a packet after which a streaming robot counts as silent, s. Chosen: many cycles of the slowest robot."""
 FRESH_CYCLES = 2.0
-"""Chosen: age in robot cycles up to which a report is still returned; one may be missing on the network."""
+"""Largest age of a report that is still returned, in robot cycles. Chosen: one packet may be lost on the network."""
 _START = "start its program, have it send to this computer's address and port, and check the firewall"
 _CONTINUE = "check that its program still runs and its cable is plugged in, then start again"
 
@@ -47,23 +47,27 @@ HOPS = RobotHops(
         ),
     ),
 )
-"""Hops into which the stamps of a stream divide a cycle: the robot gets the newest target with its next packet."""
+"""Hops into which the stamps of a stream divide a cycle. The robot receives the newest target in the answer to its
+next packet.
+"""
 
 
 ROUTINE = PACKETS, ANSWERS
 """Counters of a stream that increase in normal operation."""
 STALE = "stale packets"
 TROUBLES = MISSING, STALE
-"""Counters that indicate loss or delay on the wire. A late answer does not: this computer was late."""
+"""Counters that indicate loss or delay on the wire. A late answer is not among them, because it is a delay of this
+computer.
+"""
 TRAFFIC = (Traffic("packets", ANSWERS, PACKETS),)
 
 
 class RobotSilent(DeviceError):
-    """Error of a streaming robot that has sent nothing for a while; it may resume."""
+    """Error of a streaming robot that has stopped sending; it may resume."""
 
 
 class StreamedLink(Generic[Data]):
-    """Streaming robot, see `hil_bridge.devices.robots.seam.RobotLink`."""
+    """Link of a streaming robot; see `hil_bridge.devices.robots.seam.RobotLink`."""
 
     def __init__(
         self,
@@ -73,11 +77,11 @@ class StreamedLink(Generic[Data]):
         clock: Clock,
         log: DeviceLog,
     ) -> None:
-        """`facts` include the robot's cycle. Raises ValueError if they do not."""
+        """Create a link. `facts` must include the robot's cycle; otherwise raises ValueError."""
         if not facts.cycle_s:
             raise ValueError(f"{facts.model}: a streaming robot needs a cycle")
         self.name = wire.name.partition("?")[0]
-        """Scheme and address of the wire, as used in messages, without the options of the URL."""
+        """Scheme and address of the wire for messages, without the options of the URL."""
         self.facts = msgspec.structs.replace(
             facts, hops=facts.hops or HOPS, routine=ROUTINE, errors=facts.errors or TROUBLES, traffic=TRAFFIC
         )
@@ -89,7 +93,7 @@ class StreamedLink(Generic[Data]):
         self._newest: RobotReport | None = None
         self._listened_from = clock.now()
         self._startup_error: DeviceError | None = None
-        """Reason why nothing was ever received; None if unknown."""
+        """Reason why nothing has been received since the start; None if unknown."""
         self._handed_out = False
         """Whether the newest report has been returned."""
         self._waiting: set[asyncio.Future[RobotReport]] = set()
@@ -104,7 +108,7 @@ class StreamedLink(Generic[Data]):
         self._pump.start()
 
     async def aclose(self) -> None:
-        """End a movement, send what is queued, and close the wire."""
+        """End the movement, send queued data, and close the wire."""
         self._end()
         await self._wire.aclose()
 
@@ -124,7 +128,7 @@ class StreamedLink(Generic[Data]):
         return newest
 
     async def release(self, report: RobotReport) -> None:
-        """Do nothing: a movement ends with the stream, so none is left open."""
+        """Do nothing. A movement ends with the stream, so no movement can have been left open."""
 
     @asynccontextmanager
     async def motion(self, limits: MotionLimits) -> AsyncIterator[StreamedMotion[Data]]:
@@ -136,8 +140,8 @@ class StreamedLink(Generic[Data]):
         if report.fault:
             raise OrderRefused(report.fault, remedy=report.remedy, cause=Cause.ROBOT_STATE)
         bounds = limits.bounds or Bounds(report.pose)
-        if moved := describe_displacement(bounds.start, report.pose):
-            raise OrderRefused(f"robot on {self.name} {moved}", cause=Cause.MOVED_BEFORE)
+        if displacement := describe_displacement(bounds.start, report.pose):
+            raise OrderRefused(f"robot on {self.name} {displacement}", cause=Cause.MOVED_BEFORE)
         now = self._clock.now()
         self._answering.begin(report.pose, limits, now)
         self._pump.kick()
@@ -156,8 +160,8 @@ class StreamedLink(Generic[Data]):
         self._pump.kick()
 
     def _check(self) -> None:
-        """Raise OrderRefused for a fault that persists or has yet to be reported, another BridgeError if nothing can be
-        ordered.
+        """Raise OrderRefused for a fault that persists or has not been reported yet, or another BridgeError if
+        nothing can be ordered.
         """
         if self._failure is not None:
             raise self._failure
@@ -176,7 +180,9 @@ class StreamedLink(Generic[Data]):
         return await self._next(SILENT_S, _CONTINUE)
 
     async def _next(self, patience: float, remedy: str) -> RobotReport:
-        """Return the next report. `remedy` is the advice if the robot has sent something before. Raises BridgeError."""
+        """Return the next report. `remedy` is the advice for a robot that has sent packets before. Raises
+        BridgeError if no report arrives.
+        """
         if self._failure is not None:
             raise self._failure
         waiting: asyncio.Future[RobotReport] = self._clock.loop.create_future()
@@ -234,4 +240,4 @@ class StreamedLink(Generic[Data]):
         for waiting in self._waiting:
             if not waiting.done():
                 waiting.set_exception(error)
-                waiting.exception()  # retrieved, even if its caller is cancelled before it awaits
+                waiting.exception()  # mark the exception as retrieved, even if the caller is cancelled before it awaits

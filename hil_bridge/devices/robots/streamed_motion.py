@@ -15,21 +15,21 @@ from protocol.robot import pose_fault
 
 
 class Stream(NamedTuple):
-    """Packets of the robot, as a movement uses them."""
+    """Packets of the robot, as used by a movement."""
 
     name: str
     """Name of the robot's wire."""
     check: Callable[[], None]
     """Raises an error if nothing can be ordered."""
     next_packet: Callable[[], Awaitable[object]]
-    """Waits for a packet; raises an error if none comes."""
+    """Waits for a packet. Raises an error if none arrives."""
 
 
 class StreamedMotion(LastOrder, Generic[Data]):
-    """Movement in progress, see `hil_bridge.devices.robots.seam.Motion`."""
+    """Movement in progress; see `hil_bridge.devices.robots.seam.Motion`."""
 
     def __init__(self, stream: Stream, answering: SetpointResponder[Data], clock: Clock, gate: Gate) -> None:
-        """`gate` checks the targets."""
+        """Create a movement. `gate` checks the targets."""
         self._name, self._check_link, self._next_packet = stream
         self._answering, self._clock, self._gate = answering, clock, gate
         super().__init__()

@@ -1,1 +1,1 @@
-"""Force sensors: one package per kind, and the stream of frames for a run."""
+"""Force sensors: one package per kind, and the stream of frames of a run."""

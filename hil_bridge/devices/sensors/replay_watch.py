@@ -1,9 +1,10 @@
 """Detection of a stream that repeats a part of itself, frame by frame. Pure.
 
-A converter, a driver or a recorder that hangs in a loop sends its last second again and again, including noise. Noise
-never repeats: a sequence of frames that equals an earlier one, in order, contains nothing new. Quiet sensors repeat
-single values by chance. So each repeated frame counts by its information, which is small for a common value. A sensor
-without noise while stationary is not watched, because the force of a held contact may repeat itself.
+A converter, a driver or a recorder that hangs in a loop sends its last second again and again, including noise.
+Noise never repeats: a sequence of frames that equals an earlier one, in order, contains nothing new. Quiet sensors
+repeat single values by chance. Each repeated frame therefore counts by its information, which is small for a common
+value. A sensor without noise while stationary is not watched, because the force of a held contact may repeat
+itself.
 """
 
 import math
@@ -11,42 +12,44 @@ from collections import Counter, deque
 from collections.abc import Sequence
 
 _ROW = 8
-"""Chosen: length of the sequence by which an earlier part of the stream is recognized."""
+"""Number of frames by which an earlier part of the stream is recognized. Chosen."""
 _LEAST_LAG = 16
-"""Chosen: fewest frames between a sequence and its repetition. Aliased hum repeats sooner."""
+"""Minimum number of frames between a sequence and its repetition. Chosen: aliased hum repeats sooner."""
 _BITS = 64.0
-"""Chosen: information of the repeated frames from which chance is excluded: once in 10¹⁹."""
+"""Information of the repeated frames above which chance is excluded, bits. Chosen: a probability of 10⁻¹⁹."""
 _AT_REST = 64
-"""Chosen: first frames of a stream, with a stationary tool, from which its noise is measured."""
+"""Number of frames at the start of a stream, with a stationary tool, from which its noise is measured. Chosen."""
 _LIVELY_BITS = 3.0
-"""Chosen: mean information of one of them from which the stream is watched; the maximum is six bits."""
+"""Mean information of these frames above which the stream is watched, bits per frame. Chosen; the maximum is six
+bits.
+"""
 
 
 class ReplayWatch:
-    """Watch over the newest frames of one stream."""
+    """Watch for repetitions among the newest frames of one stream."""
 
     def __init__(self, frames: int) -> None:
-        """`frames` is the number of frames that are kept for comparison."""
+        """Create a watch. `frames` is the number of frames that are kept for comparison."""
         self._frames = frames
         self._lively: bool | None = None
         self.since = math.nan
-        """Arrival of the first frame of a repetition that continues, s; NaN while the stream is new."""
+        """Arrival of the first frame of a repetition in progress, s; NaN while the stream is new."""
         self.zeroed()
 
     def zeroed(self) -> None:
         """Restart with the next frame, because a zero changes the values."""
         self._kept: deque[tuple[Sequence[float], int, float]] = deque(maxlen=self._frames)
-        """Values, hash of the sequence that ends with them, and arrival, s."""
+        """Kept frames: values, hash of the sequence that ends with the frame, and arrival, s."""
         self._common: Counter[Sequence[float]] = Counter()
         self._row: deque[Sequence[float]] = deque(maxlen=_ROW)
         self._rows: dict[int, int] = {}
-        """Number of the last frame of each sequence, by its hash."""
+        """Number of the last frame of each sequence, by the hash of the sequence."""
         self._number = self._lag = 0
         self._bits = 0.0
         self._began = self.since = math.nan
 
     def frame(self, values: Sequence[float], at: float) -> None:
-        """Check a frame that arrived at this time, s."""
+        """Check a frame that arrived at time `at`, s."""
         if self._lively is False:
             return
         if self._lag and self._kept[-self._lag][0] == values:
@@ -60,7 +63,7 @@ class ReplayWatch:
             self.since = self._began
 
     def _keep(self, values: Sequence[float], at: float) -> None:
-        """Store a frame, discard the oldest, and search for the sequence that ends with it."""
+        """Store a frame, discard the oldest one, and search for the sequence that ends with the new frame."""
         kept, common = self._kept, self._common
         if len(kept) == kept.maxlen:
             oldest, mark, _ = kept[0]
@@ -84,12 +87,12 @@ class ReplayWatch:
             self._lively = bits >= _LIVELY_BITS * _AT_REST
 
     def _find(self, lag: int) -> None:
-        """Check a sequence that occurred this many frames before."""
+        """Check an earlier occurrence of the newest sequence, this many frames ago."""
         if not _LEAST_LAG <= lag < len(self._kept) - _ROW:
             return
         newest = [self._kept[-k] for k in range(_ROW, 0, -1)]
         if any(self._kept[-k - lag][0] != newest[-k][0] for k in range(1, _ROW + 1)):
-            return  # hashes that are equal by chance
+            return  # the hashes are equal by chance
         self._lag, self._began = lag, newest[0][2]
         self._bits = sum(self._information(values) for values, _, _ in newest)
 

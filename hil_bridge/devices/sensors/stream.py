@@ -1,4 +1,4 @@
-"""Force/torque sensor for the control cycle: newest frame for control, every frame for the recorder."""
+"""Force/torque sensor for the control cycle. Control uses the newest frame, the recorder every frame."""
 
 import asyncio
 import math
@@ -35,28 +35,32 @@ from protocol.wrench import (
 )
 
 _HISTORY = 256
-"""Fewest frames of history. Chosen: 2.6 s of the default stream, several answers of the robot's link."""
+"""Minimum number of frames in the history. Chosen: 2.6 s of the default stream, which covers several answers of the
+robot's link.
+"""
 _HISTORY_S = 2.56
-"""Duration of the history of a faster stream. Chosen: as for the default stream."""
+"""Duration of the history of a faster stream, s. Chosen: as for the default stream."""
 _HISTORY_LIMIT = 20_000
-"""Most frames of history. Chosen: those of a stream at 7 kHz."""
+"""Maximum number of frames in the history. Chosen: the number for a stream at 7 kHz."""
 
 
 READY_S = 60.0
-"""Chosen: longest start-up of a sensor, whatever its client allows; a UART gateway takes some ten seconds."""
+"""Longest start-up of a sensor, s, regardless of the client's own limit. Chosen: a UART gateway takes approximately
+ten seconds.
+"""
 
 
 class FrameJudge(Protocol):
-    """Tracks the extremes of all frames until they are read. `values` are six counts in the order of `AXES`.
+    """Tracker of the extremes of all frames until they are read. `values` are six counts in the order of `AXES`.
 
-    Forces are relative to the newest zero, in newtons; pressing is positive along the approach.
+    Forces are relative to the newest zero, in newtons; a pressing force is positive along the approach.
     """
 
     saturated: bool
     """Whether any frame was at the end of the sensor's range."""
 
     def frame(self, values: Sequence[float]) -> None:
-        """Process a frame as it arrives."""
+        """Process a frame on its arrival."""
 
     def rezero(self, wrench: Sequence[float]) -> None:
         """Use this contact wrench as the zero, N and N·m in the tool frame."""
@@ -74,26 +78,28 @@ class FrameJudge(Protocol):
 
 
 class ForceSensor:
-    """Sensor of any make: `client` implements its protocol over `transport`. `log` receives every frame and notice."""
+    """Force sensor of any manufacturer. `client` implements its protocol over `transport`; `log` receives every
+    frame and notice.
+    """
 
     def __init__(
         self, transport: Transport[Any], client: SensorClient[Any], clock: Clock, log: DeviceLog
     ) -> None:
         self.name = transport.name
         self.newest: WrenchFrame | None = None
-        """Newest frame, or None before the first one and before the first one since a zero."""
+        """Newest frame; None until the first frame, and after a zero until the next frame."""
         self.decoded_at = math.nan
-        """Time at which it had been decoded, s on the run's clock; `at` of the frame is its arrival."""
+        """Time at which the newest frame had been decoded, s on the run's clock; `at` of the frame is its arrival."""
         self.received = 0
-        """Number of complete frames."""
+        """Number of complete frames received."""
         self.repeated = 0
-        """Number of consecutive frames up to the newest with identical values on all axes."""
+        """Number of consecutive frames up to the newest that have identical values on all axes."""
         self.unchanged_since = math.nan
-        """Arrival of the first of these frames, s on the run's clock."""
+        """Arrival of the first of these identical frames, s on the run's clock."""
         self.saturated_axes = 0
-        """Bit k: axis k was at the end of its range in the newest frame."""
+        """Bit mask of saturated axes. Bit k is set if axis k was at the end of its range in the newest frame."""
         self.peaks: FrameJudge | None = None
-        """Receives every frame; None while frames are not evaluated."""
+        """Judge that receives every frame; None while frames are not evaluated."""
         self._history: deque[WrenchFrame] = deque(maxlen=_HISTORY)
         self._transport = transport
         self._clock = clock
@@ -101,56 +107,58 @@ class ForceSensor:
         self._client = client
         self._pump: Pump[Any, SensorEvent] = Pump(client, transport, clock, self._take, self._ended)
         self.zeroed_from: WrenchFrame | None = None
-        """Newest frame when the device reported that it had taken its zero; None before."""
+        """Newest frame at the time when the device reported that it had taken its zero; None before."""
         self._facts: SensorFacts | None = None
         self._watch: AxisWatch
-        """Watch over the axes since the device was ready."""
+        """Watch over the axes, active since the device was ready."""
         self._lateness = LatenessWatch(None)
         self._replay = ReplayWatch(_HISTORY)
         self._converted: WrenchFrame | None = None
-        """Frame whose wrench was computed last."""
+        """Frame whose wrench was computed last; None before the first."""
         self._wrench: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        """Wrench of that frame."""
+        """Wrench of the frame `_converted`."""
         self._failure: BridgeError | None = None
         self._waiters: list[tuple[type, asyncio.Future[None]]] = []
 
     @property
     def lost(self) -> int:
-        """Frames that were sent according to the counter and never arrived."""
+        """Number of frames that were sent according to the frame counter but never arrived."""
         return self._client.statistics.lost
 
     @property
     def stands(self) -> str:
-        """Description of a device whose frames continue while their counter does not; "" while it counts."""
+        """Description of a device whose frames continue while its frame counter does not; "" if the counter
+        advances.
+        """
         if not self._client.statistics.stands:
             return ""
         return "frames arrive, but their counter does not change, as after the sensor is unplugged"
 
     @property
     def is_ready(self) -> bool:
-        """Whether the device has streamed, so that its facts are known."""
+        """Whether the device has started to stream, so that its facts are known."""
         return self._facts is not None
 
     @property
     def facts(self) -> SensorFacts:
-        """Facts that the device reports about itself; known once it is ready."""
+        """Facts that the device reports about itself. Available once the device is ready."""
         assert self._facts is not None, "the device is ready first"
         return self._facts
 
     @property
     def delay(self) -> float:
-        """Delay of the device's filter, s; known once it is ready."""
+        """Delay of the device's filter, s. Available once the device is ready."""
         return self.facts.delay
 
     @property
     def late(self) -> float:
-        """Lateness of the newest frame relative to the device's earliest frames, s; 0 if that is jitter."""
+        """Lateness of the newest frame relative to the device's earliest frames, s; 0 if it is jitter."""
         return self._lateness.late
 
     @property
     def newest_at(self) -> float:
-        """Time of the newest information, s: the arrival of the newest frame less the lateness of the stream, or the
-        start of a part that repeats an earlier one. NaN before the first frame.
+        """Time of the newest information, s: the arrival of the newest frame minus the lateness of the stream, or,
+        if the stream repeats an earlier part, the start of the repetition. NaN before the first frame.
         """
         if self.newest is None:
             return math.nan
@@ -165,17 +173,18 @@ class ForceSensor:
 
     @property
     def dead(self) -> tuple[int, ...]:
-        """Numbers of the axes that have not changed since the zero, for long, although another moved far."""
+        """Numbers of the axes that have not changed for a long time since the zero although another axis moved far."""
         return self._watch.dead
 
     def start(self) -> None:
-        """Start to receive and to initialize the device."""
+        """Start receiving and initialize the device."""
         self._pump.start()
 
     async def ready(self) -> SensorFacts:
         """Wait until the device streams, and return its facts.
 
-        Raises DeviceError with the reason if it stays silent, has no sensor, or reports an impossible full scale.
+        Raises DeviceError with the reason if the device stays silent, has no sensor, or reports an impossible full
+        scale.
         """
         if self._facts is None:
             try:
@@ -190,9 +199,9 @@ class ForceSensor:
         return self.facts
 
     async def tare(self) -> None:
-        """Let the device take its present filtered output as zero. Earlier frames are discarded.
+        """Let the device set its present filtered output as zero. Earlier frames are discarded.
 
-        The output before the zero is checked first: a zero shifts the values, but not the end of the range.
+        The output before the zero is checked first, because a zero shifts the values but not the end of the range.
         """
         await self.frame()
         self._client.zero()
@@ -200,14 +209,14 @@ class ForceSensor:
         await self._until(Zeroed)
 
     async def frame(self) -> WrenchFrame:
-        """Return the newest frame, or wait for the next if there is none yet, or none since the zero."""
+        """Return the newest frame; wait for one if none has arrived since the sensor was zeroed."""
         if self.newest is None:
             await self._until(WrenchFrame)
         assert self.newest is not None
         return self.newest
 
     def window(self, since: float) -> list[tuple[float, ...]]:
-        """Return the wrenches, as from `wrench`, of the stored frames that arrived after this time, s, oldest first."""
+        """Return the wrenches (see `wrench`) of the stored frames that arrived after this time, s, oldest first."""
         newer = takewhile(lambda frame: frame.at > since, reversed(self._history))
         return [self.wrench(frame) for frame in reversed(list(newer))]
 
@@ -217,12 +226,14 @@ class ForceSensor:
         return self._failure is not None
 
     def check(self) -> None:
-        """Raise the failure that ended the sensor, if any. The cycle calls it before it uses the newest frame."""
+        """Raise the failure that ended the sensor, if any. The control cycle calls this before it uses the newest
+        frame.
+        """
         if self._failure is not None:
             raise self._failure
 
     def wrench(self, frame: WrenchFrame) -> Wrench:
-        """Return the wrench of a frame in the sensor frame: fx fy fz mx my mz, N and N·m."""
+        """Return the wrench of a frame in the sensor frame: fx fy fz mx my mz, in N and N·m."""
         if frame is not self._converted:
             assert self._facts is not None, "no frame comes before the facts"
             self._wrench = wrench_of(frame.values, self._facts.scales)
@@ -232,7 +243,8 @@ class ForceSensor:
     def wrench_at(self, at: float) -> tuple[float, ...] | None:
         """Return the wrench at a past arrival time, interpolated linearly between frames.
 
-        After the newest frame, it is that frame's; None before the oldest stored frame since the last tare.
+        After the newest frame, return the wrench of the newest frame. Before the oldest stored frame since the last
+        tare, return None.
         """
         later: WrenchFrame | None = None
         for frame in reversed(self._history):
@@ -240,16 +252,16 @@ class ForceSensor:
                 if later is None:
                     return self.wrench(frame)
                 share = (at - frame.at) / (later.at - frame.at)
-                after = self.wrench(later)  # first, because the newest is cached
+                after = self.wrench(later)  # computed first, because the newest wrench is cached
                 before = self.wrench(frame)
                 return tuple([a + share * (b - a) for a, b in zip(before, after, strict=True)])
             later = frame
         return None
 
     async def aclose(self) -> None:
-        """Stop the stream, wait for the device to acknowledge it, and close the wire.
+        """Stop the stream, wait until the device acknowledges this, and close the wire.
 
-        A device that misses the first stop request gets time for its repetition.
+        The time is sufficient for a second stop request, in case the device misses the first one.
         """
         try:
             if self._failure is None:
@@ -270,7 +282,7 @@ class ForceSensor:
     def _take(self, event: SensorEvent) -> None:
         match event:
             case WrenchFrame():
-                if not math.isfinite(sum(event.values, event.at)):  # no limit holds against it
+                if not math.isfinite(sum(event.values, event.at)):  # no limit detects NaN
                     text = f"force sensor on {self.name} reported a value that is not a number: {event}"
                     self._fail(DeviceError(text))
                     return

@@ -1,1 +1,1 @@
-"""Built-in kinds of surfaces in addition to the one of `[cell.surface]`."""
+"""Built-in kinds of surfaces, in addition to the surface of `[cell.surface]`."""

@@ -1,4 +1,4 @@
-"""Kind `soft-body` of surface."""
+"""Kind of surface `soft-body`."""
 
 from emulators.seams import SurfaceFactory
 from emulators.surface.contact import Contact

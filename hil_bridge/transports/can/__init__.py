@@ -1,1 +1,1 @@
-"""CAN wires: SocketCAN, slcan and python-can, and a bus in memory."""
+"""CAN wires: SocketCAN, slcan, python-can, and a bus in memory."""

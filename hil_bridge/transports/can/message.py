@@ -1,4 +1,4 @@
-"""Conversion of frames, errors and descriptors of python-can to those of this project."""
+"""Conversion of python-can's frames, errors and descriptors to the types of this project."""
 
 import errno
 
@@ -12,7 +12,7 @@ _FULL = (errno.ENOBUFS, errno.EAGAIN)
 
 
 def file_descriptor(bus: can.BusABC) -> int:
-    """Return the file descriptor that the event loop waits for, or −1 if the interface has none."""
+    """Return the file descriptor on which the event loop waits, or −1 if the interface has none."""
     try:
         return bus.fileno()
     except NotImplementedError:
@@ -20,7 +20,7 @@ def file_descriptor(bus: can.BusABC) -> int:
 
 
 def to_message(frame: CanFrame) -> can.Message:
-    """Convert a frame to a message; the bytes of a remote frame are the requested number."""
+    """Convert a frame to a message. The length of a remote frame is the requested number of bytes."""
     return can.Message(
         arbitration_id=frame.identifier,
         is_extended_id=frame.extended,
@@ -50,7 +50,7 @@ def from_message(message: can.Message, at: float) -> CanFrame | None:
 
 
 def is_full(error: BaseException) -> bool:
-    """Return whether sending failed only temporarily; python-can reports it by number or by text."""
+    """Return whether sending failed only temporarily. Python-can reports this by error number or by text."""
     return (
         reasons.error_number(error) in _FULL
         or isinstance(error.__cause__, BlockingIOError)

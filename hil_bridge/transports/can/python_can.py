@@ -1,4 +1,4 @@
-"""Opening of CAN interfaces of python-can."""
+"""Opening of python-can interfaces."""
 
 import asyncio
 import errno
@@ -20,7 +20,7 @@ from protocol.can.frame import CanFilter
 
 
 async def open_python_can(url: WireUrl, clock: Clock, accept: Sequence[CanFilter] = ()) -> Transport[Frames]:
-    """Open an interface: `can+socketcan` or `can+virtual`. Raises TransportUnavailable."""
+    """Open an interface: `can+socketcan` or `can+virtual`. Raises TransportUnavailable if it cannot be opened."""
     place = Place(url.scheme.removeprefix("can+"), url.target, url.name)
     interface, channel, name = place
     open_bus = partial(_open, interface, channel, accept, dict(url.options))

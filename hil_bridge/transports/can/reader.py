@@ -1,4 +1,4 @@
-"""Thread that reads a python-can interface without a file descriptor to wait for."""
+"""Thread that reads a python-can interface which has no file descriptor to wait on."""
 
 import threading
 from collections import deque
@@ -11,11 +11,13 @@ from hil_bridge.clock import Clock
 from hil_bridge.transports.delivery import QUEUE_FRAMES
 
 _LOOKS_S = 0.1
-"""Time between two checks of the thread whether it is to end."""
+"""Interval at which the thread checks whether it is to end, s."""
 
 
 class ReaderThread:
-    """Reads until it is stopped or the interface fails; delivers in the event loop's thread, with times."""
+    """Thread that reads until it is stopped or the interface fails. It delivers frames and their times in the event
+    loop's thread.
+    """
 
     def __init__(
         self,
@@ -31,17 +33,17 @@ class ReaderThread:
         self._pending: deque[tuple[float, can.Message]] = deque(maxlen=QUEUE_FRAMES)
         self._lock = threading.Lock()
         self.overruns = 0
-        """Frames lost because the event loop was too slow."""
+        """Number of frames that were lost because the event loop was too slow."""
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name="CAN reader", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """Request its end."""
+        """Request the end of the thread."""
         self._stopping = True
 
     def join(self) -> None:
-        """Wait until it has ended."""
+        """Wait until the thread has ended."""
         self._thread.join()
 
     def _run(self) -> None:

@@ -1,4 +1,4 @@
-"""Transport over a serial CAN adapter: frames over any byte wire, a serial port or TCP."""
+"""Transport over a serial CAN adapter. Frames are sent over any byte wire: a serial port or TCP."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -13,10 +13,10 @@ from protocol.can.slcan import SlcanClient
 
 
 class SlcanWire:
-    """Transport over an adapter whose channel is opened at once.
+    """Transport over an adapter. The adapter's channel is opened at once.
 
-    slcan reports no bus errors, and does not confirm the sending of every frame. Frames that wait for the adapter wait
-    in the byte wire, with its limits.
+    The slcan protocol does not report bus errors, and does not confirm every sent frame. Frames that wait for the
+    adapter are queued in the byte wire, with its limits.
     """
 
     def __init__(

@@ -15,7 +15,7 @@ class Adapter(Protocol):
 
     @property
     def bus_bit_rate(self) -> int:
-        """Bit rate of its bus, bit/s."""
+        """Bit rate of the adapter's bus, bit/s."""
 
     def receive(self, data: bytes, now: float) -> None:
         """Process bytes from the host."""
@@ -24,16 +24,16 @@ class Adapter(Protocol):
         """Process frames received on the adapter's bus."""
 
     def next_event(self) -> CanFrame | None:
-        """Return a frame that the host sends, or None if there is no more."""
+        """Return a frame that the host sends, or None if there are no more frames."""
 
     def data_to_send(self, now: float) -> bytes:
         """Return bytes for the host."""
 
 
 class SlcanDevice:
-    """Transport of frames over a byte wire, with an adapter between them.
+    """Transport of frames over a byte wire, with an adapter between the wire and the device.
 
-    Frames take their time on the adapter's bus, in both directions: it has two nodes, the adapter and the device. The
+    Frames take time on the adapter's bus in both directions. The bus has two nodes, the adapter and the device. The
     adapter acknowledges all frames, even while its channel is closed.
     """
 
@@ -44,7 +44,9 @@ class SlcanDevice:
         bus = MemoryCanBus(clock, adapter.bus_bit_rate, serial.name)
         self._adapter_node, self._device_node = bus.connect(), bus.connect()
         self.lost = 0
-        """Frames dropped on the way to the bus because the queue was full, as after a stall of this process."""
+        """Number of frames dropped before the bus because the queue was full, for example after a stall of
+        this process.
+        """
 
     @property
     def name(self) -> str:
@@ -52,7 +54,7 @@ class SlcanDevice:
         return self._serial.name
 
     def start(self, on_data: Callable[[Frames], None], on_end: Callable[[TransportError], None]) -> None:
-        """Start to serve the host of the adapter."""
+        """Start serving the host of the adapter."""
         self._device_node.start(on_data, on_end)
         self._adapter_node.start(self._from_bus, on_end)
         self._serial.start(self._from_host, on_end)
@@ -62,7 +64,7 @@ class SlcanDevice:
         self._queue(self._device_node, data)
 
     async def aclose(self) -> None:
-        """Close the byte wire after the bus has sent what is queued."""
+        """Close the byte wire after the bus has sent the queued frames."""
         await self._device_node.aclose()
         await self._adapter_node.aclose()
         await self._serial.aclose()

@@ -1,8 +1,9 @@
-"""Network interface of a SocketCAN bus: its state, and the recovery after an outage.
+"""Network interface of a SocketCAN bus: its state, and its recovery after an outage.
 
-Behaviour of the kernel (net/can/raw.c): when the interface goes down, every socket bound to it reads ENETDOWN once. The
-socket stays bound, and sending fails with ENETDOWN, until the interface is up again. When the interface is deleted or
-its adapter unplugged, the socket reads ENODEV. It is then unusable, even if an interface of the same name returns.
+Behaviour of the kernel (net/can/raw.c): when the interface goes down, every socket bound to it reads ENETDOWN once.
+The socket stays bound, and sending fails with ENETDOWN, until the interface is up again. When the interface is
+deleted or its adapter is unplugged, the socket reads ENODEV. The socket is then unusable, even if an interface of
+the same name returns.
 """
 
 import errno
@@ -17,7 +18,7 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 
 LINK_LOST = (errno.ENETDOWN, errno.ENODEV, errno.ENXIO)
-"""Errors of a socket whose interface is down or gone."""
+"""Error numbers of a socket whose interface is down or gone."""
 
 _SIOCGIFFLAGS = 0x8913
 _IFF_UP = 0x1
@@ -25,20 +26,20 @@ _IFREQ = struct.Struct("16sH22x")
 
 
 class Link(Protocol):
-    """State of an interface that may go away under a bus and return."""
+    """State of a bus interface that may disappear and return."""
 
     @property
     def up(self) -> bool:
         """Whether frames can pass."""
 
     def renew(self, bus: can.BusABC) -> can.BusABC:
-        """Return the bus to continue with: the same one, or another if this one is unusable, which is then closed.
-        Raises OSError or can.CanError if that fails.
+        """Return the bus to continue with. If the present bus is unusable, close it and open another one. Raises
+        OSError or can.CanError if that fails.
         """
 
 
 class SocketCanLink:
-    """Network interface by name; `open_bus` opens a socket on it."""
+    """Network interface, identified by its name. `open_bus` opens a socket on it."""
 
     def __init__(self, channel: str, open_bus: Callable[[], can.BusABC]) -> None:
         self._channel = channel
@@ -59,7 +60,7 @@ class SocketCanLink:
 
 
 def interface_up(name: str) -> bool | None:
-    """Return whether a network interface is up, None if there is none with this name. Linux only."""
+    """Return whether a network interface is up, or None if there is no interface with this name. Linux only."""
     try:
         request = _IFREQ.pack(os.fsencode(name), 0)
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as any_socket:

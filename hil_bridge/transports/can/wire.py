@@ -21,19 +21,22 @@ from protocol.can.error import CanErrorReport, ErrorClass, ErrorState, decode_er
 from protocol.can.frame import CanFrame
 
 MOST_PER_WAKE_UP = 256
-"""Reads before others have their turn. Chosen: 30 ms of a full bus at 1 Mbit/s in about 3 ms."""
+"""Maximum number of reads before other tasks of the event loop run. Chosen: 30 ms of a full bus at 1 Mbit/s, in
+approximately 3 ms.
+"""
 
 RETRY_S = 0.001
-"""Time after which a frame is retried for which the interface had no room, s. Chosen: ten frames at 1 Mbit/s, the
-shortest queue of interfaces. Writability does not help: the socket is writable while its interface is full.
+"""Time after which a frame is retried if the interface had no room for it, s. Chosen: ten frames at 1 Mbit/s, the
+shortest queue of interfaces. Waiting for writability does not help, because the socket is writable while its
+interface is full.
 """
 
 PROBE_S = 0.05
-"""Time between checks of an interface that is down, s. Chosen."""
+"""Interval at which an interface that is down is checked, s. Chosen."""
 
 LINK_PATIENCE_S = 10.0
-"""Longest time of bus-off or of an interface that is down before the wire is broken, s. Chosen: an operator brings an
-interface up again, or reconnects an adapter, within that time.
+"""Longest time for which a wire may be bus-off or its interface may be down before the wire is broken, s. Chosen:
+an operator brings an interface up again, or reconnects an adapter, within that time.
 """
 
 _STAMPED_BY_KERNEL = ("socketcan",)
@@ -46,29 +49,30 @@ class _Outage:
     since: float
     error: BaseException
     link: bool
-    """Whether the interface is down; otherwise its controller is bus-off."""
+    """Whether the interface is down. Otherwise the controller is bus-off."""
 
 
 class Place(NamedTuple):
-    """Bus of this computer."""
+    """CAN bus of this computer."""
 
     interface: str
-    """`socketcan` or `virtual`, as python-can calls them."""
+    """Name of the python-can interface: `socketcan` or `virtual`."""
     channel: str
-    """Its channel, such as `can0`."""
+    """Channel of the interface, such as `can0`."""
     name: str
-    """URL of the wire as the user gave it."""
+    """URL of the wire as given by the user."""
 
 
 class CanWire:
     """Transport over an open python-can bus.
 
-    Frames without room in the interface wait in a queue. They are dropped if none is sent for `send_deadline_s`. An
-    interface that goes down, or bus-off, has LINK_PATIENCE_S to recover. All of this is reported in band, by error
-    frames: INTERFACE_DOWN and TX_TIMEOUT are generated here, as is RESTARTED when the interface is up again.
+    Frames for which the interface has no room wait in a queue. They are dropped if none of them is sent for
+    `send_deadline_s`. An interface that goes down, or bus-off, has LINK_PATIENCE_S to recover. All of this is
+    reported in band by error frames. This class generates INTERFACE_DOWN and TX_TIMEOUT, and RESTARTED when the
+    interface is up again.
 
     Frames of SocketCAN contain the kernel's receive time: python-can enables SO_TIMESTAMPNS, and `Clock.at_wall`
-    converts that to the loop's time.
+    converts that time to the loop's time.
     """
 
     def __init__(
@@ -92,7 +96,7 @@ class CanWire:
         self._kernel_stamps = place.interface in _STAMPED_BY_KERNEL
         self._counts = Arrived()
         self.malformed = 0
-        """Arrivals that were not classical CAN frames."""
+        """Number of received frames that were not classical CAN frames."""
         self._thread: ReaderThread | None = None
         self._fd = file_descriptor(bus)
 
@@ -143,7 +147,7 @@ class CanWire:
     # --- sending
 
     def _push(self) -> None:
-        """Send as many frames as the interface accepts. Makes no callback, except to report a broken wire."""
+        """Send as many frames as the interface accepts. Makes no callback except to report a broken wire."""
         while len(self._queue) and (self._outage is None or not self._outage.link):
             try:
                 self._bus.send(to_message(self._queue.head), timeout=0)
@@ -154,7 +158,7 @@ class CanWire:
             self._queue.left(self._clock.now())
 
     def _arm(self) -> None:
-        """Set the timer to the next thing to handle."""
+        """Set the timer for the next retry, drop or check."""
         if self._timer is not None or not self._open:
             return
         now = self._clock.now()
@@ -167,7 +171,7 @@ class CanWire:
         self._timer = self._clock.call_at(when, self._look)
 
     def _look(self) -> None:
-        """Retry, drop what is too old, and check whether an outage is over or lasts too long."""
+        """Retry sending, drop frames that are too old, and check whether an outage is over or has lasted too long."""
         self._timer = None
         if not self._open:
             return
@@ -257,19 +261,21 @@ class CanWire:
                 self._timer = None
 
     def _fail(self, error: BaseException) -> None:
-        """Handle an error: an interface that is down may return, anything else breaks the wire."""
+        """Handle an error. An interface that is down may return; any other error breaks the wire."""
         if self._link is None or reasons.error_number(error) not in LINK_LOST:
             self._break(error)
         elif self._outage is None or not self._outage.link:
             self._outage = _Outage(self._clock.now(), error, link=True)
             if self._fd >= 0:
                 self._clock.loop.remove_reader(self._fd)
-            # may be within `send`, where the client does not expect a callback
+            # this may run within `send`, in which the client does not expect a callback
             self._clock.loop.call_soon(self._tell_down)
             self._arm()
 
     def _tell_down(self) -> None:
-        """Deliver what arrived before: later it would appear new."""
+        """Report that the interface is down. Deliver the frames that arrived earlier first, because later they
+        would appear new.
+        """
         if not self._open:
             return
         frames: list[CanFrame] = []

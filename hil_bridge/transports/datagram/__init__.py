@@ -1,7 +1,8 @@
 """Datagram wires: UDP, and a network in memory with delay, loss, duplicates and reordering.
 
-Such a wire is unreliable: a datagram arrives complete or not at all, perhaps twice, perhaps after a later one. Losses
-are counted if they can be detected. The end of the other side is not visible: time limits above handle silence.
+A datagram wire is unreliable: a datagram arrives complete or not at all, possibly twice, possibly after a later
+one. Losses are counted if they can be detected. The end of the other side is not visible; time limits of the layers
+above handle silence.
 """
 
 from hil_bridge.transports.datagram.memory import MemoryDatagrams, Path, connect_memory, listen_memory

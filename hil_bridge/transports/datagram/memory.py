@@ -1,7 +1,7 @@
-"""Network of datagrams inside one event loop, exact in virtual time; its faults repeat with the seed.
+"""Network of datagrams inside one event loop, exact in virtual time. Its faults are reproducible with the seed.
 
-Each end has a path to the network, with its own delays and faults. A datagram passes both paths: when it is sent and
-when it arrives. The two directions of a path draw their own numbers.
+Each end has a path to the network, with its own delays and faults. A datagram passes both paths: the path of its
+sender and the path of its receiver. The two directions of a path use separate random numbers.
 """
 
 import itertools
@@ -22,7 +22,9 @@ from hil_bridge.transports.delivery import Delivery, TimedQueue
 from protocol.datagram import Datagram, side_of
 
 HELD_S = 0.1
-"""Longest wait of a datagram for the next one to overtake it, s. Chosen: several cycles of a streaming robot."""
+"""Longest time for which a datagram is held so that the next one overtakes it, s. Chosen: several cycles of a
+streaming robot.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,27 +32,31 @@ class Path:
     """Delays and faults between one end and the network, the same for both directions."""
 
     latency_s: float = 0.0
-    """Time that every datagram takes, s."""
+    """Delay of every datagram, s."""
     jitter_s: float = 0.0
-    """Largest additional time of a datagram, s; uniformly distributed from 0. It does not change the order."""
+    """Largest additional delay of a datagram, s; uniformly distributed from 0. It does not change the order."""
     loss: float = 0.0
     """Probability that a datagram is lost, 0 … 1."""
     duplicate: float = 0.0
     """Probability that a datagram arrives twice, 0 … 1."""
     reorder: float = 0.0
-    """Probability that a datagram arrives right after the next one, or after `HELD_S` without one; 0 … 1."""
+    """Probability that a datagram arrives right after the next one, or after `HELD_S` if there is no next one; 0 …
+    1.
+    """
     seed: int = 0
     """Seed of the random numbers."""
 
     @property
     def changes_nothing(self) -> bool:
-        """Whether every datagram passes at once."""
+        """Whether every datagram passes unchanged and without delay."""
         return not (self.latency_s or self.jitter_s or self.loss or self.duplicate or self.reorder)
 
 
 @dataclass(slots=True)
 class _Network:
-    """Ends of one event loop by address: a listener has its name, a client its name and a number."""
+    """Ends of all wires of one event loop, by address. A listener's address is its name, a client's address is the
+    name and a number.
+    """
 
     ends: dict[str, "MemoryDatagrams"] = field(default_factory=dict)
     numbers: "itertools.count[int]" = field(default_factory=lambda: itertools.count(1))
@@ -64,7 +70,9 @@ def _network(clock: Clock) -> _Network:
 def listen_memory(
     name: str, path: Path, clock: Clock, on_notice: Notice, refuse_strangers: bool = False
 ) -> "MemoryDatagrams":
-    """Wait under this name for datagrams of clients in this loop. Raises TransportUnavailable if the name is in use."""
+    """Wait for datagrams of clients that use this name in this loop. Raises TransportUnavailable if the name is in
+    use.
+    """
     network = _network(clock)
     if name in network.ends:
         raise TransportUnavailable(f"udp+memory:{name}: the name is already in use; choose another")
@@ -72,7 +80,9 @@ def listen_memory(
 
 
 def connect_memory(name: str, path: Path, clock: Clock, on_notice: Notice) -> "MemoryDatagrams":
-    """Send to the listener of this name in this loop. It may start later: datagrams sent before are counted."""
+    """Open a wire to the listener of this name in this loop. The listener may start later; datagrams sent before
+    are counted as unreachable.
+    """
     network = _network(clock)
     return MemoryDatagrams(f"{name}#{next(network.numbers)}", Peer(name), path, clock, on_notice)
 
@@ -132,14 +142,14 @@ class MemoryDatagrams:
         check_sizes(self.name, data)
         for datagram in data:
             target = self._peer.target(side_of(datagram))
-            taken = target is not None and self._leaving.put(partial(self._reach, bytes(datagram), target))
-            self._counts["sent" if taken else "dropped"] += 1
+            accepted = target is not None and self._leaving.put(partial(self._reach, bytes(datagram), target))
+            self._counts["sent" if accepted else "dropped"] += 1
 
     def take_in(self) -> None:
-        """Do nothing: there is no system buffer."""
+        """Do nothing, because there is no receive buffer of the operating system."""
 
     def cut(self) -> None:
-        """Cut the cable: this end ends with TransportBroken, and the others receive nothing more from it."""
+        """Cut the cable. This end ends with TransportBroken, and the other ends receive nothing more from it."""
         self._leave_network()
         self._delivery.end(TransportBroken(f"{self.name}: the cable was cut"))
 
@@ -153,7 +163,7 @@ class MemoryDatagrams:
             del self._ends[self._address]
 
     def _reach(self, datagram: bytes, target: str) -> None:
-        """Deliver a datagram at the other end's side of the network."""
+        """Deliver a datagram to the other end through that end's path."""
         there = self._ends.get(target)
         if there is None:
             self._counts["unreachable"] += 1
@@ -177,7 +187,7 @@ class MemoryDatagrams:
 
 
 class _Direction:
-    """Direction of a path."""
+    """One direction of a path."""
 
     __slots__ = ("_clock", "_draw", "_held", "_path", "_queue", "_timer", "duplicated", "full", "lost")
 
@@ -189,14 +199,16 @@ class _Direction:
         self._held: Callable[[], None] | None = None
         self._timer: Timer | None = None
         self.lost = 0
-        """Datagrams lost."""
+        """Number of lost datagrams."""
         self.duplicated = 0
-        """Number of copies."""
+        """Number of duplicates."""
         self.full = 0
-        """Datagrams dropped because the queue was full."""
+        """Number of datagrams dropped because the queue was full."""
 
     def put(self, action: Callable[[], None]) -> bool:
-        """Execute `action` when the datagram has passed, never at once. Return whether there was room for it."""
+        """Execute `action` when the datagram has passed, never within this call. Return whether there was room for
+        the datagram.
+        """
         if self._queue.weight >= QUEUE_DATAGRAMS:
             self.full += 1
             return False
@@ -204,7 +216,7 @@ class _Direction:
         if draw is None:
             self._queue.put(action, 1, 0.0)
             return True
-        # all are drawn for every datagram, so that one probability does not shift the others' draws
+        # draw all numbers for every datagram, so that no probability affects the numbers of the others
         lost, doubled, overtaken = draw() < path.loss, draw() < path.duplicate, draw() < path.reorder
         delay, delay_of_copy = (path.latency_s + path.jitter_s * draw() for _ in range(2))
         if lost:
@@ -225,9 +237,9 @@ class _Direction:
 
     def _release(self) -> None:
         """Release the held datagram."""
-        held, self._held = self._held, None
+        release, self._held = self._held, None
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        if held is not None:
-            held()
+        if release is not None:
+            release()

@@ -1,4 +1,4 @@
-"""Address with which a datagram wire communicates."""
+"""Address of the other side of a datagram wire."""
 
 from collections.abc import Callable, Hashable
 from typing import Generic, TypeVar
@@ -9,27 +9,29 @@ from hil_bridge.transports.back_off import Notice
 Address = TypeVar("Address", bound=Hashable)
 
 IN_USE_S = 1.0
-"""Time for which a peer is in use after a datagram, s. Chosen: a streaming robot sends a hundred times within it, and
-one that restarts with another port takes longer to return.
+"""Time for which a peer counts as in use after a datagram, s. Chosen: a streaming robot sends a hundred datagrams
+in this time, and a robot that restarts with another port takes longer to return.
 """
 
 KNOWN_SIDES = 16
-"""Senders that a listening wire can answer, in addition to the newest. Chosen: a device has one or two clients."""
+"""Number of senders that a listening wire can answer in addition to the newest one. Chosen: a device has one or two
+clients.
+"""
 
 NOTICE_INTERVAL_S = 1.0
-"""Shortest time between two notices of one kind, s. Chosen: a stream of refused datagrams must not fill the
+"""Shortest time between two notices of the same kind, s. Chosen: a stream of refused datagrams must not fill the
 recording.
 """
 
 
 MISSED = 3
-"""Consecutive datagrams without a program at their destination, by which a program that has sent counts as gone.
-Chosen: network reports about datagrams before its first one may be read after that.
+"""Number of consecutive undeliverable datagrams after which a program that has sent datagrams counts as gone.
+Chosen: network reports about datagrams before its first one may be read after that one.
 """
 
 
 class Notices:
-    """Forwards notices, at most one of a kind per `NOTICE_INTERVAL_S`."""
+    """Filter that forwards at most one notice of a kind per `NOTICE_INTERVAL_S`."""
 
     __slots__ = ("_noticed_at", "_now", "_on_notice")
 
@@ -39,7 +41,7 @@ class Notices:
         self._noticed_at: dict[str, float] = {}
 
     def tell(self, kind: str, text: str) -> None:
-        """Forward a notice, unless this kind was forwarded recently."""
+        """Forward a notice, unless a notice of this kind was forwarded recently."""
         now = self._now()
         if now - self._noticed_at.get(kind, float("-inf")) >= NOTICE_INTERVAL_S:
             self._noticed_at[kind] = now
@@ -47,7 +49,9 @@ class Notices:
 
 
 class Presence:
-    """Distinguishes a program that has left the other end from one that was never there."""
+    """Presence of a program at the other end. It distinguishes a program that has left from a program that was
+    never there.
+    """
 
     __slots__ = ("_has_sent", "_missed", "_notices")
 
@@ -55,14 +59,14 @@ class Presence:
         self._notices = notices
         self._has_sent = False
         self._missed = 0
-        """Datagrams without a program at their destination since its last one."""
+        """Number of undeliverable datagrams since the last datagram of the program."""
 
     def hear(self) -> None:
-        """Note that it has sent something."""
+        """Record that the program has sent a datagram."""
         self._has_sent, self._missed = True, 0
 
     def miss(self, wire: str, place: str, advice: str) -> None:
-        """Note that no program receives datagrams at this place."""
+        """Record that no program receives datagrams at this address."""
         self._missed += 1
         if not self._has_sent:
             self._notices.tell(EventKind.ABSENT, f"{wire}: {place} cannot be reached: {advice}")
@@ -73,28 +77,28 @@ class Presence:
 
 
 class Peer(Generic[Address]):
-    """Other side of a wire. It is fixed if an address is given, otherwise it is the last sender.
+    """Other side of a wire. If an address is given, the peer is fixed; otherwise it is the last sender.
 
-    A stranger is another address that sends while the peer is in use. It becomes the peer, or it is refused.
+    A stranger is another address that sends while the peer is in use. The stranger becomes the peer or is refused.
     """
 
     __slots__ = ("_fixed", "_known", "_refuse", "_spoke_at", "address", "refused", "strangers")
 
     def __init__(self, address: Address | None = None, refuse: bool = False) -> None:
         self.address = address
-        """Address to send to, or None before the other side has sent."""
+        """Address to send to; None until the other side has sent a datagram."""
         self.strangers = 0
-        """Datagrams of strangers."""
+        """Number of datagrams from strangers."""
         self.refused = 0
-        """Strangers that were refused."""
+        """Number of refused datagrams from strangers."""
         self._fixed = address is not None
         self._known: dict[Hashable, Address] = {}
-        """Known senders, the oldest first."""
+        """Known senders, oldest first."""
         self._refuse = refuse
         self._spoke_at = float("-inf")
 
     def takes(self, source: Address, now: float) -> bool:
-        """Return whether a datagram of this source that arrived at `now`, s, is accepted."""
+        """Return whether to accept a datagram from `source` that arrived at `now`, s."""
         if source != self.address and self._is_used(now):
             self.strangers += 1
             if self._fixed or self._refuse:
@@ -109,7 +113,9 @@ class Peer(Generic[Address]):
         return True
 
     def target(self, side: Hashable) -> Address | None:
-        """Return the destination of a datagram that names this side: that side, if it has sent to a listening wire."""
+        """Return the destination of a datagram that names `side`. This is `side` itself if it has sent to a
+        listening wire, otherwise the address of the peer.
+        """
         if side is None or self._fixed or side not in self._known:
             return self.address
         return self._known[side]

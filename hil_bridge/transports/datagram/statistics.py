@@ -8,34 +8,34 @@ from hil_bridge.errors import TransportError
 from hil_bridge.transports.base import Datagrams
 
 LARGEST_BYTES = 65_507
-"""Payload of the largest datagram, bytes: 65535 less the headers of IPv4 (20) and UDP (8). Source: RFC 768, RFC 791."""
+"""Maximum payload of a datagram, bytes: 65535 minus the headers of IPv4 (20) and UDP (8). Source: RFC 768, RFC 791."""
 
 QUEUE_DATAGRAMS = 1024
-"""Limit of every queue of datagrams. Chosen: 0.15 s of the fastest sensor's stream, 7000 per second."""
+"""Maximum length of every queue, datagrams. Chosen: 0.15 s of the fastest sensor's stream, 7000 per second."""
 
 
 @dataclass(frozen=True, slots=True)
 class DatagramStatistics:
-    """Counts of one end of a datagram wire since opening, in datagrams unless noted."""
+    """Counts of one end of a datagram wire since it was opened, in datagrams unless noted otherwise."""
 
     sent: int = 0
     """Datagrams sent."""
     received: int = 0
     """Datagrams received and accepted."""
     dropped: int = 0
-    """Datagrams dropped before sending: the network had no room, or the other side has not sent yet."""
+    """Datagrams dropped before sending because the network had no room or the other side had not sent anything yet."""
     unreachable: int = 0
-    """Number of reports by the network that a datagram could not reach its destination."""
+    """Number of network reports that a datagram could not reach its destination."""
     strangers: int = 0
-    """Arrivals from strangers while a peer is in use."""
+    """Datagrams that arrived from strangers while a peer was in use."""
     refused: int = 0
     """Datagrams of strangers that were refused."""
     overruns: int = 0
-    """Arrivals lost because they were not read in time."""
+    """Datagrams that were lost because they were not read in time."""
     lost: int = 0
-    """Datagrams that an emulated network lost on the path of this end; not known for a real one."""
+    """Datagrams that an emulated network lost on the path of this end; unknown for a real network."""
     duplicated: int = 0
-    """Copies that an emulated network made on the path of this end; not known for a real one."""
+    """Duplicates that an emulated network produced on the path of this end; unknown for a real network."""
 
 
 class DatagramWire(Protocol):
@@ -43,26 +43,28 @@ class DatagramWire(Protocol):
 
     @property
     def name(self) -> str:
-        """URL that it was opened from, for messages."""
+        """URL from which the wire was opened, for messages."""
 
     @property
     def statistics(self) -> DatagramStatistics:
         """Counts since opening."""
 
     def start(self, on_data: Callable[[Datagrams], None], on_end: Callable[[TransportError], None]) -> None:
-        """As for a `Transport`. Each arrival is a `protocol.datagram.Datagram`, with its time."""
+        """Start delivery; see `Transport.start`. Each received datagram is a `protocol.datagram.Datagram` with its
+        arrival time.
+        """
 
     def send(self, data: Datagrams) -> None:
-        """Send each, without blocking. Datagrams for which the network has no room are dropped and counted.
+        """Send each datagram without blocking. Datagrams for which the network has no room are dropped and counted.
 
-        Raises TransportError, and sends none, if one is too large or the wire has ended.
+        Raises TransportError, and sends none of them, if one is too large or the wire has ended.
         """
 
     def take_in(self) -> None:
-        """Deliver what is in the system's receive buffer, before the loop does."""
+        """Deliver the contents of the operating system's receive buffer now, before the event loop does."""
 
     async def aclose(self) -> None:
-        """As for a `Transport`."""
+        """Close the wire; see `Transport.aclose`."""
 
 
 def check_sizes(name: str, data: Datagrams) -> None:

@@ -1,8 +1,9 @@
-"""Datagrams over UDP, with a fixed peer or for the last sender.
+"""Datagrams over UDP, to a fixed peer or to the last sender.
 
-The socket is bound to one address of this computer and not connected, so that datagrams of strangers are received and
-counted. On Linux, network reports about our datagrams (ICMP) are in the socket's error queue. They are counted and
-reported, and end nothing: a device may be switched on later. Other systems do not provide them.
+The socket is bound to one address of this computer and is not connected, so that datagrams of strangers are
+received and counted. On Linux, network reports about sent datagrams (ICMP) are in the socket's error queue. They
+are counted and reported, but do not end the wire, because a device may be switched on later. Other systems do not
+provide them.
 
 References: udp(7), ip(7) IP_RECVERR, ipv6(7) IPV6_RECVERR, socket(7) SO_TIMESTAMPNS and SO_RXQ_OVFL.
 """
@@ -28,24 +29,28 @@ from hil_bridge.transports.delivery import Delivery
 from protocol.datagram import Datagram, side_of
 
 Address: TypeAlias = tuple[Any, ...]
-"""Host and port as in the socket module; with flow and scope for IPv6."""
+"""Host and port as in the socket module; for IPv6, also flow and scope."""
 
 MOST_PER_WAKE_UP = 256
-"""Reads before others have their turn. Chosen: 36 ms of the fastest sensor's stream, 7000 per second."""
+"""Maximum number of reads before other tasks of the event loop run. Chosen: 36 ms of the fastest sensor's stream,
+7000 per second.
+"""
 
 RECEIVE_BUFFER_BYTES = 1 << 20
-"""Buffer size requested from the system, bytes; its limit may reduce it. Chosen: 0.2 s of 7000 datagrams per second,
-each of which the kernel accounts with at least 768 bytes.
+"""Receive buffer size requested from the operating system, bytes; its limit may be lower. Chosen: 0.2 s of 7000
+datagrams per second, each of which the kernel counts as at least 768 bytes.
 """
 
 _LINUX = sys.platform == "linux"
 _SO_TIMESTAMPNS, _SO_RXQ_OVFL = 35, 40
 _RECVERR = {socket.AF_INET: (socket.IPPROTO_IP, 11), socket.AF_INET6: (socket.IPPROTO_IPV6, 25)}
-"""Level and option that enable the error queue; Python does not define them before 3.14."""
+"""Level and option of `setsockopt` that enable the error queue. Python does not define them before 3.14."""
 _TIMESPEC, _DROPS, _ERROR = struct.Struct("@ll"), struct.Struct("@I"), struct.Struct("@I")
 _ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size) + socket.CMSG_SPACE(_DROPS.size) if _LINUX else 0
 _ERROR_ANCILLARY = 512
-"""Bytes for an entry of the error queue: an error, the address that reported it, and the two above."""
+"""Buffer size for an entry of the error queue, bytes: an error, the address that reported it, time stamp and drop
+count.
+"""
 
 _NO_ROOM = (errno.EAGAIN, errno.ENOBUFS)
 _ON_THE_WAY = frozenset(
@@ -55,12 +60,12 @@ _ON_THE_WAY = frozenset(
         *(getattr(errno, name) for name in ("ENONET",) if hasattr(errno, name)),
     )
 )
-"""Errors of the network, not of the socket. Source: Linux, icmp_err_convert and the table of ICMPv6."""
+"""Error numbers of the network, as opposed to the socket. Source: Linux, icmp_err_convert and the table of ICMPv6."""
 
 
 async def connect_udp(address: tuple[str, int], clock: Clock, name: str, on_notice: Notice) -> "UdpWire":
-    """Open a wire to this host and port, from the address of this computer that leads there. Raises
-    TransportUnavailable.
+    """Open a wire to this host and port, from the address of this computer that has a route to it. Raises
+    TransportUnavailable if there is none.
     """
     try:
         family, peer = await _resolve(address, clock)
@@ -76,8 +81,8 @@ async def connect_udp(address: tuple[str, int], clock: Clock, name: str, on_noti
 async def listen_udp(
     address: tuple[str, int], clock: Clock, name: str, on_notice: Notice, refuse_strangers: bool
 ) -> tuple["UdpWire", str, int]:
-    """Open a wire at this address of this computer; return it with the actual host and port. Raises
-    TransportUnavailable.
+    """Open a wire at this address of this computer. Return it with the actual host and port. Raises
+    TransportUnavailable if the address cannot be used.
     """
     try:
         family, here = await _resolve(address, clock)
@@ -89,8 +94,8 @@ async def listen_udp(
 
 
 async def _resolve(address: tuple[str, int], clock: Clock) -> tuple[int, Address]:
-    found = await clock.loop.getaddrinfo(*address, type=socket.SOCK_DGRAM)
-    return found[0][0], found[0][4]
+    results = await clock.loop.getaddrinfo(*address, type=socket.SOCK_DGRAM)
+    return results[0][0], results[0][4]
 
 
 def _bound(family: int, address: Address) -> socket.socket:
@@ -115,10 +120,11 @@ def _text(address: Address) -> str:
 
 
 class UdpWire:
-    """A transport of datagrams over a socket that is bound, not connected and does not block.
+    """Transport of datagrams over a bound, unconnected and non-blocking socket.
 
-    An arrival carries the kernel's time on Linux, else the time at which it was read. A datagram for which the
-    system has no room is given up: it would be old when there is room again.
+    On Linux, the arrival time of a datagram is the kernel's receive time; on other systems, the time at which it
+    was read. A datagram for which the system has no room is dropped, because it would be outdated by the time there
+    is room again.
     """
 
     def __init__(
@@ -140,7 +146,7 @@ class UdpWire:
 
     @property
     def statistics(self) -> DatagramStatistics:
-        """Counts since it was opened. The kernel tells of overruns with the next arrival."""
+        """Counts since opening. The kernel reports overruns with the next arrival."""
         return DatagramStatistics(
             sent=self._sent,
             received=self._received,
@@ -152,7 +158,7 @@ class UdpWire:
         )
 
     def start(self, on_data: Callable[[Datagrams], None], on_end: Callable[[TransportError], None]) -> None:
-        # earlier arrivals lie in the operating system's buffer
+        # earlier arrivals are in the operating system's buffer
         self._delivery.start(on_data, on_end)
         if self._open:
             self._clock.loop.add_reader(self._socket.fileno(), self._readable)
@@ -175,7 +181,7 @@ class UdpWire:
     # --- sending
 
     def _sends(self, datagram: bytes, target: Address) -> bool:
-        """Whether the system has taken it. Raises TransportError when the wire breaks."""
+        """Send a datagram. Return whether the system has accepted it. Raises TransportError if the wire breaks."""
         for _ in range(2):
             try:
                 self._socket.sendto(datagram, target)
@@ -187,9 +193,9 @@ class UdpWire:
                     self._break(error)
                     self._delivery.check()
                 failure = error
-            if not self._hear_errors():
+            if not self._read_errors():
                 break
-            # that was told of a datagram before this one, which has not been sent
+            # the error is about an earlier datagram; this one has not been sent yet
         self._tell_unreachable(failure, target)
         return False
 
@@ -218,10 +224,10 @@ class UdpWire:
                     EventKind.STRANGER, f"{self.name}: datagrams of {_text(source)} are refused"
                 )
         if failure is not None or not arrived:
-            heard = self._hear_errors()
+            reports = self._read_errors()
             if failure is not None and failure.errno in _ON_THE_WAY:
                 failure = None
-                if not heard and not _LINUX:
+                if not reports and not _LINUX:
                     self._unreachable += 1
         if arrived:
             self._received += len(arrived)
@@ -231,7 +237,9 @@ class UdpWire:
             self._break(failure)
 
     def _stamp(self, ancillary: list[tuple[int, int, bytes]]) -> float:
-        """When a datagram came, s on our clock; counts what the kernel had no room for."""
+        """Return the arrival time of a datagram, s on the loop's clock. Also count the datagrams for which the
+        kernel had no room.
+        """
         at = None
         for level, kind, data in ancillary:
             if level != socket.SOL_SOCKET:
@@ -243,8 +251,8 @@ class UdpWire:
                 (self._overruns,) = _DROPS.unpack(data)
         return self._clock.now() if at is None else at
 
-    def _hear_errors(self) -> int:
-        """Take what the network told about datagrams of ours; how much that was."""
+    def _read_errors(self) -> int:
+        """Process the network's reports about sent datagrams. Return their number."""
         if not _LINUX:
             return 0
         for count in range(MOST_PER_WAKE_UP):
@@ -278,5 +286,5 @@ class UdpWire:
         if self._open:
             self._open = False
             self._clock.loop.remove_reader(self._socket.fileno())
-            with suppress(OSError):  # other code has closed it before
+            with suppress(OSError):  # other code has already closed it
                 self._socket.close()

@@ -1,3 +1,3 @@
-"""Serial wires: ports, pseudo-terminals, RFC 2217, and the emulated line for wires in memory and of emulated
+"""Serial wires: ports, pseudo-terminals, RFC 2217, and the emulated line for wires in memory and for emulated
 devices.
 """

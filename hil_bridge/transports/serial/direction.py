@@ -1,4 +1,4 @@
-"""Direction of a serial line: bytes take their time, and the receiver reads them with its own settings."""
+"""One direction of a serial line. Bytes take time, and the receiver reads them with its own settings."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -18,21 +18,21 @@ from hil_bridge.transports.serial.uart import (
 
 
 class ReceivingEnd(NamedTuple):
-    """Receiving end."""
+    """Receiving end of a serial line."""
 
     settings: Callable[[], LineSettings]
-    """Returns its present settings."""
+    """Returns the present settings of the receiving end."""
     damaged: Damaged
     sink: Callable[[bytes], None]
-    """Receives the bytes; none if time has passed on the line without bytes for its owner."""
+    """Receives the bytes. Called with no bytes if time has passed on the line without bytes for the owner."""
     on_flaw: Callable[[Flaw], None]
 
 
 class SerialDirection:
-    """Queue of bytes that wait for the line.
+    """Queue of bytes that wait for the serial line.
 
-    Bytes are delivered in chunks, as by a receiver's FIFO. They are decoded bit by bit only if the settings of the two
-    ends differ.
+    Bytes are delivered in chunks, as by the FIFO of a receiver. They are decoded bit by bit only if the settings of
+    the two ends differ.
     """
 
     __slots__ = (
@@ -63,7 +63,7 @@ class SerialDirection:
         sender_settings: Callable[[], LineSettings],
         receiver: ReceivingEnd,
     ) -> None:
-        """`sender_settings` returns the present settings of the other end."""
+        """Create a direction. `sender_settings` returns the present settings of the sending end."""
         self._clock = clock
         self._fifo = fifo
         self._sender_settings = sender_settings
@@ -71,19 +71,19 @@ class SerialDirection:
         self._receiver = Receiver(receiver.settings())
         self._take_settings(sender_settings())
         self.errors = LineErrors()
-        """Damaged characters that the receiver has detected."""
+        """Counts of damaged characters that the receiver has detected."""
         self.waiting = bytearray()
         self._begun = 0.0
-        """Time of the first start bit of the present uninterrupted traffic."""
+        """Time of the first start bit of the present uninterrupted traffic, s."""
         self._passed = 0
-        """Characters of it that were delivered."""
+        """Number of delivered characters of the present uninterrupted traffic."""
         self._next = 0
-        """Characters to deliver when the timer expires; 0 if it is the receiver's."""
+        """Number of characters to deliver when the timer expires; 0 if the timer belongs to the receiver."""
         self._timer: Timer | None = None
 
     def push(self, data: bytes) -> bool:
-        """Queue bytes for the line. Returns False, with nothing done, if the queue has no room for them. New settings
-        of a sender apply from the next burst on.
+        """Queue bytes for the line. If the queue has no room for all of them, queue none and return False. New
+        settings of a sender apply from the next burst on.
         """
         if len(self.waiting) + len(data) > QUEUE_BYTES:
             return False
@@ -112,7 +112,7 @@ class SerialDirection:
         self._disarm()
 
     def hold(self, low: bool, delay: float = 0.0) -> None:
-        """Begin or end a break, after a delay, s. The receiver does not receive characters sent during a break."""
+        """Begin or end a break after a delay, s. Characters that are sent during a break are not received."""
         now = self._clock.now()
         self._settle(now)
         self._receiver.hold(low, now + delay)
@@ -137,7 +137,7 @@ class SerialDirection:
             self._disarm()
         waiting = len(self.waiting)
         self._next = following = waiting if waiting < self._fifo else self._fifo
-        # the receiver ends a character by itself only where no other one can follow
+        # the receiver completes a character without further edges only if no other character can follow
         when = self._at(self._passed + following) if following else self._receiver.deadline
         if when is not None:
             self._timer = self._clock.call_at(when, self._due)
@@ -156,7 +156,7 @@ class SerialDirection:
                 self._arm()
 
     def _settle(self, now: float) -> None:
-        """Deliver every character whose last bit has passed."""
+        """Deliver every character whose last bit has been transmitted."""
         if self.waiting:
             complete = int((now - self._begun) * self._baudrate / self._bits) - self._passed
             self._hand_on(max(0, min(complete, len(self.waiting))))

@@ -1,4 +1,4 @@
-"""Byte wire over a file descriptor that the event loop watches: serial port, pseudo-terminal, socket."""
+"""Byte wire over a file descriptor that the event loop watches: a serial port, pseudo-terminal or socket."""
 
 import os
 import select
@@ -14,34 +14,36 @@ _READ_BYTES = 65536
 
 
 def hung_up(fd: int) -> bool:
-    """Whether an empty read is the end. On a terminal it may also mean that the data was flushed."""
+    """Return whether an empty read means the end of the file. On a terminal, an empty read may also mean that the
+    data was flushed.
+    """
     poll = select.poll()
     poll.register(fd, select.POLLIN)
     return bool(poll.poll(0))
 
 
 class FileOwner(Protocol):
-    """Kind of the file."""
+    """Owner of the file, specific to its type."""
 
     @property
     def fd(self) -> int:
         """File descriptor, open and non-blocking."""
 
     def unsent(self) -> bool:
-        """Return whether the operating system still holds data that left our queue."""
+        """Return whether the operating system still holds data that has left the queue of the wire."""
 
     def close(self) -> None:
-        """Close without waiting."""
+        """Close the file without waiting."""
 
     def at_end(self) -> TransportError:
         """Return the error for a port that has nothing more to read."""
 
     def broken(self, error: OSError) -> TransportError:
-        """Convert an error of the operating system."""
+        """Convert an error of the operating system to a TransportError."""
 
 
 class FileWire:
-    """Transport over a file descriptor. Writes at once if possible, otherwise queues up to QUEUE_BYTES."""
+    """Transport over a file descriptor. It writes at once if possible, otherwise it queues up to QUEUE_BYTES."""
 
     __slots__ = ("_clock", "_delivery", "_fd", "_open", "_owner", "_queue")
 
@@ -59,7 +61,7 @@ class FileWire:
 
     @property
     def queued(self) -> int:
-        """Bytes that the operating system has not accepted yet."""
+        """Number of bytes that the operating system has not accepted yet."""
         return len(self._queue)
 
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
@@ -88,14 +90,16 @@ class FileWire:
             self._clock.loop.add_writer(self._fd, self._writable)
 
     def hold(self, hold: bool) -> None:
-        """Stop or resume reading; while stopped, the other side's sending waits, and an end is not detected."""
+        """Stop or resume reading. While reading is stopped, data from the other side wait, and the end of the file
+        is not detected.
+        """
         if self._open and hold:
             self._clock.loop.remove_reader(self._fd)
         elif self._open:
             self._clock.loop.add_reader(self._fd, self._readable)
 
     def forget(self) -> None:
-        """Discard what the operating system has not accepted yet."""
+        """Discard the data that the operating system has not accepted yet."""
         if self._queue:
             self._queue.clear()
             self._clock.loop.remove_writer(self._fd)

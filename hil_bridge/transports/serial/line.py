@@ -1,4 +1,4 @@
-"""Serial line: bytes take the time of a UART, and arrive as the other end's UART reads them."""
+"""Serial line. Bytes take the time of a UART, and arrive as the UART of the other end reads them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from hil_bridge.transports.serial.uart import COUNTED_AS, Damaged, Flaw, LineErr
 from hil_bridge.transports.wrappers import Direction
 
 FIFO = 14
-"""Characters after which a UART delivers what it received. Assumed: the highest receive trigger level of a 16550A,
-which drivers choose.
+"""Number of characters after which a UART delivers received characters. Assumed: the highest receive trigger level
+of a 16550A, which drivers choose.
 """
 
 NOTICE_S = 1.0
-"""Shortest time between two notices of damaged characters, s. Chosen: a wrong baud rate damages every one."""
+"""Shortest time between two notices of damaged characters, s. Chosen: a wrong baud rate damages every character."""
 
 
 def _no_matter(flaw: Flaw) -> None:
@@ -31,15 +31,17 @@ class Uart:
     """End of a serial line: how it sends and receives, and how its owner treats damaged characters."""
 
     settings: Callable[[], LineSettings]
-    """Returns its present settings."""
+    """Returns the present settings of this end."""
     damaged: Damaged = Damaged.KEEP
-    """Bytes that its owner reads for damaged characters."""
+    """Treatment of damaged characters by the owner of this end."""
     on_flaw: Callable[[Flaw], None] = _no_matter
-    """Called for every damaged character that this end receives."""
+    """Called with each damaged character that this end receives."""
 
 
 class LineNotices:
-    """Reports damaged characters: the first at once, then at most one notice per `NOTICE_S`."""
+    """Reporter of damaged characters. The first one is reported at once; after that, at most one notice per
+    `NOTICE_S`.
+    """
 
     def __init__(
         self, name: str, line: LineSettings, clock: Clock, on_notice: Callable[[str, str], None]
@@ -63,16 +65,16 @@ class LineNotices:
 
 
 class PacedLine(Around[bytes]):
-    """Byte wire at the pace of a serial line, in both directions, with a UART at each end.
+    """Byte wire at the pace of a serial line in both directions, with a UART at each end.
 
-    A byte passes when its last bit would have passed on a real line. A byte sent then goes to the wrapped transport; a
-    byte received goes to the client. Bytes are delivered in chunks: after `fifo` characters, or at the end of a burst.
-    A real UART waits four character times to detect that end; this wait is not modelled. Bursts queue after one
-    another, and all times of uninterrupted traffic are counted from its first start bit.
+    A byte passes when its last bit would have passed on a real line. A sent byte then goes to the wrapped
+    transport, a received byte to the client. Bytes are delivered in chunks: after `fifo` characters, or at the end
+    of a burst. A real UART waits four character times to detect the end of a burst; this wait is not modelled.
+    Bursts are queued, and all times of uninterrupted traffic are counted from its first start bit.
 
-    Each end sends and receives with its own settings. If they differ, an end receives the characters that a UART would
-    read from such a line. No end detects that the other is gone or has other settings: a serial line does not report
-    that.
+    Each end sends and receives with its own settings. If the settings differ, an end receives the characters that a
+    UART would read from such a line. Neither end detects that the other end is gone or has different settings,
+    because a serial line does not report this.
     """
 
     __slots__ = ("_clock", "_end_cause", "_in", "_out", "overruns")
@@ -85,8 +87,8 @@ class PacedLine(Around[bytes]):
         fifo: int = FIFO,
         far: Uart | None = None,
     ) -> None:
-        """`line` is this end, which holds the transport. `far` is the end behind the wrapped transport, by default with
-        the same settings.
+        """Wrap a transport. `line` is the UART of this end, which holds the transport. `far` is the UART of the end
+        behind the wrapped transport; by default it has the same settings.
         """
         near = line if isinstance(line, Uart) else Uart(lambda: line)
         far = far or Uart(near.settings)
@@ -98,16 +100,16 @@ class PacedLine(Around[bytes]):
         self._out = SerialDirection(clock, fifo, near.settings, there)
         self._end_cause: TransportError | None = None
         self.overruns = 0
-        """Received bytes that were lost because they exceeded the line's capacity."""
+        """Number of received bytes that were lost because they exceeded the capacity of the line."""
 
     @property
     def line_errors(self) -> LineErrors:
-        """Damaged characters that this end has received."""
+        """Counts of damaged characters that this end has received."""
         return self._in.errors
 
     @property
     def far_line_errors(self) -> LineErrors:
-        """Damaged characters that the other end has received."""
+        """Counts of damaged characters that the other end has received."""
         return self._out.errors
 
     def send(self, data: bytes) -> None:
@@ -120,17 +122,17 @@ class PacedLine(Around[bytes]):
             )
 
     def send_break(self, duration_s: float, direction: Direction = Direction.SENT) -> None:
-        """Hold one direction of the line low for a time, s, from now on.
+        """Hold one direction of the line low for a time, s, beginning now.
 
-        Characters in transit are damaged or lost: the UART continues to send them (PC16550D, line control register bit
-        6).
+        Characters in transit are damaged or lost, because the UART continues to send them (PC16550D, line control
+        register bit 6).
         """
         line = self._way(direction)
         line.hold(True)
         line.hold(False, duration_s)
 
     def hold(self, low: bool, direction: Direction = Direction.SENT) -> None:
-        """Begin or end a break; `send_break` does both."""
+        """Begin or end a break. `send_break` does both."""
         self._way(direction).hold(low)
 
     async def aclose(self) -> None:

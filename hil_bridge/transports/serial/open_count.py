@@ -1,4 +1,4 @@
-"""Number of programs that have a file open, by Linux's inotify."""
+"""Number of programs that have a file open, determined by means of inotify on Linux."""
 
 import asyncio
 import ctypes
@@ -10,7 +10,7 @@ from contextlib import suppress
 
 _EVENT = struct.Struct("@iIII")
 _OPENED, _CLOSED, _TOO_MANY = 0x20, 0x08 | 0x10, 0x4000
-"""Events of inotify: both kinds of closing, and lost events. Source: Linux, sys/inotify.h."""
+"""Event masks of inotify: opening, both kinds of closing, and lost events. Source: Linux, sys/inotify.h."""
 _READ_BYTES = 4096
 
 
@@ -19,11 +19,11 @@ def _no_matter() -> None:
 
 
 class OpenCount:
-    """Counts programs that have opened a file since this object was created, and still have it open."""
+    """Count of the programs that have opened a file since this object was created and still have it open."""
 
     def __init__(self, path: str) -> None:
         self.count: int | None = None
-        """Number of open files; None if unknown."""
+        """Number of times that the file is open; None if unknown."""
         self._fd = -1
         self._on_emptied: Callable[[], object] = _no_matter
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -39,7 +39,7 @@ class OpenCount:
             self.count = 0
 
     def watch(self, loop: asyncio.AbstractEventLoop, on_emptied: Callable[[], object]) -> None:
-        """Call `on_emptied` from now on whenever the last program has closed the file."""
+        """Call `on_emptied` whenever the last program has closed the file from now on."""
         if self.count is not None:
             self._loop, self._on_emptied = loop, on_emptied
             loop.add_reader(self._fd, self.update)

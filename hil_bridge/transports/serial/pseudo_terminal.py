@@ -1,4 +1,4 @@
-"""Pseudo-terminal that a client opens like a serial port."""
+"""Pseudo-terminal that a client opens as if it were a serial port."""
 
 import os
 import termios
@@ -23,17 +23,17 @@ BAUDRATES = {
 
 
 class PseudoTerminal:
-    """Master side as a transport; `device` is the file for the client.
+    """Master side of a pseudo-terminal as a transport. `device` is the file for the client.
 
-    The slave side is kept open too, so that clients may come and go without an end on the master side. Like a UART, it
-    discards what arrives while no client has the device open, and what the last client has not read when it closes.
-    Bytes sent to a client that does not read are lost once the buffers are full. `lost` counts the bytes that were not
-    delivered to the device.
+    The slave side is kept open as well, so that clients may open and close the device without an end of file on the
+    master side. Like a UART, it discards data that arrive while no client has the device open, and data that the
+    last client has not read when it closes the device. Bytes sent to a client that does not read are lost once the
+    buffers are full. `lost` counts the bytes that were not delivered to the device.
     """
 
     def __init__(self, clock: Clock, link: Path | None = None, line: LineSettings | None = None) -> None:
-        """Set the device to `line` for a client that sets nothing. Raises TransportUnavailable if there is no
-        pseudo-terminal left or the link cannot be created.
+        """Create a pseudo-terminal. `line` contains the settings for a client that does not set any. Raises
+        TransportUnavailable if no pseudo-terminal is available or the link cannot be created.
         """
         name = f"pty:{link or ''}"
         try:
@@ -45,7 +45,7 @@ class PseudoTerminal:
         self._owner = owner
         self._wire = FileWire(f"pty:{self.device}", owner, clock)
         self.lost = 0
-        """Bytes sent that no client will read."""
+        """Number of sent bytes that no client will read."""
 
     @property
     def name(self) -> str:
@@ -53,10 +53,10 @@ class PseudoTerminal:
 
     @property
     def baudrate(self) -> int | None:
-        """Baud rate to which the client has set the device; None if it is not a standard rate.
+        """Baud rate that the client has set, or None if it is not a standard rate.
 
-        Of a line's settings it is the only one that can be read: Linux clears the parity flag of a pseudo-terminal, so
-        that a client's parity is unknown here.
+        The baud rate is the only line setting that can be read: Linux clears the parity flag of a pseudo-terminal,
+        so the client's parity is unknown here.
         """
         return self._owner.baudrate()
 
@@ -122,12 +122,12 @@ class _Master:
             return None
 
     def is_in_use(self) -> bool:
-        """Return whether a client has the device open now; True if unknown."""
+        """Return whether a client has the device open at present. Return True if this is unknown."""
         self.users.update()
         return self.users.count is None or self.users.count > 0
 
     def forget(self) -> None:
-        """Flush what no client has read, in both buffers."""
+        """Flush the data that no client has read, in both buffers."""
         with suppress(termios.error):
             termios.tcflush(self.fd, termios.TCOFLUSH)
             termios.tcflush(self._slave, termios.TCIFLUSH)

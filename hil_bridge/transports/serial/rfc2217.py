@@ -1,4 +1,4 @@
-"""Serial port behind a TCP connection by RFC 2217: its client, and the server of an emulated port."""
+"""Serial port behind a TCP connection according to RFC 2217: the client, and the server of an emulated port."""
 
 import asyncio
 from collections.abc import Callable
@@ -29,9 +29,11 @@ from protocol.rfc2217 import (
 )
 
 PIECE_BYTES = 4096
-"""Bytes passed to a wire at once. Chosen: far less than its queue holds."""
+"""Number of bytes that are passed to a wire at once. Chosen: far less than the queue of the wire holds."""
 RETRY_S = 0.01
-"""Time after which a full wire is retried, s. Chosen: some pieces have left a loopback connection by then."""
+"""Time after which sending to a full wire is retried, s. Chosen: a loopback connection has sent several pieces by
+then.
+"""
 
 _PARITIES = {Parity.NONE: ComParity.NONE, Parity.ODD: ComParity.ODD, Parity.EVEN: ComParity.EVEN}
 _PARITY_OF = {there: here for here, there in _PARITIES.items()}
@@ -40,21 +42,23 @@ _STATE_OF = {
     Flaw.FRAMING: LineState.FRAMING,
     Flaw.BREAK: LineState.BREAK | LineState.FRAMING,
 }
-"""Errors reported for a break: a 16550 sets its framing bit too."""
+"""Line state that is reported for each flaw. A break also sets the framing bit, as in a 16550."""
 
 
 def port_settings(line: LineSettings) -> PortSettings:
-    """Convert a line's settings to RFC 2217."""
+    """Convert the settings of a line to RFC 2217."""
     return PortSettings(line.baudrate, _PARITIES[line.parity], StopSize(line.stopbits))
 
 
 def line_settings(port: PortSettings) -> LineSettings:
-    """Return the settings of a port that our server serves."""
+    """Return the line settings of a port that the emulated server serves."""
     return LineSettings(port.baudrate, _PARITY_OF[port.parity], int(port.stop_size))
 
 
 class Rfc2217Client:
-    """Transport for a port whose server is at the other end of `wire`, which is started at once to set the port."""
+    """Transport of a client of a serial port. The server is at the other end of `wire`, which is started at once to
+    configure the port.
+    """
 
     def __init__(self, wire: Transport[bytes], line: LineSettings, clock: Clock, on_notice: Notice) -> None:
         self._endpoint = ComPortClient(port_settings(line), clock.now())
@@ -72,7 +76,7 @@ class Rfc2217Client:
         return self._telnet.name
 
     async def ready(self) -> None:
-        """Return when the port is configured. Raises TransportUnavailable if that fails; the wire is then closed."""
+        """Return when the port is configured. If that fails, close the wire and raise TransportUnavailable."""
         try:
             await self._ready
         except BaseException:
@@ -86,7 +90,7 @@ class Rfc2217Client:
         self._telnet.send(data)
 
     def send_break(self, duration_s: float) -> None:
-        """Hold the port's line low for about this long."""
+        """Hold the port's line low for approximately this time, s."""
         self._telnet.delivery.check()
         self._endpoint.set_break(True)
         self._telnet.turn()
@@ -130,14 +134,14 @@ class Rfc2217Client:
 
 
 class Rfc2217Port:
-    """Emulated port that clients configure, one after the other; it keeps the last settings."""
+    """Emulated port that clients configure one after the other. It keeps the last settings."""
 
     def __init__(self, line: LineSettings, clock: Clock) -> None:
         self.settings = line
         self._clock = clock
         self._client: Rfc2217Server | None = None
         self.on_break: Callable[[bool], None] = lambda on: None
-        """Called when a client begins and ends a break."""
+        """Called when a client begins or ends a break."""
 
     def serve(self, wire: Transport[bytes]) -> Transport[bytes]:
         """Return the transport of a new client."""
@@ -151,7 +155,7 @@ class Rfc2217Port:
 
 
 class Rfc2217Server:
-    """Transport of one client of a port; `wire` is started at once, so that a client may configure the port."""
+    """Transport of one client of a port. `wire` is started at once so that the client can configure the port."""
 
     def __init__(self, wire: Transport[bytes], port: Rfc2217Port, clock: Clock) -> None:
         self._port = port
@@ -170,7 +174,7 @@ class Rfc2217Server:
         self._telnet.send(data)
 
     def notify(self, flaw: Flaw) -> None:
-        """Report a damaged character to the client, if it has requested that."""
+        """Report a damaged character to the client if it has requested such reports."""
         self._endpoint.notify(_STATE_OF[flaw])
         self._telnet.turn()
 
@@ -186,7 +190,7 @@ class Rfc2217Server:
 
 
 class _Telnet:
-    """Moves bytes between a wire and an endpoint: payload to a delivery, other events to `take`."""
+    """Connection between a wire and an endpoint. Payload goes to a delivery, other events go to `take`."""
 
     def __init__(
         self,
@@ -209,12 +213,12 @@ class _Telnet:
         return self._wire.name
 
     def open(self) -> None:
-        """Start; called once."""
+        """Start the wire. Called once."""
         self._wire.start(self._arrived, self._ended)
         self.turn()
 
     def send(self, data: bytes) -> None:
-        """Send payload. Raises TransportError as a transport does."""
+        """Send payload. Errors as for `Transport.send`."""
         self.delivery.check()
         self._flush()
         if not data:
@@ -237,7 +241,7 @@ class _Telnet:
         self._flush()
 
     async def aclose(self) -> None:
-        """Send what is queued, then close the wire."""
+        """Send queued data, then close the wire."""
         self.delivery.begin_close()
         try:
             await flush(self._drained())

@@ -1,4 +1,4 @@
-"""Serial port through pyserial, read and written by the event loop without blocking."""
+"""Serial port by means of pyserial. The event loop reads and writes it without blocking."""
 
 import asyncio
 import os.path
@@ -19,8 +19,8 @@ PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttyp")
 async def open_serial_port(device: str, line: LineSettings, clock: Clock, name: str) -> FileWire:
     """Open a serial port exclusively, with low latency if the driver supports it.
 
-    On a pseudo-terminal no parity is set: it has no line for a parity bit, and Linux refuses the setting with EINVAL
-    the second time. Raises TransportUnavailable.
+    On a pseudo-terminal no parity is set: it has no line for a parity bit, and Linux refuses the setting with
+    EINVAL the second time. Raises TransportUnavailable if the port cannot be opened.
     """
     try:
         port = await asyncio.to_thread(_open, device, line)

@@ -1,7 +1,7 @@
-"""UART receiver: from the levels on its line to characters, parity and framing errors, and breaks.
+"""UART receiver: converts the levels of its line to characters, parity and framing errors, and breaks.
 
-Pure; it is given the time. Reference: National Semiconductor PC16550D, Universal Asynchronous Receiver/Transmitter with
-FIFOs, line status register; termios(3) for what a Linux port delivers for a damaged character.
+Pure; it is given the time. Reference: National Semiconductor PC16550D, Universal Asynchronous Receiver/Transmitter
+with FIFOs, line status register; termios(3) for the characters that a Linux port delivers for a damaged one.
 """
 
 import heapq
@@ -11,13 +11,13 @@ from enum import StrEnum
 DATA_BITS = 8
 
 SAMPLE_AT = 0.5 + 1 / 32
-"""Sampling point of a receiver within a bit, in bit times. Standard: a clock of 16 times the baud rate detects the edge
-of a start bit up to 1/16 of a bit late. Here it is half of that.
+"""Sampling point of a receiver within a bit, in bit times. Standard: a clock of 16 times the baud rate detects the
+edge of a start bit up to 1/16 of a bit late. The value here assumes half of that delay.
 """
 
 
 class Parity(StrEnum):
-    """Parity of a character, the bit after the data bits."""
+    """Parity of a character, transmitted as the bit after the data bits."""
 
     NONE = "N"
     EVEN = "E"
@@ -26,7 +26,7 @@ class Parity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LineSettings:
-    """Layout of characters on a serial line: 8 data bits after a start bit."""
+    """Format of characters on a serial line, with one start bit and 8 data bits."""
 
     baudrate: int = 9600
     parity: Parity = Parity.NONE
@@ -34,12 +34,12 @@ class LineSettings:
 
     @property
     def bits(self) -> int:
-        """Bit times that one character takes."""
+        """Length of one character, bit times."""
         return 1 + DATA_BITS + (self.parity is not Parity.NONE) + self.stopbits
 
     def understands(self, sender: "LineSettings") -> bool:
-        """Return whether a receiver with these settings reads every character of such a sender correctly. A receiver
-        checks the first stop bit only, so their number does not matter to it.
+        """Return whether a receiver with these settings reads every character of a sender correctly. A receiver
+        checks the first stop bit only, so the number of stop bits does not matter.
         """
         return self.baudrate == sender.baudrate and self.parity is sender.parity
 
@@ -51,13 +51,15 @@ class Damaged(StrEnum):
     """Treatment of a character with a parity or framing error by the owner of a UART."""
 
     KEEP = "keep"
-    """Reads it with the bits as received, a break as 00h. So does a Linux port with INPCK, IGNPAR and PARMRK off, which
-    is how pyserial sets it.
+    """Read the character with the bits as received, and a break as 00h. This is the behaviour of a Linux port with
+    INPCK, IGNPAR and PARMRK off, which is how pyserial configures it.
     """
     ZERO = "zero"
-    """Reads 00h instead: a Linux port with INPCK on."""
+    """Read 00h instead. This is the behaviour of a Linux port with INPCK on."""
     DROP = "drop"
-    """Reads nothing: a Linux port with INPCK and IGNPAR on, and firmware that checks its line status."""
+    """Read nothing. This is the behaviour of a Linux port with INPCK and IGNPAR on, and of firmware that checks the
+    line status.
+    """
 
 
 class Flaw(StrEnum):
@@ -67,12 +69,12 @@ class Flaw(StrEnum):
     FRAMING = "framing"
     """The stop bit was low."""
     BREAK = "break"
-    """All bits were low, the stop bit too."""
+    """All bits were low, including the stop bit."""
 
 
 @dataclass(frozen=True, slots=True)
 class LineErrors:
-    """Counts of damaged characters that a receiver has detected since opening."""
+    """Counts of damaged characters that a receiver has detected since it was opened."""
 
     parity: int = 0
     framing: int = 0
@@ -97,7 +99,7 @@ COUNTED_AS = {
 
 @dataclass(frozen=True, slots=True)
 class Character:
-    """Character as received."""
+    """Received character."""
 
     byte: int
     flaw: Flaw | None = None
@@ -128,11 +130,11 @@ def levels(byte: int, settings: LineSettings) -> tuple[int, ...]:
 
 
 class Receiver:
-    """Reads the levels of a line with its own settings.
+    """UART receiver that reads the levels of a line with its own settings.
 
-    A falling edge begins a character; each bit is sampled once, near its middle. A start bit that is high when sampled
-    is ignored. After a framing error the low stop bit counts as the next start bit. After a break the receiver waits
-    for the line to go high (PC16550D, line status register bits 3 and 4).
+    A falling edge begins a character; each bit is sampled once, near its middle. A start bit that is high when
+    sampled is ignored. After a framing error, the low stop bit counts as the next start bit. After a break, the
+    receiver waits for the line to go high (PC16550D, line status register bits 3 and 4).
     """
 
     __slots__ = ("_awaiting_mark", "_begun", "_bit", "_edges", "_held", "_sampled", "_sent", "settings")
@@ -140,18 +142,18 @@ class Receiver:
     def __init__(self, settings: LineSettings) -> None:
         self.settings = settings
         self._edges: list[tuple[float, bool, int]] = []
-        """Heap of future edges: time, whether it is a break that begins or ends, new level."""
+        """Heap of future edges: time, whether the edge begins or ends a break, new level."""
         self._sent, self._held = 1, 1
-        """Levels of sender and break; the line is high if both are."""
+        """Levels of the sender and of the break. The line is high if both levels are high."""
         self._begun: float | None = None
-        """Start of the present character."""
+        """Start time of the present character."""
         self._bit = 0
         self._sampled: list[int] = []
         self._awaiting_mark = False
 
     @property
     def quiet(self) -> bool:
-        """Whether the line is idle as far as is known and nothing is being read."""
+        """Whether the line is idle as far as is known and no character is being read."""
         return self._begun is None and not self._edges and (self._sent & self._held) == 1
 
     @property
@@ -165,11 +167,11 @@ class Receiver:
 
     @property
     def _bits(self) -> int:
-        """Number of sampled bits: a character up to its first stop bit."""
+        """Number of sampled bits of a character, up to and including its first stop bit."""
         return self.settings.bits - self.settings.stopbits + 1
 
     def character(self, byte: int, begun: float, sender: LineSettings) -> None:
-        """Add a character to the line; `begun` is the time of its start bit, s."""
+        """Add a character to the line. `begun` is the time of its start bit, s."""
         before = 1
         for k, level in enumerate(levels(byte, sender)):
             if level != before:
@@ -177,17 +179,19 @@ class Receiver:
                 before = level
 
     def hold(self, low: bool, at: float) -> None:
-        """Begin or end a break at this time, s: the line is held low meanwhile, whatever is sent."""
+        """Begin or end a break at this time, s. During a break the line is low, regardless of the sender."""
         heapq.heappush(self._edges, (at, True, not low))
 
     def retune(self, settings: LineSettings) -> None:
-        """Read with these settings from now on; if they differ, the present character is discarded."""
+        """Read with these settings from now on. If they differ from the present settings, the present character is
+        discarded.
+        """
         if settings != self.settings:
             self._begun = None
         self.settings = settings
 
     def listen(self, until: float) -> list[Character]:
-        """Return the characters that are complete by `until`, s, up to which all edges must have been added."""
+        """Return the characters that are complete by `until`, s. All edges up to that time must have been added."""
         read: list[Character] = []
         while True:
             if self._begun is None:
@@ -214,7 +218,7 @@ class Receiver:
         return at
 
     def _find_start(self, until: float) -> bool:
-        """Advance to the next falling edge; return False if there is none by then."""
+        """Advance to the next falling edge. Return False if there is none by then."""
         while self._edges and self._edges[0][0] <= until:
             before = self._line
             at = self._pass_edge()

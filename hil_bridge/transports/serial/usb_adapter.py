@@ -1,4 +1,4 @@
-"""USB serial adapter: received bytes wait for its latency timer, sent bytes for a USB frame.
+"""USB serial adapter. Received bytes wait for the latency timer, sent bytes for the next USB frame.
 
 Reference: FTDI application note AN232B-04, Data Throughput, Latency and Handshaking.
 """
@@ -19,7 +19,7 @@ from protocol.marks import Mark, above, at_least, between, check_settings, setti
 
 @dataclass(frozen=True, slots=True)
 class UsbAdapterProfile:
-    """Timing of an FTDI adapter. Raises ValueError for a setting that is out of range."""
+    """Timing of an FTDI adapter. Raises ValueError if a setting is out of range."""
 
     latency_s: float = setting(
         0.016,
@@ -48,9 +48,10 @@ class UsbAdapterProfile:
 
 
 class UsbAdapter(Around[bytes]):
-    """Byte wire with a USB adapter. `to_host` is the direction in which bytes go to the adapter's computer.
+    """Byte wire with a USB adapter. `to_host` is the direction from the adapter to its computer.
 
-    For a client these are received bytes, for the device at the other end of the cable sent ones.
+    For a client, the bytes to the host are received bytes. For the device at the other end of the cable, they are
+    sent bytes.
     """
 
     __slots__ = ("_to_host", "_to_line", "_towards")
@@ -106,7 +107,7 @@ class UsbAdapter(Around[bytes]):
 
 
 class _ToLine:
-    """Direction from the computer to the adapter: with the next frame."""
+    """Direction from the computer to the adapter. Bytes are delivered with the next frame."""
 
     __slots__ = ("_clock", "_frame", "_origin", "_queue", "_sink")
 
@@ -119,23 +120,23 @@ class _ToLine:
 
     @property
     def waiting(self) -> int:
-        """Bytes in transit."""
+        """Number of bytes in transit."""
         return self._queue.weight
 
     def put(self, data: bytes) -> None:
-        """Deliver with the next frame."""
+        """Deliver bytes with the next frame."""
         self._queue.put(partial(self._sink, data), len(data), self._until_frame())
 
     def end(self, action: Callable[[], None]) -> None:
-        """Execute `action` once everything was delivered."""
+        """Execute `action` once all bytes have been delivered."""
         self._queue.put(action, 0, self._until_frame())
 
     async def drained(self) -> None:
-        """Return when everything was delivered."""
+        """Return when all bytes have been delivered."""
         await self._queue.drained()
 
     def clear(self) -> None:
-        """Discard what is in transit."""
+        """Discard the bytes in transit."""
         self._queue.clear()
 
     def _until_frame(self) -> float:
@@ -144,7 +145,9 @@ class _ToLine:
 
 
 class _ToHost:
-    """Direction from the adapter to the computer: full packets at once, the rest with the latency timer."""
+    """Direction from the adapter to the computer. Full packets are sent at once, the rest when the latency timer
+    expires.
+    """
 
     __slots__ = ("_clock", "_frames", "_held", "_profile", "_sent_at", "_timer")
 
@@ -154,12 +157,12 @@ class _ToHost:
         self._frames = _ToLine(profile, clock, sink)
         self._held = bytearray()
         self._sent_at = clock.now()
-        """Time of the adapter's last packet, which may have been an empty one."""
+        """Time of the adapter's last packet, which may have been empty."""
         self._timer: Timer | None = None
 
     @property
     def waiting(self) -> int:
-        """Bytes in transit."""
+        """Number of bytes in transit."""
         return len(self._held) + self._frames.waiting
 
     def put(self, data: bytes) -> None:
@@ -174,19 +177,19 @@ class _ToHost:
             self._timer = self._clock.call_at(due, self._expired)
 
     def end(self, action: Callable[[], None]) -> None:
-        """Execute `action` once everything was delivered; the adapter no longer waits for its timer."""
+        """Execute `action` once all bytes have been delivered. The adapter no longer waits for its timer."""
         if self._held:
             self._send(len(self._held), self._clock.now())
         self._frames.end(action)
 
     async def drained(self) -> None:
-        """Return when everything was delivered."""
+        """Return when all bytes have been delivered."""
         if self._held:
             self._send(len(self._held), self._clock.now())
         await self._frames.drained()
 
     def clear(self) -> None:
-        """Discard what is in transit."""
+        """Discard the bytes in transit."""
         self._disarm()
         self._held.clear()
         self._frames.clear()
@@ -210,5 +213,5 @@ class _ToHost:
 
 def _next_tick(since: float, period: float) -> float:
     """Return the first multiple of a period after `since`; both in s."""
-    # a time that is the tick itself but for rounding belongs to the next one
+    # a time that differs from the tick only by rounding belongs to the next tick
     return (math.floor(since / period + 1e-6) + 1) * period

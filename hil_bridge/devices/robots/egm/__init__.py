@@ -1,1 +1,1 @@
-"""An ABB robot with Externally Guided Motion."""
+"""ABB robots with Externally Guided Motion."""

@@ -1,4 +1,4 @@
-"""Settings of the emulated controller with the latency of a measured one."""
+"""Settings with which the emulated controller has the latency of a measured controller."""
 
 import math
 from typing import Any
@@ -7,7 +7,9 @@ from hil_bridge.devices.emulator_fit import RobotFigures, Sections
 
 
 def match(settings: Any, figures: RobotFigures) -> Sections:
-    """Return complete cycles of delay, and a natural frequency for the rest, see `hil_bridge.devices.emulator_fit`."""
+    """Return the delay in complete cycles, and a natural frequency for the remaining delay; see
+    `hil_bridge.devices.emulator_fit`.
+    """
     if math.isnan(figures.servo_s):
         return {}
     profile = settings.emulated

@@ -6,13 +6,17 @@ from hil_bridge.devices.robots.egm.settings import EgmSettings
 from protocol.marks import Mark, settings
 
 ORDINARY_N = 12.0
-"""Assumed: as for a robot with its own sensor at the wrist; ABB has published nothing."""
+"""Difference of the robot's force estimate from the force sensor in normal operation, N. Assumed: as for a robot
+with a built-in sensor at the wrist; ABB has not published a value.
+"""
 WITNESS_DELAY_S = 0.01
-"""Assumed: time constant of that sensor's filter."""
+"""Time constant of the filter of the robot's force estimate, s. Assumed: as for the built-in sensor at the wrist."""
 
 
 def robot_facts(client: EgmSettings, assumed: EgmProfile) -> RobotFacts:
-    """Return the facts from the client's settings, with a servo like the emulated one's."""
+    """Return the robot's facts for the client's settings. The servo is assumed to equal the servo of the emulated
+    robot.
+    """
     return RobotFacts(
         model="ABB, Externally Guided Motion",
         pacing=Pacing.STREAMED,
@@ -25,8 +29,8 @@ def robot_facts(client: EgmSettings, assumed: EgmProfile) -> RobotFacts:
 
 
 def _trail_s(profile: EgmProfile) -> float:
-    """Return the time constant of a set point without feed-forward, s: 1 / gain. Without a gain, the set point never
-    arrives.
+    """Return the time constant of the set point without feed-forward, s: 1 / gain. With a gain of 0, the set point
+    never arrives.
     """
     gain = profile.k * profile.pos_corr_gain
     return 1.0 / gain if gain else 0.0

@@ -1,4 +1,4 @@
-"""Device package for Externally Guided Motion: its kind of robot, client and emulator."""
+"""Device package for Externally Guided Motion: kind of robot, client and emulator."""
 
 import asyncio
 import importlib.util
@@ -26,13 +26,13 @@ from protocol.endpoint import Trouble
 from protocol.kinematics import Arm
 
 USUAL = "udp://127.0.0.1:6510"
-"""Address that the emulated robot sends to in real time: the port of ABB's example and of other clients [M, O:flo]."""
+"""Address to which the emulated robot sends in real time: the port of ABB's example and of other clients [M, O:flo]."""
 
 
 async def connect(
     url: str, settings: KindSettings[EgmSettings, EgmProfile], wiring: Wiring
 ) -> StreamedLink[Datagrams]:
-    """Connect to the robot that sends to this address; it is not started yet. Errors as for `RobotKind.connect`."""
+    """Connect to the robot that sends to this address, without starting the link. Errors as for `RobotKind.connect`."""
     url, _ = split_web(url)
     if "strangers" not in parse_url(url, LISTEN_DATAGRAMS).options:
         url = with_option(url, "strangers", "refuse")  # no other sender may replace the robot
@@ -44,7 +44,7 @@ async def connect(
 
 
 async def probe(url: str, settings: KindSettings[EgmSettings, EgmProfile], wiring: Wiring) -> ProbeResult:
-    """Probe a robot that sends to this address, and its web services if the URL names them."""
+    """Probe a robot that sends to this address, and its web services if the URL contains their address."""
     datagrams, web_services = await asyncio.gather(
         probe_link(url, lambda silent: connect(url, settings, silent), mute(wiring)),
         ask_web(url),
@@ -64,7 +64,9 @@ async def probe(url: str, settings: KindSettings[EgmSettings, EgmProfile], wirin
 
 
 async def ask_web(url: str) -> ProbeResult:
-    """Read facts from a controller's web services; none if the URL names no such address. Raises DeviceError."""
+    """Read facts from a controller's web services. The result is empty if the URL does not contain their address.
+    Raises DeviceError if the web services cannot be read.
+    """
     _, address = split_web(url)
     if address is None:
         return ProbeResult(())
@@ -76,17 +78,17 @@ async def ask_web(url: str) -> ProbeResult:
 
 
 def facts(url: str, settings: KindSettings[EgmSettings, EgmProfile]) -> RobotFacts:
-    """Return the facts of the robot behind a wire."""
+    """Return the facts of the robot at a wire's URL."""
     return robot_facts(settings.client, settings.emulated)
 
 
 def make(settings: KindSettings[EgmSettings, EgmProfile]) -> RobotFactory:
-    """Return a factory of the controller that the cell's section describes."""
+    """Return a factory of the controller that the configuration section of the cell describes."""
     return lambda start, now, seed: EgmController(settings.emulated, start, now, seed)
 
 
 def check(settings: KindSettings[EgmSettings, EgmProfile]) -> None:
-    """Raise ConfigError for an emulated robot that no run can guide."""
+    """Raise ConfigError for settings of an emulated robot that a run cannot guide."""
     mode = settings.emulated.mode
     if mode != "pose":
         raise ConfigError(f'cell.egm.mode = "{mode}": a run sends poses; set mode = "pose"')
@@ -95,8 +97,8 @@ def check(settings: KindSettings[EgmSettings, EgmProfile]) -> None:
 async def serve(
     url: str, robot: Any, settings: KindSettings[EgmSettings, EgmProfile], serving: Serving
 ) -> str:
-    """Let the emulated controller send to this address, and return the URL for its client. Its web services listen if
-    the URL names an address for them.
+    """Let the emulated controller send to this address, and return the URL for its client. If the URL contains an
+    address for web services, they listen on it.
     """
     wire, address = split_web(url)
     if address is None:
@@ -112,7 +114,7 @@ async def serve(
 
 
 def _check_web(url: str, address: WebAddress) -> None:
-    """Raise ConfigError if web services cannot be served."""
+    """Raise ConfigError if the web services cannot be served."""
     if parse_url(split_web(url)[0], CONNECT_DATAGRAMS).scheme == "udp+memory":
         raise ConfigError(f"{url!r}: web services are served in real time only; leave {OPTION} out")
     if not address.is_loopback:
@@ -133,7 +135,7 @@ def _parse(url: str, settings: KindSettings[EgmSettings, EgmProfile]) -> WireUrl
 
 
 def usual(settings: KindSettings[EgmSettings, EgmProfile], virtual: bool) -> str:
-    """Return the default address that it sends to."""
+    """Return the default address to which the emulated controller sends."""
     return "udp+memory:egm" if virtual else USUAL
 
 

@@ -1,4 +1,6 @@
-"""Trajectories for the emulated ABB robot: positions by the client of a run, joints by datagrams composed here."""
+"""Trajectories for the emulated ABB robot. The client of a run sends positions; this module composes the datagrams
+for joints.
+"""
 
 import math
 from collections.abc import Sequence
@@ -11,11 +13,11 @@ from protocol.devices.egm import EgmClient
 from protocol.devices.egm.messages import Guidance, RobotMessage, SensorMessage, decode_robot, encode_answer
 
 _BEGIN_S = 60.0
-"""Chosen: time-out for the start of the guidance."""
+"""Time-out for the start of the guidance, s. Chosen."""
 
 
 def play(robot: Any, trajectory: Trajectory, settings: Any, now: float) -> TrajectoryResult:
-    """Run a trajectory, see `hil_bridge.devices.trajectory.PlayTrajectory`."""
+    """Run a trajectory; see `hil_bridge.devices.trajectory.PlayTrajectory`."""
     mode, needed = settings.emulated.mode, "joint" if trajectory.family == "order_q" else "pose"
     if mode != needed:
         raise ConfigError(f"cell.egm.mode is {mode}; set it to {needed} for {trajectory.family}")
@@ -27,22 +29,22 @@ def play(robot: Any, trajectory: Trajectory, settings: Any, now: float) -> Traje
 
 
 class _Joints:
-    """Joint trajectory in progress. It begins at the arm's present position."""
+    """Joint trajectory in progress, which begins at the present position of the arm."""
 
     def __init__(self, endpoint: Any, trajectory: Trajectory, now: float, joints_in: str) -> None:
         self._unit = 1.0 if joints_in == "radians" else math.radians(1.0)
         """Unit of the joints in datagrams, rad."""
         self._endpoint, self._trajectory, self._now = endpoint, trajectory, now
         self._start: tuple[float, ...] = ()
-        """Joints of the arm before the trajectory, rad."""
+        """Joint positions of the arm before the trajectory, rad."""
         self._begin = math.nan
-        """Start of the trajectory, s."""
+        """Start time of the trajectory, s."""
         self._times: list[float] = []
         self._rows: dict[str, list[tuple[float, ...]]] = {"order_q": [], "target_q": [], "q": []}
         self._number = 0
 
     def run(self) -> TrajectoryResult:
-        """Run it and return the reports. Raises ConfigError if the robot stops."""
+        """Run the trajectory and return the reports. Raises ConfigError if the robot stops."""
         patience = self._now + _BEGIN_S
         end = self._trajectory.end + 2.0 * self._trajectory.period
         while math.isnan(self._begin) or self._now - self._begin <= end:
@@ -88,5 +90,5 @@ class _Joints:
 
 
 def _moved(joints: Sequence[float], source: Sequence[float], goal: Sequence[float]) -> tuple[float, ...]:
-    """Return joints that are offset from `goal` as `joints` are from `source`."""
+    """Return `goal`, displaced by the difference between `joints` and `source`."""
     return tuple([part - begin + end for part, begin, end in zip(joints, source, goal, strict=True)])

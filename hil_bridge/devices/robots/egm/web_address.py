@@ -23,7 +23,7 @@ class WebAddress(NamedTuple):
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only this computer can reach it."""
+        """Whether the address can be reached from this computer only."""
         try:
             return ipaddress.ip_address(self.host).is_loopback
         except ValueError:
@@ -31,8 +31,8 @@ class WebAddress(NamedTuple):
 
 
 def split_web(url: str) -> tuple[str, WebAddress | None]:
-    """Split a URL into that of the datagrams and the address of the web services, None if none is named. Raises
-    ConfigError.
+    """Split a URL into the URL of the datagrams and the address of the web services, None if the URL does not
+    contain one. Raises ConfigError if the address is invalid.
     """
     wire, text = split_option(url, OPTION)
     return wire, None if text is None else _parse(url, text)

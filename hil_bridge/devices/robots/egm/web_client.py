@@ -1,8 +1,9 @@
 """Client of the web services of a real or emulated controller. It reads four documents and changes nothing.
 
-They are those of RobotWare 6: RWS 1.0, HTTP with digest authentication, `?json=1` for JSON, otherwise XHTML. RobotWare
-7 has RWS 2.0: HTTPS with basic authentication, and the version 2 in its content types. It is recognized, and not read.
-Source: ABB's page on Robot Web Services (3HAC050973-001) for JSON and XHTML, and public clients of RWS 2.0.
+The documents have the format of RobotWare 6: RWS 1.0, HTTP with digest authentication, `?json=1` for JSON,
+otherwise XHTML. RobotWare 7 has RWS 2.0: HTTPS with basic authentication, and the version 2 in its content types.
+RWS 2.0 is recognized but not read. Source: ABB's page on Robot Web Services (3HAC050973-001) for JSON and XHTML,
+and public clients of RWS 2.0.
 """
 
 import asyncio
@@ -20,11 +21,11 @@ from protocol.devices.egm.web import PASSWORD, USER
 from protocol.endpoint import Trouble
 
 PATIENCE_S = 3.0
-"""Chosen: longest wait for all four documents."""
+"""Time-out for reading all four documents, s. Chosen."""
 TLS_S = 1.0
-"""Chosen: longest wait for the TLS handshake of a port that may require HTTPS."""
+"""Time-out for the TLS handshake with a port that may require HTTPS, s. Chosen."""
 DOCUMENT_MAX = 1 << 18
-"""Chosen: most bytes of a document; a longer one is invalid."""
+"""Maximum size of a document, bytes; a larger document is invalid. Chosen."""
 _OTHER = "is it a controller with RobotWare 6?"
 _VALUES = {
     "rwversion": "/rw/system?json=1",
@@ -32,26 +33,26 @@ _VALUES = {
     "opmode": "/rw/panel/opmode?json=1",
     "ctrlexecstate": "/rw/rapid/execution?json=1",
 }
-"""Documents that are read, by the value they contain."""
+"""Documents to read, by the value that each contains."""
 
 
 class WebState(NamedTuple):
-    """State of a controller."""
+    """State of a controller, as reported by its web services."""
 
     version: str
     motors: str
-    """motoron, motoroff, emergencystop, guardstop and others."""
+    """State of the motors: motoron, motoroff, emergencystop, guardstop and others."""
     mode: str
-    """AUTO, MANR or MANF."""
+    """Operating mode: AUTO, MANR or MANF."""
     execution: str
-    """running or stopped."""
+    """State of the program: running or stopped."""
 
 
 _REFUSALS = (
     ("motors", "motoron", "the motors are off", "switch them on"),
     ("execution", "running", "the RAPID program is stopped", "start it"),
 )
-"""Field of a state, the value that a run needs, and the problem and remedy for any other value."""
+"""Field of a state, the value that a run requires, and the problem and remedy for any other value."""
 
 
 def state_rows(state: WebState) -> tuple[tuple[str, str], ...]:
@@ -65,7 +66,7 @@ def state_rows(state: WebState) -> tuple[tuple[str, str], ...]:
 
 
 def find_refusals(state: WebState) -> tuple[Trouble, ...]:
-    """Return the reasons why a run would not begin in this state."""
+    """Return the reasons why a run would not start in this state."""
     return tuple(
         Trouble(f"{fact} ({getattr(state, field)})", remedy)
         for field, needed, fact, remedy in _REFUSALS
@@ -74,13 +75,13 @@ def find_refusals(state: WebState) -> tuple[Trouble, ...]:
 
 
 async def read_state(address: WebAddress) -> WebState:
-    """Read a controller's state with the maker's default user and password, then log out. Raises DeviceError within
-    `PATIENCE_S` and `TLS_S`.
+    """Read a controller's state with the manufacturer's default user and password, then log out. Raises DeviceError
+    within `PATIENCE_S` and `TLS_S` if the state cannot be read.
     """
     name = f"web services at {address.authority}"
     texts: list[str] = []
     digest = aiohttp.DigestAuthMiddleware(USER, PASSWORD)
-    cookies = aiohttp.CookieJar(unsafe=True)  # a controller has an address and no host name
+    cookies = aiohttp.CookieJar(unsafe=True)  # a controller has an address but no host name
     try:
         async with (
             asyncio.timeout(PATIENCE_S),
@@ -114,12 +115,12 @@ def _newer(name: str) -> DeviceError:
 async def _wants_tls(address: WebAddress) -> bool:
     """Return whether a port that did not answer HTTP uses TLS."""
     context = ssl.create_default_context()
-    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE  # nothing is sent to it
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE  # nothing is sent over this connection
     try:
         async with asyncio.timeout(TLS_S):
             _, writer = await asyncio.open_connection(address.host, address.port, ssl=context)
     except ssl.SSLError as error:
-        return "ALERT" in (error.reason or "")  # it uses TLS, in another version
+        return "ALERT" in (error.reason or "")  # the port uses another version of TLS
     except (OSError, TimeoutError):
         return False
     writer.transport.abort()
@@ -153,12 +154,12 @@ def _is_newer(response: aiohttp.ClientResponse) -> bool:
         text.split()[0].lower() for text in response.headers.getall("WWW-Authenticate", ()) if text.strip()
     ]
     basic = response.status == 401 and "basic" in schemes and "digest" not in schemes
-    moved = 300 <= response.status < 400 and response.headers.get("Location", "").startswith("https:")
-    return basic or moved or ";v=2." in response.headers.get("Content-Type", "").replace(" ", "")
+    redirected = 300 <= response.status < 400 and response.headers.get("Location", "").startswith("https:")
+    return basic or redirected or ";v=2." in response.headers.get("Content-Type", "").replace(" ", "")
 
 
 def _find_in_json(body: bytes, key: str) -> str | None:
-    """Return the text of a key in the state that a document embeds; None if there is none."""
+    """Return the text of a key in the state that a document embeds, or None if the key is missing."""
     try:
         document: Any = json.loads(body)
     except (ValueError, RecursionError):
@@ -173,8 +174,8 @@ def _find_in_json(body: bytes, key: str) -> str | None:
 
 
 def _find_in_xhtml(body: bytes, key: str) -> str | None:
-    """Return the text of the element with this class; None if there is none. A document with a document type is
-    rejected before it is parsed.
+    """Return the text of the element with this class, or None if there is no such element. A document with a
+    document type is rejected before it is parsed.
     """
     if b"<!" in body:
         return None

@@ -14,19 +14,19 @@ from hil_bridge.transports import reasons
 from protocol.devices.egm.web import SUBSCRIPTION
 
 CONNECTIONS_MAX = 64
-"""Chosen: connections at a time; a further one is closed at once."""
+"""Maximum number of simultaneous connections; any further connection is closed at once. Chosen."""
 IDLE_S = 75.0
-"""Chosen: time after which an idle connection is closed."""
+"""Time after which an idle connection is closed, s. Chosen."""
 POLL_S = 0.05
-"""Chosen: time between two polls for the changes of a subscription."""
+"""Interval at which a subscription is polled for changes, s. Chosen."""
 SLOW_S = 5.0
-"""Chosen: time after which a subscriber that reads nothing is dropped."""
+"""Time after which a subscriber that does not read is disconnected, s. Chosen."""
 MESSAGE_MAX = 4096
-"""Chosen: most bytes of a subscriber's message; none is expected."""
+"""Maximum size of a message from a subscriber, bytes. Chosen: no message is expected."""
 
 
 class _Rejected(asyncio.Protocol):
-    """Connection beyond the limit."""
+    """Connection that exceeds the limit and is rejected."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -34,7 +34,7 @@ class _Rejected(asyncio.Protocol):
 
 
 class WebServer:
-    """Server of one controller."""
+    """Web server of one emulated controller."""
 
     def __init__(self, services: WebServices, serving: Serving) -> None:
         self._services, self._serving = services, serving
@@ -45,7 +45,9 @@ class WebServer:
         self._runner = web.AppRunner(app, access_log=None, keepalive_timeout=IDLE_S, shutdown_timeout=0.1)
 
     async def listen(self, address: WebAddress) -> WebAddress:
-        """Start to listen and return the address with its real port. Raises TransportUnavailable."""
+        """Start listening and return the address with the actual port. Raises TransportUnavailable if the port
+        cannot be opened.
+        """
         await self._runner.setup()
         self._serving.stack.push_async_callback(self._close)
         server = self._runner.server
@@ -114,7 +116,7 @@ class WebServer:
                     async with asyncio.timeout(SLOW_S):
                         await socket.send_str(news.decode())
         except (TimeoutError, ConnectionError):
-            pass  # it has left, or does not read
+            pass  # the subscriber has disconnected, or does not read
         finally:
             subscriptions.end(number)
         with suppress(TimeoutError, ConnectionError):

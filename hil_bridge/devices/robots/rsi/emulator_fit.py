@@ -1,4 +1,4 @@
-"""Settings of the emulated controller with the latency of a measured one."""
+"""Settings with which the emulated controller has the latency of a measured controller."""
 
 import math
 from typing import Any
@@ -7,7 +7,7 @@ from hil_bridge.devices.emulator_fit import RobotFigures, Sections, split_servo
 
 
 def match(settings: Any, figures: RobotFigures) -> Sections:
-    """Return a transport delay, and a natural frequency, see `hil_bridge.devices.emulator_fit`."""
+    """Return a transport delay and a natural frequency; see `hil_bridge.devices.emulator_fit`."""
     if math.isnan(figures.servo_s):
         return {}
     servo = settings.emulated

@@ -1,6 +1,6 @@
 """Comparison of a controller's Ethernet configuration with the settings of a run, including HOLDON.
 
-HOLDON is not visible on the wire: it takes effect only in a cycle whose answer is lost.
+HOLDON is not visible on the wire, because it takes effect only in a cycle whose answer is lost.
 """
 
 from collections.abc import Iterator
@@ -15,7 +15,9 @@ from protocol.endpoint import Trouble
 
 
 def compare_file(data: bytes, url: str, settings: KindSettings[RsiLink, Any]) -> ProbeResult:
-    """Return the content of the file, and each difference from the settings. Raises ValueError for any other file."""
+    """Return the content of the file and each difference from the settings. Raises ValueError if it is not an
+    Ethernet configuration.
+    """
     file, link = read_ethernet_file(data), settings.client
     required = pose_tags(link.correction_tag) if link.correction == "pose" else axis_tags(link.axis_tag)
     rows = [
@@ -33,7 +35,7 @@ def compare_file(data: bytes, url: str, settings: KindSettings[RsiLink, Any]) ->
 
 
 def _wire(file: EthernetFile, url: str) -> Iterator[Trouble]:
-    """Compare address and port, if the URL contains them."""
+    """Compare address and port if the URL contains them."""
     wire = parse_url(url, LISTEN_DATAGRAMS) if url else None
     if wire is None or wire.scheme != "udp-bind":
         return
@@ -47,7 +49,7 @@ def _wire(file: EthernetFile, url: str) -> Iterator[Trouble]:
 
 
 def _is_one_address(host: str) -> bool:
-    """Return whether it is the address of one interface, and neither a host name nor the unspecified address."""
+    """Return whether `host` is the address of a single interface: neither a host name nor the unspecified address."""
     try:
         return not ip_address(host).is_unspecified
     except ValueError:

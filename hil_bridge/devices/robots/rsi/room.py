@@ -1,4 +1,4 @@
-"""Device package for KUKA's Robot Sensor Interface: its kind of robot, client and emulator."""
+"""Device package for KUKA's Robot Sensor Interface: kind of robot, client and emulator."""
 
 import math
 from typing import Any
@@ -20,11 +20,13 @@ from protocol.marks import Mark
 from protocol.marks import settings as marked
 
 PORT = 49152
-"""Observed: port of the configurations of the ROS driver and FZI. The protocol defines none."""
+"""UDP port of the controller's client. Observed: configurations of the ROS driver and FZI. The protocol does not
+define a port.
+"""
 
 
 def robot_facts(settings: KindSettings[RsiLink, RsiProfile]) -> RobotFacts:
-    """Return the facts of a controller, with a servo like the emulated one's."""
+    """Return the facts of a controller. The servo is assumed to equal the servo of the emulated controller."""
     link: RsiLink = settings.client
     servo: RsiProfile = settings.emulated
     marks = {
@@ -53,14 +55,14 @@ def robot_facts(settings: KindSettings[RsiLink, RsiProfile]) -> RobotFacts:
 
 
 def facts(url: str, settings: KindSettings[RsiLink, RsiProfile]) -> RobotFacts:
-    """Return the facts of the controller, whatever its wire."""
+    """Return the facts of the controller, which are independent of the wire."""
     return robot_facts(settings)
 
 
 async def connect(
     url: str, settings: KindSettings[RsiLink, RsiProfile], wiring: Wiring
 ) -> StreamedLink[Datagrams]:
-    """Connect to the controller that sends first on this wire; it is not started yet. Errors as for
+    """Connect to the controller, which sends first on this wire, without starting the link. Errors as for
     `RobotKind.connect`.
     """
     if "strangers" not in parse_url(url, LISTEN_DATAGRAMS).options:
@@ -70,36 +72,38 @@ async def connect(
 
 
 async def probe(url: str, settings: KindSettings[RsiLink, RsiProfile], wiring: Wiring) -> ProbeResult:
-    """Probe a controller that sends to this address. It is answered with its present correction: without an answer it
-    would stop with an error, and with this one it does not move.
+    """Probe a controller that sends to this address. It is answered with its present correction: without an answer
+    it would stop with an error, and this correction does not move it.
     """
     return await probe_link(url, lambda wiring: connect(url, settings, wiring), wiring)
 
 
 def make(settings: KindSettings[RsiLink, RsiProfile]) -> RobotFactory:
-    """Return a factory of the controller that the cell's section describes."""
+    """Return a factory of the controller that the configuration section of the cell describes."""
     return lambda start, now, seed: RsiController(settings.emulated, start, now, seed)
 
 
 async def serve(url: str, robot: Any, settings: KindSettings[RsiLink, RsiProfile], serving: Serving) -> str:
-    """Let the emulated controller send to a URL."""
+    """Let the emulated controller send to a URL, and return the URL for its client."""
     return await serving.serve_datagrams(url, robot.endpoint, speak_first=True, counts_late=True)
 
 
 def usual(settings: KindSettings[RsiLink, RsiProfile], virtual: bool) -> str:
-    """Return the URL that the emulated controller sends to: the port is fixed, because it sends first."""
+    """Return the URL to which the emulated controller sends. The port is fixed because the controller sends first."""
     return "udp+memory:rsi" if virtual else f"udp://127.0.0.1:{PORT}"
 
 
 def play(
     robot: Any, trajectory: Trajectory, settings: KindSettings[RsiLink, RsiProfile], now: float
 ) -> TrajectoryResult:
-    """Run a trajectory of positions as corrections, see `hil_bridge.devices.trajectory.PlayTrajectory`."""
+    """Run a trajectory of positions as corrections; see `hil_bridge.devices.trajectory.PlayTrajectory`."""
     return stream_trajectory(robot.endpoint, RsiClient(settings.client), trajectory, now)
 
 
 MISHAPS = {"refused": "emergency-stop", "stopped": "emergency-stop"}
-"""An emergency stop is the only stop that its telegrams report."""
+"""Faults for the scenarios of `hil-bridge conform`. An emergency stop is the only stop that the telegrams of RSI
+report.
+"""
 
 ROBOT = RobotKind(
     "rsi",

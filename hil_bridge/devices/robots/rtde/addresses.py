@@ -2,10 +2,10 @@
 
 | URL | ports |
 |---|---|
-| `tcp://10.0.0.5` | 30004, and those of the dashboard and the script by the settings |
-| `tcp://127.0.0.1:41000?dashboard=41001&script=41002` | these |
-| `tcp-listen://127.0.0.2` | the real controller's: 30001 to 30004, 30011 to 30013, 29999 |
-| `tcp-listen://127.0.0.1:0` | free ones |
+| `tcp://10.0.0.5` | 30004, and the dashboard and script ports of the settings |
+| `tcp://127.0.0.1:41000?dashboard=41001&script=41002` | the ports in the URL |
+| `tcp-listen://127.0.0.2` | the ports of the real controller: 30001 to 30004, 30011 to 30013, 29999 |
+| `tcp-listen://127.0.0.1:0` | free ports |
 | `memory:NAME` | in memory |
 """
 
@@ -29,7 +29,7 @@ PORTS: Mapping[Port, tuple[int, ...]] = {
     Port.REALTIME: (30003,),
     Port.REALTIME_READ_ONLY: (30013,),
 }
-"""TCP ports of a real controller. None of them accepts programs without sending data."""
+"""TCP ports of a real controller. Every port that accepts programs also sends data."""
 _EXAMPLE = "tcp://10.0.0.5, or tcp://127.0.0.1:41000?dashboard=41001&script=41002"
 _OPTIONS = {
     "dashboard": Port.DASHBOARD,
@@ -49,13 +49,13 @@ class Address:
 
     text: str
     host: str
-    """Host; empty for ports in memory."""
+    """Host name or address; empty for ports in memory."""
     ports: Mapping[Port, int]
-    """Ports that the URL names, without the others; 0 for a free one."""
+    """Ports that the URL names explicitly; 0 for any free port."""
     name: str = ""
-    """Name of the ports in memory."""
+    """Common name of the ports in memory."""
     options: str = ""
-    """Further options of the wire in memory, such as `?latency_ms=1`."""
+    """Further options of a wire in memory, such as `?latency_ms=1`."""
 
     def memory_name(self, port: Port) -> str:
         """Return the name of a port in memory."""
@@ -67,19 +67,19 @@ class Address:
 
     @property
     def wire(self) -> WireUrl:
-        """Wire of the RTDE port."""
+        """Wire URL of the RTDE port."""
         if self.name:
             return WireUrl(self.text, "memory", self.name, {})
         return WireUrl(self.text, "tcp", f"{self.authority}:{self.ports.get(Port.RTDE, RTDE_PORT)}", {})
 
     @property
     def authority(self) -> str:
-        """Host as in a URL."""
+        """Host in the notation of a URL."""
         return f"[{self.host}]" if ":" in self.host else self.host
 
 
 def parse_address(url: str, scheme: str = "tcp") -> Address:
-    """Parse an address with this scheme, or one in memory. Raises ConfigError."""
+    """Parse an address with this scheme, or an address in memory. Raises ConfigError if the address is invalid."""
     if url.startswith("memory:"):
         name, mark, options = url.removeprefix("memory:").partition("?")
         if not name:

@@ -1,4 +1,4 @@
-"""Wires of one controller, combined into one transport of pieces."""
+"""Wires of one controller, combined into one transport."""
 
 from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack, suppress
@@ -10,12 +10,12 @@ from protocol.devices.rtde.wires import Piece, Pieces, Port
 
 
 class Bundle:
-    """`Transport` over several wires. It ends with the RTDE wire; the controller may close the others."""
+    """`Transport` over several wires. It ends when the RTDE wire ends; the controller may close the other wires."""
 
     def __init__(
         self, name: str, wires: Mapping[Port, Transport[bytes]], farewell: Callable[[], Pieces]
     ) -> None:
-        """`farewell` returns the last pieces, which are sent before the wires are closed."""
+        """Combine the wires. `farewell` returns the last data, which are sent before the wires are closed."""
         self.name = name
         self._wires, self._farewell = wires, farewell
         self._closing = False
@@ -36,7 +36,7 @@ class Bundle:
                 self.send(self._farewell())
         async with (
             AsyncExitStack() as stack
-        ):  # all of them, even if one cannot be closed or the wait is cancelled
+        ):  # close all wires, even if one cannot be closed or the wait is cancelled
             for wire in reversed([*self._wires.values()]):
                 stack.push_async_callback(wire.aclose)
 
@@ -46,4 +46,4 @@ def _forward(on_data: Callable[[Pieces], None], port: Port, data: bytes) -> None
 
 
 def _ignore(error: TransportError) -> None:
-    """Ignore the end of a wire: a client that needs it reports a time-out."""
+    """Ignore the end of a wire. A client that needs the wire reports a time-out."""

@@ -1,4 +1,4 @@
-"""Settings of the emulated controller with the latency and noise of a measured one."""
+"""Settings with which the emulated controller has the latency and noise of a measured controller."""
 
 import math
 from typing import Any
@@ -7,11 +7,13 @@ from hil_bridge.devices.emulator_fit import RobotFigures, Sections
 from hil_bridge.devices.robots.rtde.facts import robot_facts
 
 _MOST_CYCLES = 100
-"""Chosen: a robot with a longer delay has another fault. The emulated one has at least one cycle."""
+"""Largest delay of the emulated arm, cycles; the smallest is one cycle. Chosen: a robot with a longer delay has
+another fault.
+"""
 
 
 def match(settings: Any, figures: RobotFigures) -> Sections:
-    """Return complete cycles from a target to the arm, and the noise of the joints, see
+    """Return the delay from a target to the arm in complete cycles, and the noise of the joints; see
     `hil_bridge.devices.emulator_fit`.
     """
     profile = settings.emulated

@@ -1,11 +1,11 @@
-"""Ports of the emulated controller, each for any number of clients."""
+"""Ports of the emulated controller. Each port accepts any number of clients."""
 
 import asyncio
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
 
-from emulators.devices.rtde import RtdeRobot, Saying
+from emulators.devices.rtde import ProgramMessage, RtdeRobot
 from hil_bridge.clock import Timer
 from hil_bridge.clock.realtime import gc_off
 from hil_bridge.devices.robots.rtde.addresses import PORTS, Address, parse_address
@@ -22,23 +22,23 @@ from protocol.devices.rtde.states import SafetyMode
 from protocol.devices.rtde.wires import Port
 
 BEAT_S = 0.02
-"""Chosen: time between two updates of a controller without clients."""
+"""Time between two updates of a controller without clients, s. Chosen."""
 STEPS = 20
-"""Chosen: statements that are compiled at a time, which takes some 0.4 ms."""
+"""Number of statements that are compiled at a time. Chosen: this takes approximately 0.4 ms."""
 
 
 class _ErrorLog:
-    """Prints the errors of programs, one per line."""
+    """Listener that prints the errors of programs, one per line."""
 
     def __init__(self, say: Callable[[str], object]) -> None:
         self._say = say
 
-    def hear(self, saying: Saying) -> None:
+    def hear(self, saying: ProgramMessage) -> None:
         if saying.line:
-            self._say(f"rtde: a program fails: {saying}")
+            self._say(f"rtde: a program failed: {saying}")
 
-    def hear_safety(self, mode: SafetyMode) -> None:
-        """Ignore it: the view and the panel show the safety mode."""
+    def receive_safety_mode(self, mode: SafetyMode) -> None:
+        """Ignore the safety mode, because the view and the panel show it."""
 
 
 class Ports:
@@ -57,7 +57,9 @@ class Ports:
         robot.controller.console.listeners.append(_ErrorLog(serving.say))
 
     async def listen(self, address: Address) -> str:
-        """Listen on an address and return the URL for a client. Raises TransportUnavailable."""
+        """Listen on an address and return the URL for a client. Raises TransportUnavailable if a port cannot be
+        opened.
+        """
         if not self._serving.clock.is_virtual:
             self._keep_pace()
             self._robot.controller.player.uploads.spread = self._begin_to_compile
@@ -86,14 +88,17 @@ class Ports:
         return f"tcp://{address.authority}:{ports[Port.RTDE]}?{options}"
 
     def _begin_to_compile(self) -> None:
-        """Start to compile, without the garbage collector, which would traverse all nodes of a program repeatedly."""
+        """Start compiling with garbage collection disabled, because the collector would traverse all nodes of a
+        program repeatedly.
+        """
         self._compiling.enter_context(gc_off())
         self._serving.clock.call_soon(self._compile)
 
     def _compile(self) -> None:
-        """Compile part of what clients upload, and the rest after everything that is due meanwhile.
+        """Compile part of the programs that clients have uploaded. The rest is compiled after all callbacks that
+        have become due.
 
-        The clock is not read: its time would be that of all late deadlines, and their cycles would be skipped.
+        The clock is not read here: its time would apply to all late deadlines, and their cycles would be skipped.
         """
         try:
             if all(self._robot.controller.player.uploads.step() for _ in range(STEPS)):
@@ -105,7 +110,9 @@ class Ports:
             self._serving.on_failure(error)
 
     def _keep_pace(self) -> None:
-        """Run the controller's cycles while there is no client, so that the next one does not have to wait for them."""
+        """Run the controller's cycles while no client is connected, so that the next client does not have to wait
+        for them.
+        """
         clock = self._serving.clock
         now = clock.now()
         try:
@@ -166,9 +173,11 @@ class Ports:
 
 
 def _ignore(event: object) -> None:
-    """Ignore data on a connection that is closed at once."""
+    """Ignore data from a connection that is closed at once."""
 
 
 async def serve(url: str, robot: RtdeRobot, serving: Serving) -> str:
-    """Let a controller listen and return the URL for its client. Raises ConfigError, TransportUnavailable."""
+    """Let a controller listen, and return the URL for its client. Raises ConfigError for an invalid URL,
+    TransportUnavailable if a port cannot be opened.
+    """
     return await Ports(robot, serving).listen(parse_address(url, "tcp-listen"))

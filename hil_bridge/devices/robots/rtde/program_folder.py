@@ -1,4 +1,4 @@
-"""Programs of the emulated controller: URScript text, one file each, `NAME.script`."""
+"""Programs of the emulated controller as URScript text, one file `NAME.script` per program."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,13 +7,13 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path, open_ordinary, read_up_to, refuse_nul
 
 FILES_MAX = 256
-"""Chosen: most programs in a folder."""
+"""Maximum number of programs in a folder. Chosen."""
 _SUFFIX = ".script"
 
 
 def read_programs(folder: Path, size_limit: int) -> Mapping[str, bytes]:
-    """Return the texts by name, each of at most `size_limit` bytes. Other files are ignored. Raises ConfigError that
-    names a file.
+    """Return the program texts by name, each of at most `size_limit` bytes. Other files are ignored. Raises
+    ConfigError that names the invalid file.
     """
     programs: dict[str, bytes] = {}
     refuse_nul(folder, format_path(folder))

@@ -1,6 +1,7 @@
-"""Connections that a program of the emulated controller opens: from this process to a server, over TCP.
+"""Connections that a program of the emulated controller opens from this process to a server, over TCP.
 
-Only to this computer, unless the cell's settings allow others, because a program may come from anywhere.
+A program may come from any client, so only servers on this computer are allowed, unless the cell's settings allow
+others.
 """
 
 import asyncio
@@ -16,17 +17,17 @@ from hil_bridge.transports.serial.files import FileWire
 from hil_bridge.transports.tcp import connect_tcp
 
 OPENING_MAX = 16
-"""Chosen: most pending connections at a time."""
+"""Maximum number of simultaneous pending connections. Chosen."""
 _NAME_LENGTH = 80
-"""Chosen: characters of a server's name that are printed."""
+"""Maximum number of printed characters of a server name. Chosen."""
 
 
 class Hangup:
-    """Event of a device that closes its connection."""
+    """Event that reports that a device closes its connection."""
 
 
 class HangupEndpoint:
-    """Endpoint of a server that reports when the device closes the connection."""
+    """Endpoint of a server that reports when the device closes its connection."""
 
     def __init__(self, server: Server) -> None:
         self._server = server
@@ -42,7 +43,7 @@ class HangupEndpoint:
 
 
 class ProgramWires:
-    """Connections that programs of one controller open."""
+    """Connections that the programs of one controller open."""
 
     def __init__(self, robot: RtdeRobot, serving: Serving) -> None:
         self._robot, self._serving = robot, serving
@@ -73,7 +74,7 @@ class ProgramWires:
         return inner
 
     def _refuse(self, host: str) -> None:
-        """Report a refused server once, because a program retries."""
+        """Report each refused server once, because a program retries."""
         if host not in self._refused and len(self._refused) < OPENING_MAX:
             self._refused.add(host)
             self._serving.say(
@@ -115,7 +116,7 @@ class ProgramWires:
         pump.start()
 
     def _hang_up(self, server: Server, wire: Transport[bytes]) -> None:
-        """Close a connection for the program, after sending what it has queued."""
+        """Send the data that the program has queued, then close its connection."""
         rest = server.data_to_send(self._serving.clock.now())
         if rest:
             wire.send(rest)
@@ -132,7 +133,9 @@ class ProgramWires:
 
 
 def _is_loopback(host: str) -> bool:
-    """Return whether a server is on this computer. Of host names, only localhost is: another may change its address."""
+    """Return whether a server is on this computer. The only accepted host name is localhost, because the address of
+    any other name may change.
+    """
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:

@@ -1,4 +1,4 @@
-"""Device package for Universal Robots controllers: kind `rtde`, its client and its emulator."""
+"""Device package for Universal Robots controllers: kind `rtde`, client and emulator."""
 
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,9 @@ from protocol.devices.rtde.wires import Pieces, Port
 async def connect(
     url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring
 ) -> StreamedLink[Pieces]:
-    """Connect to the controller's ports; it is not started yet. Raises ConfigError, TransportUnavailable."""
+    """Connect to the controller's ports, without starting the link. Raises ConfigError for an invalid URL,
+    TransportUnavailable if a wire cannot be opened.
+    """
     return await _open(url, settings, wiring, read_only=False)
 
 
@@ -44,15 +46,15 @@ async def _open(
 
 
 async def probe(url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring) -> ProbeResult:
-    """Probe a controller. No program is sent to it, and none of its inputs is written."""
+    """Probe a controller. The probe sends no program and writes no inputs."""
     return await probe_link(url, lambda wiring: _open(url, settings, wiring, read_only=True), wiring)
 
 
 async def open_wires(
     url: str, profile: ClientProfile, wiring: Wiring, dashboard: bool = True, script: bool = True
 ) -> dict[Port, Transport[bytes]]:
-    """Open the wires to a controller's ports. `dashboard` and `script` say whether these are opened; a dashboard port
-    of 0 is not.
+    """Open the wires to a controller's ports. `dashboard` and `script` select the wires in addition to RTDE; a
+    dashboard port of 0 is not opened.
     """
     address = parse_address(url)
     numbers = {
@@ -78,13 +80,13 @@ async def open_wires(
 
 
 def facts(url: str, settings: KindSettings[ClientProfile, RtdeProfile]) -> RobotFacts:
-    """Return the facts of a controller, before a wire is opened."""
+    """Return the facts of a controller before a wire is opened."""
     return robot_facts(settings.client, settings.emulated)
 
 
 def make(settings: KindSettings[ClientProfile, RtdeProfile]) -> RobotFactory:
-    """Return a factory of the controller that the cell's section describes, with the programs of its folder. Raises
-    ConfigError.
+    """Return a factory of the controller that the configuration section of the cell describes, with the programs of
+    its folder. Raises ConfigError if a program is invalid.
     """
     folder = settings.emulated.program_folder
     return make_robot(settings.emulated, read_programs(Path(folder), TEXT_MAX) if folder else {})
@@ -103,7 +105,7 @@ def usual(settings: KindSettings[ClientProfile, RtdeProfile], virtual: bool) -> 
 
 
 def check(settings: KindSettings[ClientProfile, RtdeProfile]) -> None:
-    """Raise ConfigError for a client that would be answered at another rate than it expects."""
+    """Raise ConfigError if the emulated controller cannot send at the rate that the client expects."""
     client, emulated = settings.client.cycle_ms, settings.emulated
     if not (client / emulated.cycle_ms).is_integer():
         raise ConfigError(

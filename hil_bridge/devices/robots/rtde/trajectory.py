@@ -1,7 +1,8 @@
-"""Trajectories for the emulated Universal Robots controller, run by a program that reads the orders from registers.
+"""Trajectories for the emulated Universal Robots controller. A program on the controller reads the orders from
+registers.
 
-The program passes joints to `servoj`, speeds to `speedj`, and positions to `servoj` by the inverse kinematics, in every
-cycle.
+In every cycle, the program passes joint positions to `servoj`, joint speeds to `speedj`, and Cartesian positions to
+`servoj` through the inverse kinematics.
 """
 
 from collections.abc import Sequence
@@ -25,29 +26,33 @@ _PARTS = {
     "qd": "actual_qd",
     "position": "actual_TCP_pose",
 }
-"""Output of each family; of a pose, its first three values."""
+"""Output variable of each family. Of a pose, only the first three values are used."""
 _OUTPUTS = ("timestamp", _READY, "runtime_state", "safety_mode", "actual_TCP_force", *_PARTS.values())
 _READING = ", ".join(f"read_input_float_register({k})" for k in range(6))
 _BEGIN_S = 60.0
-"""Chosen: time-out for the arm to reach the start of the trajectory."""
+"""Time-out for the arm to reach the start of the trajectory, s. Chosen."""
 _SPEED_ACCELERATION = 40.0
-"""Chosen, rad/s²: more than a trajectory needs, so that the speeds are those of the trajectory."""
+"""Acceleration limit of `speedj`, rad/s². Chosen: more than a trajectory needs, so that the arm has the speeds of
+the trajectory.
+"""
 _MOVE_SPEED, _MOVE_ACCELERATION = 1.0, 1.4
-"""Standard: defaults of `movej` in the script manual, rad/s and rad/s²."""
+"""Speed and acceleration of `movej`, rad/s and rad/s². Standard: defaults of the script manual."""
 
 
 def play(robot: Any, trajectory: Trajectory, settings: Any, now: float) -> TrajectoryResult:
-    """Run a trajectory, see `hil_bridge.devices.trajectory.PlayTrajectory`."""
+    """Run a trajectory; see `hil_bridge.devices.trajectory.PlayTrajectory`."""
     return _Player(robot, trajectory, settings, now).run()
 
 
 class _Player:
-    """Trajectory in progress: an RTDE client in virtual time."""
+    """Trajectory in progress, run by an RTDE client in virtual time."""
 
     def __init__(self, robot: Any, trajectory: Trajectory, settings: Any, now: float) -> None:
         self._trajectory, self._now = trajectory, now
         self._zero = trajectory.values[0] if trajectory.family == "order_position" else (0.0,) * 6
-        """Subtracted from each order: a trajectory of positions begins at the arm's present position."""
+        """Offset that is subtracted from each order, so that a trajectory of positions begins at the present
+        position of the arm.
+        """
         self._powered, self._uptime = now, settings.emulated.uptime_s
         self._cycle = settings.emulated.cycle_ms * 1e-3
         self._server = robot.connect(Port.RTDE, now)
@@ -64,7 +69,7 @@ class _Player:
         script.receive(_program(trajectory, settings.client).encode(), now)
 
     def run(self) -> TrajectoryResult:
-        """Run it and return the reports. Raises ConfigError if the robot stops."""
+        """Run the trajectory and return the reports. Raises ConfigError if the robot stops."""
         while not self._rows or not self._rows[-1][_READY]:
             if self._now - self._powered > _BEGIN_S:
                 raise ConfigError("the emulated arm has not reached the start of the trajectory")
@@ -86,15 +91,15 @@ class _Player:
         return TrajectoryResult(times, self._columns(orders, home))
 
     def _columns(self, orders: Sequence[tuple[float, ...]], home: Sequence[float]) -> dict[str, list[float]]:
-        """Return all columns. `home` is the arm's start; positions of a trajectory of positions are relative to its
-        first order.
+        """Return all columns. `home` is the start position of the arm. In a trajectory of positions, positions are
+        relative to the first order.
         """
         columns = {}
         places = self._trajectory.family == "order_position"
         for family, output in _PARTS.items():
             for k, name in enumerate(FAMILIES[family]):
-                way = self._zero[k] - home[k] if places and family.endswith("position") else 0.0
-                columns[name] = [row[output][k] + way for row in self._rows]
+                offset = self._zero[k] - home[k] if places and family.endswith("position") else 0.0
+                columns[name] = [row[output][k] + offset for row in self._rows]
         for k, name in enumerate((*FAMILIES["force"], *FAMILIES["moment"])):
             columns[name] = [row["actual_TCP_force"][k] for row in self._rows]
         for k, name in enumerate(FAMILIES[self._trajectory.family]):
@@ -110,7 +115,7 @@ class _Player:
             raise ConfigError("the program on the emulated robot has ended before the trajectory")
 
     def _run_cycle(self, order: tuple[float, ...]) -> None:
-        """Write the order, advance by one cycle, and read its data."""
+        """Write the order, advance the controller by one cycle, and read the data of that cycle."""
         values = [part - zero for part, zero in zip(order, self._zero, strict=False)]
         values += [0.0] * (len(_REGISTERS) - len(values))
         self._server.receive(self._inputs.pack(*values), self._now)
@@ -122,7 +127,7 @@ class _Player:
                 self._rows.append(self._outputs.values(self._outputs.unpack(packet.payload)))
 
     def _ask(self, question: bytes) -> bytes:
-        """Send a request and return the payload of its answer."""
+        """Send a request and return the payload of the answer."""
         self._server.receive(question, self._now)
         self._reader.feed(self._server.data_to_send(self._now))
         packet = self._reader.next_packet()
@@ -131,7 +136,7 @@ class _Player:
 
 
 def _program(trajectory: Trajectory, client: Any) -> str:
-    """Return the program for a family."""
+    """Return the robot program for a family of orders."""
     servo = f"t=get_steptime(), lookahead_time={client.lookahead_s:g}, gain={client.gain:g}"
     start = trajectory.values[0] if trajectory.family == "order_q" else trajectory.start
     begin = "sync()"

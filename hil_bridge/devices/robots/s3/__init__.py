@@ -1,1 +1,1 @@
-"""ABB S3 controller with its computer link."""
+"""ABB S3 controllers with a computer link."""

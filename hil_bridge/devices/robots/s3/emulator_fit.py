@@ -1,4 +1,4 @@
-"""Settings of the emulated controller with the latency of a measured one."""
+"""Settings with which the emulated controller has the latency of a measured controller."""
 
 import math
 from typing import Any
@@ -8,7 +8,9 @@ from hil_bridge.devices.robots.s3.latency import late_settings
 
 
 def match(settings: Any, figures: RobotFigures) -> Sections:
-    """Return turnarounds as quantiles, and the servo's transport delay, see `hil_bridge.devices.emulator_fit`."""
+    """Return the turnaround times as quantiles, and the transport delay of the servo; see
+    `hil_bridge.devices.emulator_fit`.
+    """
     sections: dict[str, dict[str, object]] = {}
     if figures.turnarounds_ms:
         sections |= late_settings(figures.turnarounds_ms, settings.client.link)

@@ -18,9 +18,9 @@ UNDISTURBED = frozenset(
         Count.MESSAGES_RECEIVED,
     }
 )
-"""Counters of the link that increase in every exchange, and that of noise, which counts bytes."""
+"""Link counters that increase in every exchange, and the counter of noise bytes."""
 ERRORS = ("block repeated", "bid repeated", "time-out", "bad block", "bad checksum", "gap in block")
-"""Counters of the link that the view adds up as link errors."""
+"""Link counters whose sum the view displays as link errors."""
 _TRAFFIC = (
     Traffic("bids", NoticeKind.BID_SENT, NoticeKind.BID_RECEIVED),
     Traffic("blocks", Count.BLOCKS_SENT, Count.BLOCKS_RECEIVED),
@@ -28,7 +28,7 @@ _TRAFFIC = (
 
 
 def robot_facts(profile: LinkProfile, servo: ServoProfile | None = None) -> RobotFacts:
-    """Return the facts from the link as set by its URL, and from the configured servo, if known."""
+    """Return the robot's facts for the line settings of its URL and for the configured servo, if known."""
     order_step_m = 1.0 / STEPS_PER_METRE
     return RobotFacts(
         model="ABB S3, computer link",

@@ -1,6 +1,8 @@
-"""Hops into which the stamps of an S3's exchanges divide a cycle; `replied_at` is when the robot began to answer.
+"""Hops into which the stamps of an S3's exchanges divide a cycle. `replied_at` is the time at which the robot began
+to answer.
 
-A message is sent as ENQ, ACK, block, ACK, EOT. An answer begins at its arrival less the time of its characters.
+A message is sent as ENQ, ACK, block, ACK, EOT. The start of an answer is the time of its arrival minus the time of
+its characters.
 """
 
 from hil_bridge.devices.facts import ACCEPTED, Hop, Moment, Owner, RobotHops
@@ -40,8 +42,8 @@ _STATUS = (
 
 
 def robot_hops(profile: LinkProfile) -> RobotHops:
-    """Return the hops on a computer link with this profile. A robot that answers a point only once it has reached it
-    answers after the motion: then turnaround and interpolator cannot be separated.
+    """Return the hops on a computer link with this profile. If the robot answers a point only after reaching it,
+    its answer comes after the motion, and turnaround and interpolator cannot be separated.
     """
     return RobotHops(
         to_answer=(_LINE, _TURNAROUND, _ANSWER),

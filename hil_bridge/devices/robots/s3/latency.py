@@ -1,4 +1,4 @@
-"""Settings of the emulated S3 from a site's measured latency."""
+"""Settings of the emulated S3 for the measured latency of a site."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -9,13 +9,13 @@ NOTES = (
     "Latency of a recorded run, as evenly spaced quantiles each: turnaround is answer time less",
     "line time (including the motion, if the controller answers a point only when it is reached);",
 )
-"""Comment lines about these settings."""
+"""Comment lines that explain these settings."""
 
 
 def late_settings(
     quantiles_ms: Mapping[str, Sequence[float]], line: LinkProfile
 ) -> dict[str, dict[str, object]]:
-    """Return settings by section, for a controller with these times of its own hops, see `hops`, on the
+    """Return the settings by section for a controller whose internal hops (see `hops`) have these durations on the
     recorded line.
     """
     plain = LinkProfile()

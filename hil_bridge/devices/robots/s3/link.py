@@ -1,4 +1,4 @@
-"""Link to the S3 controller for a run: orders over the computer link, a movement as a context manager."""
+"""Link to the S3 controller for a run: orders over the computer link, and movements as context managers."""
 
 import asyncio
 import math
@@ -71,28 +71,28 @@ _Meaning = TypeVar("_Meaning")
 _SENT = Direction.SENT
 _ENQ, _EOT = int(Control.ENQ), int(Control.EOT)
 _NO_START_POINT = RefusalCode.OUTSIDE_WORK_AREA
-"""Refusal of a move without a sequence, or without a start point. Source: project specification, section 3."""
+"""Refusal code of a move without a sequence or without a start point. Source: project specification, section 3."""
 _SLOWEST_M_S = 1e-3
-"""Chosen: velocity of an order that must not move anything, m/s."""
+"""Velocity of an order that must not cause motion, m/s. Chosen."""
 _READ_STATUS = FunctionCode.READ_STATUS
 STATUS_S = 1.0
-"""Longest wait for a status that may explain why an order failed. Chosen: a robot that answers does so in a tenth of
-it.
+"""Longest wait for a status that may explain the failure of an order, s. Chosen: a robot that answers at all does
+so in a tenth of this time.
 """
 MESSAGE_AGE_S = 15.0
-"""Largest age of an unsolicited message that is reported with a failure. Chosen: the longest wait for an answer, and
-the robot's start-up.
+"""Largest age of an unsolicited message that is reported with a failure, s. Chosen: the longest wait for an answer,
+plus the start-up time of the robot.
 """
 TRAILER_NOTICE_S = 60.0
-"""Shortest time between two notices that an order contains 10 03, which is counted each time. Chosen."""
+"""Shortest time between two notices that an order contains 10 03, s. Every occurrence is counted. Chosen."""
 _QUANTITIES = (Count.BLOCKS_SENT, Count.BLOCKS_RECEIVED, Count.MESSAGES_SENT, Count.MESSAGES_RECEIVED)
 
 
 class S3Link:
-    """Client of the S3 controller's computer link, see `hil_bridge.devices.robots.seam.RobotLink`.
+    """Client of the S3 controller's computer link; see `hil_bridge.devices.robots.seam.RobotLink`.
 
-    It sends one order at a time, each with exactly one answer, as the link requires. The log receives what is relevant
-    for the recording: repeats, time-outs, noise, unsolicited messages.
+    The client sends one order at a time, and each order has exactly one answer, as the link requires. The log
+    receives the events that are relevant for the recording: repeats, time-outs, noise, unsolicited messages.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class S3Link:
         log: DeviceLog,
         orders: OrderBook = KNOWN,
     ) -> None:
-        """Connect the link. A `verbose` log receives each bid and ACK too, which costs time in every cycle."""
+        """Connect the link. A `verbose` log also receives each bid and ACK, which takes time in every cycle."""
         self.name = transport.name
         self.profile = profile
         self.facts = robot_facts(profile)
@@ -121,23 +121,27 @@ class S3Link:
             lambda failure: log.notice(EventKind.LINK, str(failure)),
         )
         self.begun_at = math.nan
-        """Time at which the first byte of the newest order's bid was passed to the port, s on the run's clock. If the
-        bid was sent ahead of the order, the time at which the order was passed to the link; NaN if neither happened.
+        """Time at which the first byte of the newest order's bid was passed to the port, s on the run's clock. If
+        the bid was sent ahead of the order, the time at which the order was passed to the link. NaN if neither has
+        happened.
         """
         self.transmitted_at = math.nan
-        """Time at which its last character, which ends the message, has left the line. Ports do not report it, so it is
-        calculated from the time of passing it to the port and the line's rate.
+        """Time at which the last character of the newest order left the line, s on the run's clock; this character
+        ends the message. Ports do not report this time, so it is calculated from the time at which the character
+        was passed to the port, and from the line's rate.
         """
         self._answered_at = math.nan
         self._answer_time = answer_time(profile)
-        """Time of a status answer on the line, s: the age of its pose when the answer is complete."""
+        """Duration of a status answer on the line, s. This is the age of the reported pose when the answer is
+        complete.
+        """
         self._reports = 0
         self._soon = False
-        """Whether the present order is followed by another at once."""
+        """Whether another order follows the present one at once."""
         self._status: Status | None = None
-        """Newest status."""
+        """Newest status of the robot."""
         self._fit: Status | None = None
-        """Status of the robot when the movement began."""
+        """Status of the robot at the start of the movement."""
         self._messages: deque[tuple[float, str]] = deque(maxlen=3)
         """Unsolicited messages of the robot with their times, s on the run's clock."""
         self._troubles: Counter[str] = Counter()
@@ -145,28 +149,28 @@ class S3Link:
         self._trailer_noticed_at = -math.inf
         """Time of the last notice that an order contains 10 03, s on the run's clock."""
         self._explaining = False
-        """Whether the present order is to explain the failure of another."""
+        """Whether the purpose of the present order is to explain the failure of another order."""
 
     @property
     def counters(self) -> Mapping[str, int]:
-        """Link-level counts since opening: bids, repeats, time-outs, noise bytes and so on, by name."""
+        """Link-level counts since the link was opened, by name: bids, repeats, time-outs, noise bytes and others."""
         return self._host.link.counters
 
     def start(self) -> None:
-        """Start to receive."""
+        """Start receiving."""
         self._requests.start()
 
     async def aclose(self) -> None:
-        """Send what is queued and close the port."""
+        """Send queued data and close the port."""
         await self._transport.aclose()
 
     @property
     def sent(self) -> Sent:
-        """Times at which the newest order was sent and its answer was complete."""
+        """Times at which the newest order was sent and at which its answer was complete."""
         return Sent(self.begun_at, self.transmitted_at, self._answered_at)
 
     async def ready(self) -> RobotReport:
-        """Put the controller into operation, in which it can move."""
+        """Switch the controller to operation, in which it can move."""
         status = await self.read_status()
         if not status.operation and not status.emergency_stop:
             await self.exchange(write_mode(Mode.OPERATION))
@@ -202,13 +206,15 @@ class S3Link:
     async def order(
         self, order: Telegram | str, /, *, suffix: int | None = None, **values: Value
     ) -> Telegram | Mapping[str, Value]:
-        """Send one order and wait for its answer: a telegram for a telegram, or by name and values in their units.
+        """Send one order and wait for its answer. An order is either a telegram, or a name with values in their
+        units.
 
-        The names are those of the known orders and of the site's orders file; values that are not given are 0. `suffix`
-        selects another function suffix than the default.
+        The names are the names of the known orders and of the site's orders file. Values that are not given are 0.
+        `suffix` selects a function suffix other than the default.
 
         Raises LocalProtocolError for an invalid name, value or length, before anything is sent; OrderRefused if the
-        controller refuses, DeviceError if the link fails or the answer is too short, TransportError if the wire fails.
+        controller refuses, DeviceError if the link fails or the answer is too short, TransportError if the wire
+        fails.
         """
         if isinstance(order, Telegram):
             return await self.exchange(order)
@@ -217,14 +223,14 @@ class S3Link:
         return self._decode(definition.answer.decode, answer.data)
 
     async def read_status(self, *, soon: bool = False) -> Status:
-        """Read mode, flags, position and orientation from the controller; `soon` as in `exchange`."""
+        """Read mode, flags, position and orientation from the controller. For `soon`, see `exchange`."""
         answer = await self.exchange(read_status(), soon=soon)
         self._status = self._decode(Status.from_telegram, answer)
         return self._status
 
     async def receive_program(self, number: int) -> bytes:
-        """Read the contents of a program from the controller; errors as for `order`, DeviceError also if it does not
-        send the program.
+        """Read the contents of a program from the controller. Errors as for `order`, and DeviceError if the
+        controller does not send the program.
         """
         answer = self._decode(ProgramAnswer.from_telegram, await self.exchange(receive_program(number)))
         if answer.error:
@@ -234,14 +240,14 @@ class S3Link:
         return answer.content
 
     async def exchange(self, *telegrams: Telegram, soon: bool = False) -> Telegram:
-        """Send one order, of one block or several, and wait for its answer; errors as for `order`.
+        """Send an order of one or more blocks and wait for its answer. Errors as for `order`.
 
-        With `soon` the bid for the next order is sent with the end of the answer. The controller then acknowledges it
-        while the caller still decides, unless the profile's `bid_ahead` is off. The caller must then give an order
-        soon.
+        With `soon`, the bid for the next order is sent together with the end of the answer. The controller then
+        acknowledges it while the caller is still deciding, unless the profile's `bid_ahead` is off. The caller must
+        therefore give the next order soon.
 
-        The error of an order that was refused, or not answered, also contains recent unsolicited messages of the robot,
-        and the robot's status, if it still answers.
+        The error of an order that was refused or not answered also contains recent unsolicited messages of the
+        robot, and the robot's status if it still answers.
         """
 
         def order() -> None:
@@ -261,7 +267,7 @@ class S3Link:
         return answer
 
     async def _explain(self, error: DeviceError, order: Telegram) -> None:
-        """Add what else is known about its cause to an error."""
+        """Add all further information about the cause to an error."""
         failed_at, refused, facts = self._clock.now(), isinstance(error, OrderRefused), []
         if self._status is not None and not (refused and order.function == _READ_STATUS):
             self._explaining = True
@@ -280,7 +286,7 @@ class S3Link:
         error.remedy = "; ".join(filter(None, (error.remedy, *facts)))
 
     def _decode(self, read: Callable[[_Raw], _Meaning], raw: _Raw) -> _Meaning:
-        """Decode an answer. Raises DeviceError if it is invalid."""
+        """Decode an answer. Raises DeviceError if the answer is invalid."""
         try:
             return read(raw)
         except RemoteProtocolError as error:
@@ -288,7 +294,9 @@ class S3Link:
             raise DeviceError(text, cause=Cause.ROBOT_FAILED) from error
 
     def fault(self, status: Status) -> str:
-        """Describe the flags in a status that prevent motion, with their known cause; "" if there are none."""
+        """Describe the flags of a status that prevent motion, with the cause if it is known. Return "" if there are
+        none.
+        """
         if stop := describe_stop(status, self.profile.check_flags):
             facts = (*stop, *self._recent_messages(self._clock.now()))
             return f"robot on {self.name} cannot move; its status is now: {'; '.join(facts)}"
@@ -304,8 +312,8 @@ class S3Link:
         ]
 
     async def release(self, report: RobotReport) -> None:
-        """End a movement sequence that an earlier run left open. If none is open, the controller refuses, which is
-        ignored.
+        """End a movement sequence that an earlier run left open. If no sequence is open, the controller refuses the
+        order, and the refusal is ignored.
         """
         end = S3Motion(self, _SLOWEST_M_S).telegram(MoveKind.END, *report.pose)
         with suppress(OrderRefused):
@@ -314,15 +322,21 @@ class S3Link:
 
     @asynccontextmanager
     async def motion(self, limits: MotionLimits) -> AsyncIterator[S3Motion]:
-        """Run a movement sequence with the speed and bounds of the limits; the other limits are for streams."""
+        """Run a movement sequence with the speed and the bounds of the limits. The other limits apply to streams
+        only.
+        """
         self._fit = status = self._status
-        stands = None if status is None else Pose(status.position, status.quaternion)
+        present = None if status is None else Pose(status.position, status.quaternion)
         bounds = limits.bounds or Bounds()
-        if limits.bounds and stands and (moved := describe_displacement(limits.bounds.start, stands)):
-            raise OrderRefused(f"robot on {self.name} {moved}", cause=Cause.MOVED_BEFORE)
-        gate = Gate(bounds, self._clock.now(), stands)
+        if (
+            limits.bounds
+            and present
+            and (displacement := describe_displacement(limits.bounds.start, present))
+        ):
+            raise OrderRefused(f"robot on {self.name} {displacement}", cause=Cause.MOVED_BEFORE)
+        gate = Gate(bounds, self._clock.now(), present)
         motion = S3Motion(
-            self, limits.speed, stands, lambda pose: gate.judge(pose, self._clock.now()), gate.take_back
+            self, limits.speed, present, lambda pose: gate.judge(pose, self._clock.now()), gate.take_back
         )
         try:
             await self.exchange(motion.telegram(MoveKind.START))
@@ -344,11 +358,11 @@ class S3Link:
             await motion.end()
 
     def encoded(self, move: Move) -> Telegram:
-        """Encode a move for this link, with the profile's length. If its position or orientation would contain 10 03,
-        which a controller may take for the end of the block, a neighbouring step is used.
+        """Encode a move for this link, with the length style of the profile. If its position or orientation would
+        contain 10 03, which a controller may interpret as the end of the block, a neighbouring step is used.
 
-        No coordinate is then farther than one step of 0.125 mm from the ordered one, into the surface no more than out
-        of it. This is counted.
+        No coordinate is then farther than one step of 0.125 mm from the ordered coordinate, into the surface no
+        more than out of it. This event is counted.
         """
         length = self.profile.move_length
         telegram = move.to_telegram(length)
@@ -360,7 +374,7 @@ class S3Link:
         return avoiding
 
     def _passed(self, direction: Direction, data: bytes) -> None:
-        """Stamp the transmission of an order: its first bid, and its last character."""
+        """Record the transmission times of an order: the time of its first bid, and the time of its last character."""
         if direction is not _SENT or not self._requests.under_way:
             return
         if data[-1] == _ENQ and math.isnan(self.begun_at):

@@ -1,4 +1,4 @@
-"""Movement sequence of the S3: a start, any number of points, an end at the last point."""
+"""Movement sequence of the S3: a start, any number of points, and an end at the last point."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -13,11 +13,11 @@ from protocol.robot import pose_fault
 
 _POINT = MoveKind.POINT
 _ZEROS: Vector = (0.0, 0.0, 0.0)
-"""Coordinates of a start."""
+"""Coordinates of the order that starts a sequence."""
 
 
 class Orders(Protocol):
-    """Part of the link that a sequence uses."""
+    """Part of the link that a movement sequence uses."""
 
     def encoded(self, move: Move) -> Telegram:
         """Encode a move for this link."""
@@ -31,10 +31,10 @@ class Orders(Protocol):
 
 
 class S3Motion(LastOrder):
-    """Movement sequence in progress, see `hil_bridge.devices.robots.seam.Motion`.
+    """Movement sequence in progress; see `hil_bridge.devices.robots.seam.Motion`.
 
-    The controller receives the complete path with each point, so `settled` returns at once and `hold` has nothing to
-    discard.
+    The controller receives the complete path with each point, so `settled` returns at once and `hold` has nothing
+    to discard.
     """
 
     def __init__(
@@ -45,10 +45,10 @@ class S3Motion(LastOrder):
         judge: Callable[[Pose], str] = lambda pose: "",
         take_back: Callable[[], None] = lambda: None,
     ) -> None:
-        """`present` is the robot's last reported pose, at which a sequence without points is ended.
+        """Begin with `present`, the last reported pose of the robot, at which a sequence without points is ended.
 
-        `judge` returns the last gate's reason against a pose, "" if it may be ordered; `take_back` tells the gate that
-        the robot has not accepted that pose.
+        `judge` returns the last gate's reason why a pose must not be ordered, or "" if it may be ordered.
+        `take_back` informs the gate that the robot has not accepted the pose.
         """
         self._link, self._judge, self._take_back = link, judge, take_back
         self._present = present
@@ -59,7 +59,9 @@ class S3Motion(LastOrder):
     def telegram(
         self, kind: MoveKind, position: Vector = _ZEROS, quaternion: Quaternion = (*_ZEROS, 0.0)
     ) -> Telegram:
-        """Return the order for one step of the sequence; position in m, quaternion w x y z, tool in base."""
+        """Return the order for one step of the sequence. The position is in m, the orientation a quaternion w x y
+        z; both describe the tool in the base frame.
+        """
         return self._link.encoded(Move(kind, position, quaternion, self.speed))
 
     async def to(self, target: Pose, *, soon: bool = False) -> Sent:
@@ -95,7 +97,7 @@ class S3Motion(LastOrder):
         self.abandoned = True
 
     async def end(self) -> None:
-        """End the sequence at the last point ordered, unless it was halted or abandoned."""
+        """End the sequence at the last ordered point, unless it was halted or abandoned."""
         if not (self.halted or self.abandoned):
             await self._link.exchange(self.telegram(MoveKind.END, *(self._last or self._present or ())))
 

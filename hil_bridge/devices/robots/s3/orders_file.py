@@ -46,7 +46,9 @@ from protocol.devices.s3.arap import (
 from protocol.marks import Mark
 
 SUFFIX_DIGITS = 5
-"""Most digits of a function suffix. Standard: it is a 16-bit word (computer-link specification, section 3)."""
+"""Maximum number of digits of a function suffix. Standard: a suffix is a 16-bit word (computer-link specification,
+section 3).
+"""
 
 _MarkName = Literal["observed", "derived", "standard", "assumed", "chosen"]
 _TypeName = Literal["u8", "s8", "u16", "s16", "u32", "s32", "f32", "bytes"]
@@ -57,7 +59,7 @@ class _Table(BaseModel):
 
 
 class _FieldTable(_Table):
-    """Field of an order or an answer."""
+    """Table of a field of an order or of an answer."""
 
     name: str
     byte: int
@@ -69,7 +71,7 @@ class _FieldTable(_Table):
 
 
 class _EmulatorTable(_Table):
-    """Answers of the emulated controller."""
+    """Table that describes the answers of the emulated controller."""
 
     memory: str = ""
     key: list[str] = []
@@ -77,7 +79,7 @@ class _EmulatorTable(_Table):
 
 
 class _OrderTable(_Table):
-    """Order."""
+    """Table of an order."""
 
     function: int
     meaning: str = ""
@@ -93,12 +95,14 @@ class _OrderTable(_Table):
 
 
 def read_orders(path: Path, max_telegram: int) -> OrderBook:
-    """Return the known orders and those in a file. Raises ConfigError that names file and entry."""
+    """Return the known orders and the orders of a file. Raises ConfigError that names the file and the invalid
+    entry.
+    """
     return parse_orders(read_text(path, TOML_LIMIT_BYTES), max_telegram, str(path))
 
 
 def parse_orders(text: str, max_telegram: int, source: str = "orders") -> OrderBook:
-    """Return the known orders and those that a TOML text defines; errors as for `read_orders`.
+    """Return the known orders and the orders that a TOML text defines. Errors as for `read_orders`.
 
     No field may lie beyond `max_telegram` bytes.
     """
@@ -106,11 +110,13 @@ def parse_orders(text: str, max_telegram: int, source: str = "orders") -> OrderB
     try:
         return OrderBook([_definition(name, value) for name, value in values.items()], max_telegram)
     except DefinitionError as error:
-        raise ConfigError(f"{source}: {_dotted(error.path, values)}: {error}") from error
+        raise ConfigError(f"{source}: {_format_path(error.path, values)}: {error}") from error
 
 
-def _dotted(path: Sequence[str | int], values: Any) -> str:
-    """Return a path for display: a field by its name, or counted from 1 if it has none."""
+def _format_path(path: Sequence[str | int], values: Any) -> str:
+    """Return the path of an entry for display. A field is identified by its name, or by its number, starting at 1,
+    if it has no name.
+    """
     parts, item = [], values
     for part in path:
         item = item[part] if isinstance(part, int) else item.get(part) if isinstance(item, dict) else None
@@ -157,7 +163,7 @@ def _payload(name: str, part: str, items: list[_FieldTable], length: int | None,
     for index, item in enumerate(fixed):
         if item.type == "bytes":
             raise DefinitionError("only the last field can have the type bytes", name, part, index, "type")
-    found = tuple(
+    parsed = tuple(
         fields.Field(
             item.name,
             item.byte - HEADER_SIZE,
@@ -170,9 +176,9 @@ def _payload(name: str, part: str, items: list[_FieldTable], length: int | None,
         for item in fixed
         if item.type != "bytes"
     )
-    end = max((field.offset + field_size(field) for field in found), default=0)
+    end = max((field.offset + field_size(field) for field in parsed), default=0)
     size = end if length is None else length - HEADER_SIZE
-    return Payload(fields.Layout(f"{name} {part}", size, ">", found), rest)
+    return Payload(fields.Layout(f"{name} {part}", size, ">", parsed), rest)
 
 
 def _explain(name: str, error: ValidationError) -> DefinitionError:

@@ -1,4 +1,6 @@
-"""Programs of the emulated controller, one file each, named by the program's number: `7`, `7.prg`."""
+"""Programs of the emulated controller, one file per program. The file name contains the program number: `7`,
+`7.prg`.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,11 +10,13 @@ from hil_bridge.errors.text_files import format_path, open_ordinary, read_up_to,
 from protocol.devices.s3.adlp import HEADER_SIZE, MESSAGE_LIMIT
 
 NUMBER_LIMIT = 0xFFFF
-"""Largest program number that fits its word."""
+"""Largest program number that fits into a word."""
 
 
 def read_programs(folder: Path, max_telegram: int) -> Mapping[int, bytes]:
-    """Return the contents by program number; hidden files are ignored. Raises ConfigError that names the file."""
+    """Return the contents of the programs by number. Hidden files are ignored. Raises ConfigError that names the
+    invalid file.
+    """
     size_limit = MESSAGE_LIMIT * (max_telegram - HEADER_SIZE) - 4
     contents: dict[int, bytes] = {}
     refuse_nul(folder, format_path(folder))

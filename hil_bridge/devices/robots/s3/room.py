@@ -1,4 +1,4 @@
-"""Device package for the S3: its kind of robot, client and emulator."""
+"""Device package for the S3: kind of robot, client and emulator."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -30,8 +30,8 @@ from protocol.robot import orientation_fault
 
 
 def robot_wire(url: str, link: LinkProfile) -> tuple[str, LinkProfile]:
-    """Fill in missing line settings of a robot URL from the profile, and set the profile to the line settings of the
-    URL. Raises ConfigError.
+    """Return the robot URL and the profile with the same line settings. Settings that the URL does not contain are
+    taken from the profile, all others from the URL. Raises ConfigError if a line setting is invalid.
     """
     parsed = parse_url(url, CONNECT_BYTES)
     options = parsed.options
@@ -52,7 +52,9 @@ def _line(link: LinkProfile) -> LineSettings:
 
 
 def robot_site(settings: KindSettings[S3Settings, S3Profiles]) -> S3Site:
-    """Read the controller's orders and programs from the files of a configuration. Raises ConfigError."""
+    """Read the controller's orders and programs from the files that a configuration names. Raises ConfigError if a
+    file is invalid.
+    """
     orders, programs = settings.client.orders_file, settings.emulated.robot.program_folder
     return S3Site(
         read_orders(Path(orders), settings.client.link.max_telegram) if orders else KNOWN,
@@ -61,9 +63,9 @@ def robot_site(settings: KindSettings[S3Settings, S3Profiles]) -> S3Site:
 
 
 async def connect(url: str, settings: KindSettings[S3Settings, S3Profiles], wiring: Wiring) -> S3Link:
-    """Connect to the controller on a byte wire; it is not started yet.
+    """Connect to the controller on a byte wire, without starting the link.
 
-    Raises ConfigError for the URL and the orders file, TransportUnavailable for the wire.
+    Raises ConfigError for an invalid URL or orders file, TransportUnavailable if the wire cannot be opened.
     """
     orders_file, link = settings.client.orders_file, settings.client.link
     orders = read_orders(Path(orders_file), link.max_telegram) if orders_file else KNOWN
@@ -75,8 +77,8 @@ async def connect(url: str, settings: KindSettings[S3Settings, S3Profiles], wiri
 
 
 async def probe(url: str, settings: KindSettings[S3Settings, S3Profiles], wiring: Wiring) -> ProbeResult:
-    """Probe a controller with these settings of its link; only its status is read. Standby is not a refusal, because a
-    run ends it by itself.
+    """Probe a controller with these link settings by reading its status only. Standby is not a refusal, because a
+    run ends it automatically.
     """
     robot = await connect(url, settings, wiring)
     try:
@@ -102,14 +104,16 @@ async def probe(url: str, settings: KindSettings[S3Settings, S3Profiles], wiring
 
 
 def facts(url: str, settings: KindSettings[S3Settings, S3Profiles]) -> RobotFacts:
-    """Return the facts of a controller on this wire, with a servo like the emulated one's."""
+    """Return the facts of a controller on this wire. The servo is assumed to equal the servo of the emulated
+    controller.
+    """
     link = robot_wire(url, settings.client.link)[1] if url else settings.client.link
     return robot_facts(link, settings.emulated.servo)
 
 
 def make(settings: KindSettings[S3Settings, S3Profiles]) -> RobotFactory:
-    """Return a factory of the controller that the cell's section describes, with the orders and programs of its
-    site.
+    """Return a factory of the controller that the configuration section of the cell describes, with the orders and
+    programs of its site.
     """
     return make_robot(settings.emulated, robot_site(settings))
 
@@ -117,15 +121,15 @@ def make(settings: KindSettings[S3Settings, S3Profiles]) -> RobotFactory:
 async def serve(
     url: str, robot: Any, settings: KindSettings[S3Settings, S3Profiles], serving: Serving
 ) -> str:
-    """Let the emulated controller listen. A port in memory without line settings gets the controller's."""
+    """Let the emulated controller listen. A port in memory without line settings has the controller's settings."""
     line = _line(settings.emulated.link)
-    unnamed = url.startswith("memory:") and "?" not in url  # its address contains no line settings
+    unnamed = url.startswith("memory:") and "?" not in url  # the URL contains no line settings
     address = await serving.serve_bytes(with_line(url, line) if unnamed else url, robot.endpoint)
     return with_line(address, line) if unnamed else address
 
 
 def usual(settings: KindSettings[S3Settings, S3Profiles], virtual: bool) -> str:
-    """Return the default URL to listen on: in real time a line like the real controller's."""
+    """Return the default URL to listen on. In real time, it is a serial line like the line of the real controller."""
     return "memory:robot" if virtual else with_line("pty:", _line(settings.emulated.link))
 
 
@@ -135,7 +139,9 @@ MISHAPS = {"refused": "key-manual", "stopped": "safeguard-stop"}
 def late(
     quantiles_ms: Mapping[str, Sequence[float]], url: str, settings: KindSettings[S3Settings, S3Profiles]
 ) -> LateSettings:
-    """Return the settings for a controller with this latency, on the recorded line, which its URL may have set."""
+    """Return the settings for a controller with this latency on the recorded line. The line settings may come from
+    the URL of the recorded run.
+    """
     link = settings.client.link
     return LateSettings(NOTES, late_settings(quantiles_ms, robot_wire(url, link)[1] if url else link))
 

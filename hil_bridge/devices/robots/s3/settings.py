@@ -1,4 +1,4 @@
-"""Settings of an S3 controller and its computer link, as the bridge sees them."""
+"""Client settings of an S3 controller and its computer link."""
 
 from dataclasses import dataclass, field
 
@@ -7,9 +7,9 @@ from protocol.devices.s3.adlp import LinkProfile
 
 @dataclass(frozen=True, slots=True)
 class S3Settings:
-    """Settings in `[robot.s3]`."""
+    """Settings in the section `[robot.s3]`."""
 
     orders_file: str = ""
-    """TOML file of orders that this controller knows beside the usual ones; empty: none."""
+    """TOML file with further orders of this controller, in addition to the known orders; empty for none."""
     link: LinkProfile = field(default_factory=LinkProfile)
-    """Known and assumed facts about the computer link."""
+    """Known and assumed settings of the computer link."""

@@ -1,4 +1,4 @@
-"""Descriptions of the flags in a status that keep an S3 robot from moving."""
+"""Descriptions of the status flags that prevent an S3 robot from moving."""
 
 from collections.abc import Sequence
 
@@ -15,33 +15,33 @@ _STATES = (
     ),
     ("operation", False, "in standby", "start again"),
 )
-"""Flags of a status that keep the robot from moving: flag, value, text, remedy."""
+"""Status flags that prevent the robot from moving: flag, value, text, remedy."""
 _SURE = ("emergency_stop", "operation")
-"""Flags whose position was observed; that of the others is assumed."""
+"""Flags whose position in the status was observed. The position of the other flags is assumed."""
 
 
 def describe_stop(status: Status, check_flags: bool, standby: bool = True) -> tuple[str, str] | None:
-    """Describe what keeps the robot from moving, with the first remedy; None if nothing does.
+    """Describe the flags that prevent the robot from moving, with the first remedy. Return None if there are none.
 
-    `check_flags`: include flags whose position is assumed. `standby`: include standby.
+    `check_flags` includes the flags whose position is assumed. `standby` includes standby.
     """
-    shown = [
-        (words, remedy)
-        for name, value, words, remedy in _STATES
+    states = [
+        (text, remedy)
+        for name, value, text, remedy in _STATES
         if getattr(status, name) is value
         and (check_flags or name in _SURE)
         and (standby or name != "operation")
     ]
-    return (_together([words for words, _ in shown]), shown[0][1]) if shown else None
+    return (_together([text for text, _ in states]), states[0][1]) if states else None
 
 
 def describe_new_stop(status: Status, fit: Status | None) -> str:
-    """Describe what keeps the robot from moving, except what already did when its status was `fit`; "" if
-    nothing does.
+    """Describe the flags that prevent the robot from moving, except the flags that were already set in its status
+    `fit`. Return "" if there are none.
     """
     new = [
-        words
-        for name, value, words, _ in _STATES
+        text
+        for name, value, text, _ in _STATES
         if getattr(status, name) is value and (fit is None or getattr(fit, name) is not value)
     ]
     return _together(new)

@@ -1,1 +1,1 @@
-"""ATI NETCANOEM board."""
+"""ATI NETCANOEM boards."""

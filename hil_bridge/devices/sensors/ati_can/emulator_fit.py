@@ -1,4 +1,4 @@
-"""Settings of the emulated board with the noise of a measured one."""
+"""Settings with which the emulated board has the noise of a measured board."""
 
 import math
 from typing import Any
@@ -7,7 +7,7 @@ from hil_bridge.devices.emulator_fit import Sections, SensorFigures, given, know
 
 
 def match(settings: Any, figures: SensorFigures) -> Sections:
-    """Return the gage noise that causes the mean noise of the axes, see `hil_bridge.devices.emulator_fit`."""
+    """Return the gage noise that causes the mean noise of the axes; see `hil_bridge.devices.emulator_fit`."""
     profile = settings.emulated
     gages = None
     if all(map(math.isfinite, figures.noise)):

@@ -1,5 +1,5 @@
-"""Device package for an ATI NETCANOEM board: a CAN bus of 250 kbit/s, real, in memory, or on an emulated slcan
-adapter.
+"""Device package for an ATI NETCANOEM board on a CAN bus of 250 kbit/s: a real bus, a bus in memory, or an emulated
+slcan adapter.
 """
 
 from typing import Any
@@ -17,7 +17,7 @@ from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, parse_url
 from protocol.devices.ati_can import BITRATE, AtiCanClient, AtiCanClientProfile, can_messages, describe, heard
 
 _SLCAN = "can+slcan+"
-"""Prefix of a listening byte URL: an emulated slcan adapter on that wire."""
+"""URL prefix that selects an emulated slcan adapter on a listening byte wire."""
 
 
 async def _connect(

@@ -1,1 +1,1 @@
-"""Robotiq FT 300."""
+"""Robotiq FT 300 sensors."""

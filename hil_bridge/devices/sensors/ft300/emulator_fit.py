@@ -1,4 +1,4 @@
-"""Settings of the emulated sensor with the noise of a measured one."""
+"""Settings with which the emulated sensor has the noise of a measured sensor."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from hil_bridge.devices.emulator_fit import Sections, SensorFigures, given, know
 
 
 def match(settings: Any, figures: SensorFigures) -> Sections:
-    """Return noise and drift, see `hil_bridge.devices.emulator_fit`."""
+    """Return noise and drift; see `hil_bridge.devices.emulator_fit`."""
     return {
         "cell.ft300": given(
             noise_n=known(figures.noise[:3]),

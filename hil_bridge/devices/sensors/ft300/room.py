@@ -1,4 +1,5 @@
-"""Device package for a Robotiq FT 300: a serial line, 19200 baud 8N1 unless the URL sets it, or Robotiq's URCap.
+"""Device package for a Robotiq FT 300 on a serial line, 19200 baud 8N1 unless the URL sets it, or behind Robotiq's
+URCap.
 
 The URCap serves text on a UR controller: `ft300-urcap+tcp://192.168.1.20:63351`.
 """
@@ -33,7 +34,7 @@ _URCAP_WIRES = {scheme: CONNECT_BYTES[scheme] for scheme in ("tcp", "memory")}
 
 
 def _parse(url: str, settings: _Settings) -> WireUrl:
-    """Parse a URL. Raises ConfigError for the port of a URCap, too, and names the right kind."""
+    """Parse a URL. Raises ConfigError for an invalid URL. For the port of a URCap, the error names the right kind."""
     parsed = parse_url(with_baudrate(url, BAUDRATE, CONNECT_BYTES), CONNECT_BYTES)
     if parsed.scheme == "tcp" and parsed.host_port[1] == URCAP_PORT:
         raise ConfigError(
@@ -57,7 +58,7 @@ async def _serve(url: str, sensor: Any, settings: _Settings, serving: Serving) -
 
 
 _FRAME_BYTES = 16
-"""Derived: bytes of a message of the stream, each of which may be lost."""
+"""Number of bytes in a message of the stream, each of which may be lost. Derived."""
 
 SENSOR = SensorKind(
     "ft300",

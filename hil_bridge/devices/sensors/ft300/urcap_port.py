@@ -1,4 +1,4 @@
-"""Port of an emulated URCap: one stream of text for the first clients, while further ones wait."""
+"""Port of an emulated URCap. The first clients share one stream of text; further clients wait."""
 
 import asyncio
 from collections.abc import Callable
@@ -17,8 +17,8 @@ _WIRES = {scheme: replace(LISTEN_BYTES[scheme], options={}) for scheme in ("tcp-
 
 
 async def serve_texts(url: str, server: Any, most: int, serving: Serving) -> str:
-    """Let a URCap serve up to `most` clients at a time and return the URL for a client. Raises ConfigError,
-    TransportUnavailable.
+    """Let a URCap serve up to `most` clients at a time, and return the URL for a client. Raises ConfigError for an
+    invalid URL, TransportUnavailable if the port cannot be opened.
     """
     parsed = parse_url(url, _WIRES)
     port = _Port(parsed.name, most, server.begin)
@@ -36,7 +36,7 @@ async def serve_texts(url: str, server: Any, most: int, serving: Serving) -> str
 
 
 class _Port:
-    """Wires of all clients, combined into one; data from them are ignored. A `Transport` of bytes."""
+    """`Transport` of bytes that combines the wires of all clients. Data from the clients are ignored."""
 
     stop: Callable[[], None]
     """Stops listening."""
@@ -45,7 +45,7 @@ class _Port:
         self.name = name
         self._most, self._on_first = most, on_first
         self._wires: list[Transport[bytes]] = []
-        """In order of connection."""
+        """Wires of the clients, in order of connection."""
         self._closing: set[asyncio.Task[None]] = set()
 
     def welcome(self, wire: Transport[bytes]) -> None:
@@ -56,11 +56,11 @@ class _Port:
         wire.start(lambda data: None, lambda error: self._left(wire))
 
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
-        """Do nothing: a client that disconnects does not end the stream."""
+        """Do nothing, because a client that disconnects does not end the stream."""
 
     def send(self, data: bytes) -> None:
         for wire in self._wires[: self._most]:
-            with suppress(TransportError):  # it disconnects, or does not read
+            with suppress(TransportError):  # the client disconnects, or does not read
                 wire.send(data)
 
     async def aclose(self) -> None:

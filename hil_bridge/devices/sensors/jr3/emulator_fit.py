@@ -1,4 +1,4 @@
-"""Settings of the emulated JR3 with the noise of a measured one."""
+"""Settings with which the emulated JR3 has the noise of a measured sensor."""
 
 import math
 from typing import Any
@@ -7,17 +7,17 @@ from hil_bridge.devices.emulator_fit import Sections, SensorFigures, behind_filt
 
 
 def match_gateway(settings: Any, figures: SensorFigures) -> Sections:
-    """Return the noise behind the filter of the CAN gateway, see `hil_bridge.devices.emulator_fit`."""
+    """Return the noise for a sensor behind the filter of the CAN gateway; see `hil_bridge.devices.emulator_fit`."""
     return _match(settings.client.gateway, figures)
 
 
 def match_uart(settings: Any, figures: SensorFigures) -> Sections:
-    """Return the noise behind the filter of the UART gateway."""
+    """Return the noise for a sensor behind the filter of the UART gateway."""
     return _match(settings.client.uart, figures)
 
 
 def _match(client: Any, figures: SensorFigures) -> Sections:
-    """Return the noise in counts before the gateway's filter, averaged over the axes with a known noise."""
+    """Return the noise before the gateway's filter, in counts, averaged over the axes with a known noise."""
     counts = [noise / scale for noise, scale in zip(figures.noise, figures.scales, strict=True)]
     known = [value for value in counts if math.isfinite(value)]
     if not known:

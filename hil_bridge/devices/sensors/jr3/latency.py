@@ -1,16 +1,19 @@
-"""Settings of the emulated JR3's gateway from a site's measured latency."""
+"""Settings of the emulated JR3 gateway for the measured latency of a site."""
 
 from collections.abc import Callable, Sequence
 
 from hil_bridge.devices.emulator_fit import LateSettings
 
 _GATEWAYS = {"jr3": "cell.jr3.gateway", "jr3-uart": "cell.jr3.uart"}
-"""Sections of the emulated gateways, by kind of sensor. A board's samples arrive when they are read."""
+"""Sections of the emulated gateways, by kind of sensor. A board is not included, because its samples arrive when
+they are read.
+"""
 NOT_EMULATED = "the delay of a receiver board's samples is not emulated"
 
 
 def late_settings(sensor: str, quantiles_ms: Callable[[], Sequence[float]]) -> LateSettings:
-    """Return the settings of a sensor with this delay of its frames. The quantiles are computed only if they are used.
+    """Return the settings of a sensor with this delay of its frames. The quantiles are computed only if they are
+    needed.
 
     `sensor` is the kind of receiver, as in `sensor.emulated`.
     """

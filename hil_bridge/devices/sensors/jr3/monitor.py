@@ -1,4 +1,4 @@
-"""Monitor of a JR3 gateway's bus, frame by frame."""
+"""Monitor of the CAN bus of a JR3 gateway, frame by frame."""
 
 import asyncio
 from functools import partial
@@ -13,12 +13,12 @@ from protocol.devices.jr3 import GATEWAY_BITRATE, describe
 
 
 def monitor_can(url: str, raw: bool) -> None:
-    """Print the frames of a JR3 gateway's bus until Ctrl-C; errors as for a link's monitor."""
+    """Print the frames on the bus of a JR3 gateway until Ctrl-C. Errors as for the monitor of a link."""
     run_real(lambda: listen_can(url, Printer(raw)))
 
 
 async def listen_can(url: str, show: Printer) -> None:
-    """Print the frames of a bus until a signal or its end; errors as for `monitor_can`."""
+    """Print the frames on a bus until a signal arrives or the bus ends. Errors as for `monitor_can`."""
     clock = Clock.running()
 
     def arrived(frames: Frames) -> None:
@@ -45,7 +45,7 @@ async def listen_can(url: str, show: Printer) -> None:
 
 
 def frame_text(frame: CanFrame) -> tuple[str, str, bool]:
-    """Return direction and description of a frame of a JR3 gateway, and whether it has problems."""
+    """Return direction and description of a frame of a JR3 gateway, and whether the frame has problems."""
     description = describe(frame)
     fields, problems = description["fields"], description["problems"]
     assert isinstance(fields, list)

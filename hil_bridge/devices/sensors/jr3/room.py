@@ -41,18 +41,18 @@ from protocol.devices.jr3 import (
 from protocol.devices.jr3.registers import BoardClient
 
 SLCAN = "can+slcan+"
-"""Prefix of a listening byte URL: an emulated slcan adapter on that wire."""
+"""URL prefix that selects an emulated slcan adapter on a listening byte wire."""
 _SECTION = "jr3"
-"""Name of the sections that the receivers share."""
+"""Name of the configuration sections that all receivers share."""
 _UART_BYTES = 18
-"""Derived: bytes of a frame on the UART gateway's line, each of which may be lost."""
+"""Number of bytes in a frame on the UART gateway's line, each of which may be lost. Derived."""
 
 
 # --- CAN gateway
 
 
 def _check_can(url: str) -> None:
-    """Raise ConfigError for a byte wire, and name the receivers that have one."""
+    """Raise ConfigError for a byte wire. The error names the receivers that use byte wires."""
     if not url.startswith("can+"):
         raise ConfigError(
             f"{f'jr3+{url}'!r}: a CAN gateway has no such wire; did you mean jr3-board+{url} for a receiver board, or "
@@ -88,7 +88,9 @@ async def _serve_can(
 
 
 def slcan_address(port: str) -> str:
-    """Return the CAN URL of an emulated adapter on a pseudo-terminal, with the rate of its line if it has one."""
+    """Return the CAN URL of an emulated adapter on a pseudo-terminal, including the baud rate of the line if it has
+    one.
+    """
     wire = parse_url(port, CONNECT_BYTES)
     rate = wire.options.get("baudrate")
     return f"can+slcan://{wire.target}?bitrate={GATEWAY_BITRATE}{f'&tty_baudrate={rate}' if rate else ''}"
@@ -102,7 +104,7 @@ def _make_gateway(settings: KindSettings[Jr3Settings, Jr3Profiles]) -> SensorFac
 
 
 def uart_line(url: str, schemes: Mapping[str, Any]) -> str:
-    """Add the gateway's line settings, 115200 baud 8N1, to the URL of a serial wire without any."""
+    """Return the URL of a serial wire with the gateway's line settings, 115200 baud 8N1, if it contains none."""
     head, _, query = url.partition("?")
     known = schemes.get(head.partition(":")[0])
     if known is None or "baudrate" not in known.options or "baudrate=" in query:
@@ -149,8 +151,8 @@ async def _serve_board(
 
 
 def _make_board(settings: KindSettings[Jr3Settings, Jr3Profiles]) -> SensorFactory:
-    """Return a factory of boards. The ground truth uses the filter of the settings, even if a client's URL names
-    another.
+    """Return a factory of boards. The ground truth uses the filter from the settings, even if a client's URL
+    selects another filter.
     """
     return make_board(settings.emulated.sensor, settings.emulated.board, settings.client.board.filter)
 

@@ -1,4 +1,4 @@
-"""Settings of the gateway or receiver of a JR3 sensor, for the client."""
+"""Client settings for the gateway or receiver of a JR3 sensor."""
 
 from dataclasses import dataclass, field
 
@@ -8,11 +8,11 @@ from protocol.devices.jr3.registers import BoardClientProfile
 
 @dataclass(frozen=True, slots=True)
 class Jr3Settings:
-    """Settings in `[sensor.jr3]`, for any gateway or receiver."""
+    """Settings in the section `[sensor.jr3]`, for any gateway or receiver."""
 
     gateway: GatewayClientProfile = field(default_factory=GatewayClientProfile)
-    """Requests of the client to a CAN gateway."""
+    """Settings of the client's requests to a CAN gateway."""
     board: BoardClientProfile = field(default_factory=BoardClientProfile)
-    """Requests of the client to a receiver board."""
+    """Settings of the client's requests to a receiver board."""
     uart: UartGatewayClientProfile = field(default_factory=UartGatewayClientProfile)
-    """Requests of the client to a UART gateway."""
+    """Settings of the client's requests to a UART gateway."""

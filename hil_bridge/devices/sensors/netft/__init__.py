@@ -1,1 +1,1 @@
-"""ATI Net F/T: its wire, its page, its settings."""
+"""ATI Net F/T boxes: wire, page, settings."""

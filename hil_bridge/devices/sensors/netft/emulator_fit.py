@@ -1,4 +1,4 @@
-"""Settings of the emulated box with the noise of a measured one."""
+"""Settings with which the emulated box has the noise of a measured box."""
 
 import math
 from typing import Any
@@ -8,7 +8,7 @@ from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 
 
 def match(settings: Any, figures: SensorFigures) -> Sections:
-    """Return the nearest filter, and the noise before it, see `hil_bridge.devices.emulator_fit`."""
+    """Return the nearest filter, and the noise before that filter; see `hil_bridge.devices.emulator_fit`."""
     number = 0
     if not math.isnan(figures.cutoff_hz):
         number = min(

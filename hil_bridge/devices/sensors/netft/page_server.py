@@ -1,4 +1,6 @@
-"""Pages of an emulated Net F/T over TCP: one GET per connection, as from browsers and other clients."""
+"""Server of the pages of an emulated Net F/T over TCP. Each connection has one GET request, as from browsers and
+other clients.
+"""
 
 import asyncio
 from collections.abc import Callable
@@ -6,18 +8,20 @@ from collections.abc import Callable
 from hil_bridge.transports import reasons
 
 CLIENT_LIMIT = 8
-"""Chosen: connections at a time; a further one is closed at once."""
+"""Maximum number of simultaneous connections; any further connection is closed at once. Chosen."""
 PATIENCE_S = 5.0
-"""Chosen: time after which a client without a request is disconnected."""
+"""Time after which a client without a request is disconnected, s. Chosen."""
 _REQUEST_LIMIT = 16384
-"""Chosen: most bytes of a request."""
+"""Maximum size of a request, bytes. Chosen."""
 
 Answer = Callable[[bytes], bytes | None]
-"""Returns the answer to the bytes received so far; None if more are needed, or while the box boots."""
+"""Function that returns the answer to the bytes received so far, or None if more bytes are needed or the box is
+booting.
+"""
 
 
 class PageServer:
-    """Server that answers with `answer`."""
+    """Server that answers requests with the function `answer`."""
 
     def __init__(self, answer: Answer) -> None:
         self._answer = answer
@@ -25,7 +29,7 @@ class PageServer:
         self._clients: set[asyncio.Task[None]] = set()
 
     async def listen(self, host: str, port: int) -> int:
-        """Start to listen and return the actual port. Raises TransportUnavailable."""
+        """Start listening and return the actual port. Raises TransportUnavailable if the port cannot be opened."""
         try:
             self._server = await asyncio.start_server(self._serve, host, port)
         except OSError as error:
@@ -53,7 +57,7 @@ class PageServer:
             async with asyncio.timeout(PATIENCE_S):
                 await self._exchange(reader, writer)
         except (TimeoutError, ConnectionError):
-            pass  # it has disconnected, or sends no request
+            pass  # the client has disconnected, or sends no request
         finally:
             self._clients.discard(task)
             writer.close()

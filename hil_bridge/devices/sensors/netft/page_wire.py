@@ -1,4 +1,6 @@
-"""Datagrams of a Net F/T, and its page: fetched over HTTP in parallel, passed to the client as a `Page`."""
+"""Datagrams of a Net F/T, and its page. The page is fetched over HTTP in parallel and passed to the client as a
+`Page`.
+"""
 
 import asyncio
 from collections.abc import Callable
@@ -11,14 +13,16 @@ from protocol.devices.netft.http import Page, encode_get, read_answer
 from protocol.endpoint import RemoteProtocolError
 
 RETRY_S = 0.25
-"""Time between two attempts to get the page. Chosen: as netft-cpp does at first."""
+"""Time between two attempts to fetch the page, s. Chosen: the initial value of netft-cpp."""
 
 
 class WithPage:
-    """Transport of datagrams that fetches the page after its start, until it has it."""
+    """Transport of datagrams that also fetches the page, from its start until an attempt succeeds."""
 
     def __init__(self, wire: Transport[Datagrams], page_url: str, timeout_s: float, clock: Clock) -> None:
-        """`page_url` is the byte wire of the page's server; one answer may take `timeout_s`."""
+        """Create a transport. `page_url` is the byte wire of the page's server; `timeout_s` is the time-out for one
+        answer, s.
+        """
         self.name = wire.name
         self.send = wire.send
         self._wire = wire
@@ -28,12 +32,12 @@ class WithPage:
         self._task: asyncio.Task[None] | None = None
 
     def start(self, on_data: Callable[[Datagrams], None], on_end: Callable[[TransportError], None]) -> None:
-        """Start both."""
+        """Start the datagram wire and the fetching of the page."""
         self._wire.start(on_data, on_end)
         self._task = self._clock.loop.create_task(self._fetch(on_data))
 
     async def aclose(self) -> None:
-        """Close both."""
+        """Stop fetching the page and close the datagram wire."""
         if self._task is not None:
             self._task.cancel()
             with suppress(asyncio.CancelledError):
@@ -49,7 +53,7 @@ class WithPage:
             await self._clock.sleep_until(self._clock.now() + RETRY_S)
 
     async def _page(self) -> Page:
-        """Return the page, or the reason why this attempt failed."""
+        """Return the page, or the reason why this attempt has failed."""
         try:
             wire = await connect_bytes(self._url, self._clock, lambda kind, text: None)
         except BridgeError as error:

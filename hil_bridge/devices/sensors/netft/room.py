@@ -1,7 +1,7 @@
-"""Device package for an ATI Net F/T: its URL contains the host and port of its records, and the port of its page.
+"""Device package for an ATI Net F/T. The URL contains the host and port of the records, and the port of the page.
 
-`netft+udp://192.168.1.1:49152?http_port=80`. In virtual time both are in memory: the records at `udp+memory:NAME`, the
-page at the byte wire `memory:NAME-page`.
+`netft+udp://192.168.1.1:49152?http_port=80`. In virtual time both are in memory: the records at `udp+memory:NAME`,
+the page at the byte wire `memory:NAME-page`.
 """
 
 from typing import Any
@@ -30,7 +30,9 @@ _MEMORY = "udp+memory"
 
 
 def split_url(url: str) -> tuple[str, int | None]:
-    """Split a URL into the wire's URL and the port of the page, None if it contains none. Raises ConfigError."""
+    """Split a URL into the wire's URL and the port of the page. The port is None if the URL does not contain it.
+    Raises ConfigError if the URL is invalid.
+    """
     wire, text = split_option(url, _OPTION)
     if text is None:
         return url, None
@@ -40,7 +42,7 @@ def split_url(url: str) -> tuple[str, int | None]:
 
 
 def _page_url(wire: WireUrl, port: int) -> str:
-    """Return the byte wire of the page that belongs to a wire of datagrams."""
+    """Return the byte wire of the page for a wire of datagrams."""
     if wire.scheme == _MEMORY:
         return f"memory:{wire.target}-page"
     host, _ = wire.host_port

@@ -30,7 +30,7 @@ def _buses(clock: Clock) -> dict[str, MemoryCanBus]:
 def join_memory_can(
     name: str, bitrate: int | None, clock: Clock, accept: Sequence[CanFilter] = ()
 ) -> MemoryCanNode:
-    """Connect a node to the bus of this name in this loop; the first one creates the bus and sets its bit rate.
+    """Connect a node to the bus of this name in this loop. The first node creates the bus and sets its bit rate.
 
     Raises ConfigError if the bus exists with another bit rate.
     """
@@ -44,7 +44,7 @@ def join_memory_can(
 
 
 def memory_can_bus(name: str, clock: Clock) -> MemoryCanBus:
-    """Return the bus itself, to read its load or to disturb it. Raises ConfigError for a bus without nodes."""
+    """Return the bus of this name, to read its load or to disturb it. Raises ConfigError if the bus has no nodes."""
     bus = _buses(clock).get(name)
     if bus is None or bus.empty:
         raise ConfigError(f"can+memory:{name}: this bus has no nodes; open a node first")

@@ -1,4 +1,4 @@
-"""CAN bus inside one event loop, true to the wire: bit times, arbitration, acknowledge, errors."""
+"""CAN bus inside one event loop, with the bit times, arbitration, acknowledgement and errors of a real bus."""
 
 import math
 from collections.abc import Sequence
@@ -27,59 +27,61 @@ BITRATE = 1_000_000
 
 @dataclass(slots=True)
 class _Attempt:
-    """Frame on the bus, or the same frame repeated while no node acknowledges it."""
+    """Attempt to send a frame, or its repetitions while no node acknowledges it."""
 
     sender: MemoryCanNode
     frame: CanFrame
     receivers: list[MemoryCanNode]
     start: int
-    """Bit time of its start of frame."""
+    """Bit time of the start of frame."""
     bits: int
-    """Bit times to its end, without the intermission."""
+    """Duration of the attempt without the intermission, bit times."""
     end: int
-    """Bit time of its end."""
+    """Bit time of the end of the attempt."""
     failed: bool = False
     acknowledge_missing: bool = False
     accepted: bool = True
-    """Whether the receivers accept the frame, even if it has failed for its sender."""
+    """Whether the receivers accept the frame, even if the attempt has failed for its sender."""
     repeats: int = 1
 
     @property
     def cycle(self) -> int:
-        """Bit times between two repetitions of an error-passive node."""
+        """Time between the starts of two repetitions of an error-passive node, bit times."""
         return self.bits + INTERMISSION_BITS + SUSPEND_BITS
 
     def repeat(self, times: int) -> None:
-        """Repeat the frame, this many times in total."""
+        """Repeat the frame, `times` times in total."""
         self.repeats = times
         self.end = self.start + (times - 1) * self.cycle + self.bits
 
 
 def _spoil(attempt: _Attempt, hit: int | None) -> None:
-    """Disturb the attempt at a complete frame at a bit time, and leave it without ACK if there is no receiver."""
-    whole = attempt.bits
-    acknowledge = whole - ACK_DELIMITER_BITS - END_OF_FRAME_BITS
+    """Disturb the attempt at the bit `hit`, counted in a complete frame. If there is no receiver, the ACK is
+    missing.
+    """
+    length = attempt.bits
+    acknowledge = length - ACK_DELIMITER_BITS - END_OF_FRAME_BITS
     missing = not attempt.receivers and (hit is None or hit > acknowledge)
     failed_at = acknowledge if missing else hit
     attempt.failed, attempt.acknowledge_missing = failed_at is not None, missing
-    # the last bit is too late for a receiver to object
-    attempt.accepted = failed_at is None or failed_at == whole
+    # in the last bit, it is too late for a receiver to reject the frame
+    attempt.accepted = failed_at is None or failed_at == length
     if failed_at is not None:
         attempt.bits = failed_at + ERROR_FLAG_BITS + ERROR_DELIMITER_BITS
         attempt.end = attempt.start + attempt.bits
 
 
 class MemoryCanBus:
-    """Bus with any number of nodes.
+    """CAN bus with any number of nodes.
 
-    Each node sends its own frames in order; of the waiting frames, the one that wins the arbitration is sent first. The
-    others receive it at the end of its end of frame, stamped with that time. A frame that is disturbed or not
-    acknowledged is followed by an error frame and sent again. The nodes count errors, become error passive, go bus-off
-    and recover as ISO 11898-1 specifies.
+    Each node sends its own frames in order. Of the waiting frames, the frame that wins the arbitration is sent
+    first. The other nodes receive it at the end of its end of frame, stamped with that time. A frame that is
+    disturbed or not acknowledged is followed by an error frame and sent again. The nodes count errors, become error
+    passive, go bus-off and recover as ISO 11898-1 specifies.
 
-    Simplified: all nodes detect a disturbance in the same bit, so that their error flags coincide. A node that leaves
-    during a frame has acknowledged it. Two nodes that send the same identifier at once would destroy each other's
-    frames; here they take turns, and `collisions` counts it.
+    Simplified: all nodes detect a disturbance in the same bit, so that their error flags coincide. A node that
+    leaves during a frame has acknowledged it. Two nodes that send the same identifier at once would destroy each
+    other's frames; here they take turns, and `collisions` counts this.
     """
 
     def __init__(self, clock: Clock, bitrate: int = BITRATE, name: str = "can+memory:bus") -> None:
@@ -93,20 +95,20 @@ class MemoryCanBus:
         self._clock = clock
         self._nodes: list[MemoryCanNode] = []
         self._opened = self._begun = clock.now()
-        """Start of the bus, and of the present uninterrupted traffic."""
+        """Time at which the bus was created, and start of the present uninterrupted traffic, s."""
         self._bits = 0
-        """Bit times from then to the earliest start of the next frame."""
+        """Bit times from the start of the present traffic to the earliest start of the next frame."""
         self._start = 0
         """Bit time of the next arbitration."""
         self._busy = 0
-        """Bit times of completed frames, error frames and intermissions."""
+        """Total bit times of completed frames, error frames and intermissions."""
         self._attempt: _Attempt | None = None
         self._timer: Timer | None = None
-        """Timer of the attempt's end, the next arbitration, or the next recovery from bus-off."""
+        """Timer of the end of the attempt, of the next arbitration, or of the next recovery from bus-off."""
         self._suspended: MemoryCanNode | None = None
-        """Error-passive sender of the last frame; all others have priority over it."""
+        """Error-passive sender of the last frame. All other nodes have priority over it."""
         self._free_since: float | None = None
-        """Time at which the bus became free while a node is bus-off."""
+        """Time at which the bus became free while a node is bus-off, s."""
         self._calling_back = False
 
     @property
@@ -116,7 +118,7 @@ class MemoryCanBus:
 
     @property
     def disturb(self) -> Disturbance | None:
-        """Function that disturbs frames; may be replaced while running, from the next frame on."""
+        """Function that disturbs frames. It may be replaced at any time, with effect from the next frame on."""
         return self._disturb
 
     @disturb.setter
@@ -130,17 +132,21 @@ class MemoryCanBus:
         return self._clock.now()
 
     def load(self) -> float:
-        """Share of the time since opening in which the bus was busy, percent."""
+        """Share of the time since opening for which the bus was busy, percent."""
         elapsed = self._clock.now() - self._opened
         return 100.0 * self.busy_s / elapsed if elapsed > 0.0 else 0.0
 
     @property
     def busy_s(self) -> float:
-        """Time for which the bus was busy with completed traffic, s; differences give the load of any window."""
+        """Total time for which the bus was busy with completed traffic, s. The difference between two values gives
+        the load of any interval.
+        """
         return self._busy / self.bitrate
 
     def connect(self, accept: Sequence[CanFilter] = ()) -> MemoryCanNode:
-        """Connect a new node that receives frames matching one of the filters, or all frames without filters."""
+        """Connect a new node. It receives the frames that match one of the filters, or all frames if there are no
+        filters.
+        """
         node = MemoryCanNode(self, accept)
         self._nodes.append(node)
         if not self._joins():
@@ -155,7 +161,7 @@ class MemoryCanBus:
             self._schedule(self._clock.now())
 
     def wake(self, node: MemoryCanNode) -> None:
-        """Handle a node that has something to send."""
+        """Handle a node that has a frame to send."""
         # otherwise the end of the attempt, of the callbacks or of bus-off handles it
         if node.on_bus and not self._calling_back and not self._joins() and self._attempt is None:
             self._schedule(self._clock.now())
@@ -168,7 +174,7 @@ class MemoryCanBus:
         return self._attempt is not None and self._clock.now() < self._at(self._attempt.start)
 
     def _joins(self) -> bool:
-        """Arbitrate again for a node that joins before the start of a frame; return whether there is one."""
+        """Arbitrate again for a node that joins before the start of a frame. Return whether there is such a frame."""
         attempt = self._attempt
         if attempt is None or self._calling_back or self._clock.now() > self._at(attempt.start):
             return False
@@ -193,7 +199,7 @@ class MemoryCanBus:
             self._begun, self._bits, start, at = not_before, 0, 0, not_before
         self._start = start
         at_once = at <= self._clock.now()
-        # With one node alone no arbitration is needed, nor its timer, until another node joins. But a node that is
+        # While there is only one node, neither arbitration nor its timer is needed. But a node that is
         # bus-off may have frames to drop at an arbitration.
         if (
             len(waiting) == 1
@@ -239,23 +245,25 @@ class MemoryCanBus:
             sender = min(best, key=lambda node: node.queue.progress)
         frame = sender.queue.head
         receivers = [node for node in self._nodes if node is not sender and node.on_bus]
-        start, disturb, whole = self._bits, self._disturb, frame_time_bits(frame)
-        attempt = _Attempt(sender, frame, receivers, start, whole, start + whole)
+        start, disturb, length = self._bits, self._disturb, frame_time_bits(frame)
+        attempt = _Attempt(sender, frame, receivers, start, length, start + length)
         if not receivers or disturb is not None:
-            _spoil(attempt, None if disturb is None else disturb(frame, whole))
+            _spoil(attempt, None if disturb is None else disturb(frame, length))
             if attempt.acknowledge_missing and disturb is None and len(self._nodes) == 1:
                 self._repeat_alone(attempt)
         self._attempt, self._suspended = attempt, None
         self._timer = self._clock.call_at(self._begun + attempt.end / self.bitrate, self._over)
 
     def _repeat_alone(self, attempt: _Attempt) -> None:
-        """Skip the steps until another node joins or the frame is dropped: nothing can change before."""
+        """Skip the repetitions until another node joins or the frame is dropped, because nothing can change before
+        then.
+        """
         if attempt.sender.state is ErrorState.PASSIVE:
             left = (attempt.sender.queue.give_up_at - self._at(attempt.start)) * self.bitrate
             attempt.repeat(max(1, math.ceil(left / attempt.cycle)))
 
     def _cut_repeats(self) -> None:
-        """Handle a new node: the present repetition is the last one without it."""
+        """Handle a new node. The repetition in progress is the last one that the new node does not acknowledge."""
         attempt = self._attempt
         if attempt is not None and attempt.repeats > 1:
             passed = (self._clock.now() - self._at(attempt.start)) * self.bitrate
@@ -312,7 +320,7 @@ class MemoryCanBus:
         return [node for node in self._nodes if node.queue.frames and node.on_bus]
 
     def _rest(self) -> None:
-        """Handle an idle bus. A node that is bus-off recovers when the bus was free for long enough."""
+        """Handle an idle bus. A node that is bus-off recovers when the bus has been free for long enough."""
         needed = [node.recovery for node in self._nodes if not node.on_bus]
         if needed:
             self._free_since = max(self._at(self._bits), self._clock.now())
@@ -330,7 +338,7 @@ class MemoryCanBus:
         assert self._free_since is not None
         free = (self._clock.now() - self._free_since) * self.bitrate
         self._free_since = None
-        # a rounding error of the time must not cost a whole sequence
+        # a rounding error of the time must not cost a complete sequence
         self._count_sequences(int(free / BUS_FREE_BITS + 1e-6))
 
     def _count_sequences(self, sequences: int) -> None:
@@ -348,7 +356,7 @@ class MemoryCanBus:
             self._calling_back = False
 
     def _set_timer(self, bits: int | None) -> None:
-        """Replace the timer by one for this bit time, or by none."""
+        """Replace the timer by a timer for this bit time, or by none."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

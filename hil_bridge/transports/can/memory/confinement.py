@@ -1,5 +1,5 @@
-"""Fault confinement of a CAN node by its error counters. Source: ISO 11898-1, fault confinement; Bosch CAN 2.0, part B,
-chapter 8.
+"""Fault confinement of a CAN node by its error counters. Source: ISO 11898-1, fault confinement; Bosch CAN 2.0,
+part B, chapter 8.
 """
 
 from dataclasses import dataclass, replace
@@ -7,14 +7,16 @@ from dataclasses import dataclass, replace
 from protocol.can.error import CanErrorReport, Controller, ErrorClass, ErrorState
 
 WARNING_LIMIT = 96
-"""Warning limit of controllers and of SocketCAN; not part of the standard."""
+"""Error count at which controllers and SocketCAN report a warning. It is not part of the standard."""
 PASSIVE_LIMIT = 128
 BUS_OFF_LIMIT = 256
 RECOVERY_SEQUENCES = 128
-"""Sequences of eleven recessive bits that a node must detect before it recovers from bus-off."""
+"""Number of sequences of eleven recessive bits that a node must detect before it recovers from bus-off."""
 
 _COUNTER_MAX = 255
-"""Limit of the receive error counter: higher values have no meaning, and a report has one byte for it."""
+"""Maximum value of the receive error counter. Higher values have no meaning, and a report has one byte for the
+counter.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +28,7 @@ class ErrorCounters:
 
     @property
     def state(self) -> ErrorState:
-        """State of the node by its counters."""
+        """Error state of the node according to its counters."""
         highest = max(self.transmit, self.receive)
         if self.transmit >= BUS_OFF_LIMIT:
             return ErrorState.BUS_OFF
@@ -35,7 +37,7 @@ class ErrorCounters:
         return ErrorState.WARNING if highest >= WARNING_LIMIT else ErrorState.ACTIVE
 
     def sent(self) -> "ErrorCounters":
-        """Count an acknowledged frame of its own."""
+        """Count a frame of this node that was acknowledged."""
         return replace(self, transmit=self.transmit - 1) if self.transmit else self
 
     def received(self) -> "ErrorCounters":
@@ -43,8 +45,8 @@ class ErrorCounters:
         return replace(self, receive=min(self.receive, PASSIVE_LIMIT) - 1) if self.receive else self
 
     def send_failed(self, acknowledge_missing: bool) -> "ErrorCounters":
-        """Count an error in a frame of its own. A node that is alone and error passive stops counting: otherwise the
-        node that is switched on first would always go bus-off.
+        """Count an error in a frame of this node. A node that is alone and error passive stops counting; otherwise
+        the node that is switched on first would always go bus-off.
         """
         if acknowledge_missing and self.state is ErrorState.PASSIVE:
             return self
@@ -56,19 +58,19 @@ class ErrorCounters:
 
 
 def state_report(counters: ErrorCounters, cause: ErrorClass) -> CanErrorReport:
-    """Return SocketCAN's report for a change of the error state; `cause` adds a class."""
+    """Return the SocketCAN report of a change of the error state. `cause` adds an error class."""
     state = counters.state
     if state is ErrorState.BUS_OFF:
         return CanErrorReport(ErrorClass.BUS_OFF | cause)
     if state is ErrorState.ACTIVE:
         controller = Controller.ACTIVE
     else:
-        limit, by_sending, by_receiving = _REPORTED[state]
+        limit, transmit_flag, receive_flag = _REPORTED[state]
         controller = Controller(0)
         if counters.transmit >= limit:
-            controller |= by_sending
+            controller |= transmit_flag
         if counters.receive >= limit:
-            controller |= by_receiving
+            controller |= receive_flag
     return CanErrorReport(
         ErrorClass.CONTROLLER | ErrorClass.COUNTERS | cause,
         controller,

@@ -8,14 +8,14 @@ from typing import TypeAlias
 from protocol.can.frame import CanFrame
 
 Disturbance: TypeAlias = Callable[[CanFrame, int], int | None]
-"""Called with every frame that begins and its bits up to the end of the end of frame. It is called once more if another
-node joins the arbitration at the same instant. Returns the bit that all nodes read wrong, from 1, or None if the frame
-is undisturbed.
+"""Function that disturbs frames. It is called at the start of every frame with the frame and the number of its bits
+up to the end of the end of frame. It is called once more if another node joins the arbitration at the same time. It
+returns the number of the bit that all nodes read wrong, counted from 1, or None if the frame is undisturbed.
 """
 
 
 class BitErrors:
-    """Random bit errors, all with the same probability; they repeat with the seed."""
+    """Random bit errors with the same probability for each bit. They are reproducible with the seed."""
 
     __slots__ = ("_draw", "_rate")
 
@@ -26,7 +26,7 @@ class BitErrors:
         self._draw = random.Random(seed)
 
     def __call__(self, frame: CanFrame, bits: int) -> int | None:
-        """Return the first bit error, if it is in the frame."""
-        # one draw a frame: the number of good bits before the first bad one is geometrically distributed
+        """Return the number of the first bit error, or None if it is not in the frame."""
+        # one random number per frame: the number of good bits before the first error is geometrically distributed
         first = 1 + int(math.log(1.0 - self._draw.random()) / math.log1p(-self._rate))
         return first if first <= bits else None

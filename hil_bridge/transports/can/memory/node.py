@@ -16,7 +16,7 @@ _NO_CAUSE = ErrorClass(0)
 
 
 class Line(Protocol):
-    """Bus, as its nodes use it."""
+    """Bus in the view of its nodes."""
 
     @property
     def name(self) -> str:
@@ -26,14 +26,14 @@ class Line(Protocol):
         """Time of the bus, s."""
 
     def wake(self, node: "MemoryCanNode") -> None:
-        """Report that the node has something to send."""
+        """Report that the node has a frame to send."""
 
     def disconnect(self, node: "MemoryCanNode") -> None:
         """Remove the node."""
 
 
 class MemoryCanNode:
-    """Transport of CAN frames. Changes of its error state arrive in band, as error frames."""
+    """Transport of CAN frames. Changes of the node's error state are delivered in band, as error frames."""
 
     __slots__ = (
         "_accept",
@@ -57,11 +57,11 @@ class MemoryCanNode:
         self.queue = SendQueue(bus.name)
         self.counters = ErrorCounters()
         self.state = self.counters.state
-        """State according to its counters."""
+        """Error state of the node according to its counters."""
         self.on_bus = True
-        """Whether it sends, receives and acknowledges, that is, is not bus-off."""
+        """Whether the node sends, receives and acknowledges, that is, is not bus-off."""
         self.recovery = 0
-        """Sequences of eleven recessive bits that it must still detect while bus-off."""
+        """Number of sequences of eleven recessive bits that the node must still detect while it is bus-off."""
 
     @property
     def name(self) -> str:
@@ -69,7 +69,7 @@ class MemoryCanNode:
 
     @property
     def statistics(self) -> CanStatistics:
-        """Counts since it was connected."""
+        """Counts since the node was connected."""
         return self.queue.statistics(self._counts, self._delivery.overruns)
 
     def start(self, on_data: Callable[[Frames], None], on_end: Callable[[TransportError], None]) -> None:
@@ -96,7 +96,7 @@ class MemoryCanNode:
     # --- for the bus
 
     def frame_sent(self, at: float) -> None:
-        """Handle the acknowledgement of the next frame of the queue."""
+        """Handle the acknowledgement of the next frame in the queue."""
         self.queue.left(at)
         if self.counters.transmit:
             self._count(self.counters.sent(), at)
@@ -117,7 +117,7 @@ class MemoryCanNode:
         self._delivery.data((frame,))
 
     def send_failed(self, acknowledge_missing: bool, at: float, times: int) -> None:
-        """Handle `times` consecutive failures of an own frame."""
+        """Handle `times` consecutive failures of a frame of this node."""
         counters = self.counters
         for _ in range(times):
             after = counters.send_failed(acknowledge_missing)
@@ -131,13 +131,13 @@ class MemoryCanNode:
         self._count(self.counters.receive_failed(), at)
 
     def recover(self, at: float) -> None:
-        """Recover from bus-off after the bus was free for long enough."""
+        """Recover from bus-off after the bus has been free for long enough."""
         self.counters, self.on_bus = ErrorCounters(), True
         self.state = self.counters.state
         self._report(CanErrorReport(ErrorClass.RESTARTED), at)
 
     def give_up(self, at: float) -> None:
-        """Drop the frames that have waited too long, and report it."""
+        """Drop the frames that have waited too long, and report this."""
         if self.queue.give_up(at):
             self._report(CanErrorReport(ErrorClass.TX_TIMEOUT), at)
             self._settle()

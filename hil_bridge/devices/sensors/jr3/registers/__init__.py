@@ -1,4 +1,4 @@
-"""Registers of a receiver board over a network, and of a real board on the PCI bus."""
+"""Registers of a receiver board, over a network or of a real board on the PCI bus."""
 
 from hil_bridge.devices.sensors.jr3.registers.pci import (
     DEFAULT_OFFSET,

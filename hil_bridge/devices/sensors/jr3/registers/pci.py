@@ -1,8 +1,8 @@
-"""Words of a real JR3 PCI board, through Linux's resource file of the board's memory.
+"""Words of a real JR3 PCI board, accessed through the Linux resource file of the board's memory.
 
-The layout is known from Linux's jr3_pci driver: BAR 0, a block of 0x80000 bytes for each channel, and one word in the
-low half of every four bytes. The reset is at byte 0x60000 of the block, and the program's two halves are below and
-above.
+The layout is known from the Linux driver jr3_pci: BAR 0, a block of 0x80000 bytes for each channel, and one word in
+the low half of every four bytes. The reset is at byte 0x60000 of the block. The two halves of the program are below
+and above the reset.
 """
 
 import errno
@@ -29,26 +29,28 @@ from protocol.endpoint import RemoteProtocolError
 
 SYSFS: Final = Path("/sys/bus/pci/devices")
 DEFAULT_OFFSET: Final = 0x18000
-"""Byte at which a channel's words begin. Observed: this is the manual's value; the kernel's driver uses 0x10000."""
+"""Byte offset at which the words of a channel begin. Observed: this is the value of the manual; the kernel's driver
+uses 0x10000.
+"""
 
 _VENDOR = 0x1762
 _CHANNELS = {0x1111: 1, 0x3111: 1, 0x3112: 2, 0x3113: 3, 0x3114: 4}
-"""Channels by PCI device number."""
+"""Number of channels by PCI device number."""
 _BLOCK_BYTES = 0x80000
 _PROGRAM_LOW, _PROGRAM_HIGH, _RESET = 0x00000 // 4, 0x40000 // 4, 0x60000 // 4
 _WORDS_END = 0x40000
-"""Byte at which the program's upper half begins: the words end before it."""
+"""Byte offset at which the words end and the upper half of the program begins."""
 _ADDRESS = re.compile(r"(?:([0-9a-fA-F]{4}):)?([0-9a-fA-F]{2}:[0-9a-fA-F]{2}\.[0-7])")
 _LIST = "`lspci -d 1762:` lists the boards"
 
 
 class PciRegisters:
-    """Words of one channel. The bus does not keep a burst together: its words are read one by one."""
+    """Words of one channel. A burst is not an atomic snapshot, because the bus reads its words one by one."""
 
     def __init__(self, memory: mmap.mmap, name: str, offset: int, program: tuple[ProgramWord, ...]) -> None:
         self.name = name
         self._mapping = memory
-        # Complete 32-bit accesses, of which the bus transfers the low 16; the board is little-endian, as its hosts are.
+        # Accesses are complete 32-bit words; the bus transfers the low 16 bits. Board and hosts are little-endian.
         self._memory = memoryview(memory).cast("I")
         self._first = offset // 4
         self._size = min(MEMORY_WORDS, (_WORDS_END - offset) // 4)
@@ -56,31 +58,31 @@ class PciRegisters:
 
     @property
     def text(self) -> str:
-        """Copyright text of the board; other text means that the offset or the program is wrong."""
+        """Copyright text of the board. Any other text means that the offset or the program is wrong."""
         register = REGISTERS["copyright"]
         words = self.read(register.address, register.count)
         text = "".join(chr(word >> 8) for word in words if 0x20 <= word >> 8 < 0x7F)
         return " ".join(text.split())
 
     def read(self, address: int, count: int, now: float = 0.0) -> tuple[int, ...]:
-        """Return words in order of address. Raises RemoteProtocolError outside the memory."""
+        """Return words in order of address. Raises RemoteProtocolError for an address outside the memory."""
         begin = self._begin(address, count)
         return tuple([word & 0xFFFF for word in self._memory[begin : begin + count]])
 
     def burst(self, address: int, count: int, now: float = 0.0) -> bytes:
-        """Return the words as sent on a wire. Raises RemoteProtocolError outside the memory."""
+        """Return words in the encoding of the wire. Raises RemoteProtocolError for an address outside the memory."""
         return pack_words(self.read(address, count))
 
     def write(self, address: int, words: Sequence[int], now: float = 0.0) -> None:
-        """Write words in order of address. Raises RemoteProtocolError outside the memory."""
+        """Write words in order of address. Raises RemoteProtocolError for an address outside the memory."""
         begin = self._begin(address, len(words))
         for place, word in enumerate(words, begin):
             self._memory[place] = word
 
     def reset(self, now: float = 0.0) -> None:
-        """Reset the processor and load its program, as the driver does.
+        """Reset the processor and load its program, as the Linux driver does.
 
-        Raises ResetRefused without a program: after a reset, the processor waits for one.
+        Raises ResetRefused if no program is available, because the processor waits for a program after a reset.
         """
         if not self._program:
             raise ResetRefused(
@@ -91,7 +93,9 @@ class PciRegisters:
             self.load(word.address, (word.low, word.high))
 
     def load(self, address: int, words: Sequence[int], now: float = 0.0) -> None:
-        """Write instructions, or reset the processor before them. Raises RemoteProtocolError outside its memory."""
+        """Write instructions, or reset the processor before a program is written if `words` is empty. Raises
+        RemoteProtocolError for an address outside the program memory.
+        """
         check_instructions(address, words)
         if not words:
             self._memory[_RESET] = 0
@@ -145,7 +149,7 @@ def open_pci(
             raise DeviceError(
                 f"{name} is disabled; run `echo 1 | sudo tee {folder}/enable`, or load its driver"
             )
-    return PciRegisters(_mapped(folder / "resource0", name, channel), name, offset, program)
+    return PciRegisters(_map(folder / "resource0", name, channel), name, offset, program)
 
 
 def read_program(path: Path) -> tuple[ProgramWord, ...]:
@@ -161,7 +165,7 @@ def read_program(path: Path) -> tuple[ProgramWord, ...]:
             address = next(numbers)
             words = [next(numbers) for _ in range(count)]
             if address & 0x4000:
-                continue  # data: the driver does not load it either
+                continue  # data, which the driver does not load either
             if count % 2 or address + count // 2 > INSTRUCTIONS or max(words, default=0) > 0xFFFF:
                 raise ConfigError(f"{path} is not a board program: {count} words for {address:#06x}")
             pairs = zip(words[::2], words[1::2], strict=True)
@@ -180,7 +184,7 @@ def _number(path: Path, name: str) -> int:
         raise TransportUnavailable(f"{name}: cannot read its type from {path}") from error
 
 
-def _mapped(path: Path, name: str, channel: int) -> mmap.mmap:
+def _map(path: Path, name: str, channel: int) -> mmap.mmap:
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_SYNC)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Server of a real board until it is stopped."""
+"""Server of a real board, which runs until it is stopped."""
 
 import asyncio
 import signal
@@ -13,9 +13,10 @@ from hil_bridge.devices.sensors.jr3.registers.wires import Watcher, serve_board
 
 
 def serve_pci(board: PciRegisters, listen: str, offset: int) -> None:
-    """Serve a board's channel on HOST:PORT and print its URL, until SIGINT or SIGTERM; then close it.
+    """Serve a board's channel on HOST:PORT and print its URL. Close the board on SIGINT or SIGTERM.
 
-    `offset` is the byte at which the channel's words begin. Raises BridgeError.
+    `offset` is the byte offset at which the channel's words begin. Raises BridgeError if the board cannot be
+    served.
     """
     try:
         run_real(lambda: _serve(board, f"tcp-listen://{listen}", offset))

@@ -1,8 +1,9 @@
-"""Register server on TCP for several clients of one board, none of which can affect the others or the board.
+"""Register server on TCP for several clients of one board. No client can affect the other clients or the board.
 
-No client blocks a place forever. One whose computer or cable is gone is detected by TCP keep-alive. If all places are
-taken, a client that has not sent a single byte is replaced by the next. A client that has sent a request, and neither
-sends more nor streams, is dropped after `idle_timeout_s`. One that does not read is disconnected.
+No client blocks a slot forever. A client whose computer or cable has failed is detected by TCP keep-alive. If all
+slots are occupied, a client that has not sent a single byte is replaced by the next one. A client that has sent a
+request, and neither sends more nor streams, is dropped after `idle_timeout_s`. A client that does not read is
+disconnected.
 """
 
 import asyncio
@@ -27,18 +28,20 @@ from protocol.devices.jr3.registers import (
 from protocol.marks import Mark, between, check_settings, setting
 
 _READ_BYTES = 4096
-"""Chosen: a turn of the event loop answers at most 292 requests of a flood, then other clients have their turn."""
+"""Number of bytes that are read at once. Chosen: the server answers at most 292 requests of a flooding client per
+iteration of the event loop, then serves other clients.
+"""
 _HIGH_BYTES = 65536
-"""Chosen: unread bytes at which nothing more is read from a client."""
+"""Number of unread bytes at which reading from a client is suspended. Chosen."""
 _BACKLOG_BYTES = 262144
-"""Chosen: unread bytes at which a client is disconnected; more than the answers to one read of ours."""
+"""Number of unread bytes at which a client is disconnected. Chosen: more than the answers to one read of the server."""
 _FLUSH_S = 1.0
-"""Chosen: time in which a closing connection sends what is queued."""
+"""Time for which a closing connection sends queued data, s. Chosen."""
 
 
 @dataclass(frozen=True)
 class ListenerProfile:
-    """Limit of clients of a register server, and its settings for each."""
+    """Client limit of a register server, and settings for each client."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -50,30 +53,32 @@ class ListenerProfile:
 
 
 class SharedRegisters:
-    """Board shared by several connections, which keeps their common time from running backwards."""
+    """Board shared by several connections. Their common time never runs backwards."""
 
     def __init__(self, registers: Registers) -> None:
         self._registers = registers
         self._latest = float("-inf")
 
     def read(self, address: int, count: int, now: float) -> tuple[int, ...]:
-        """Return words of one moment. Raises RemoteProtocolError outside the memory."""
+        """Return words as one snapshot. Raises RemoteProtocolError for an address outside the memory."""
         return self._registers.read(address, count, self._time(now))
 
     def burst(self, address: int, count: int, now: float) -> bytes:
-        """Return the words as sent on a wire. Raises RemoteProtocolError outside the memory."""
+        """Return words in the encoding of the wire. Raises RemoteProtocolError for an address outside the memory."""
         return self._registers.burst(address, count, self._time(now))
 
     def write(self, address: int, words: Sequence[int], now: float) -> None:
-        """Write words in order of address. Raises RemoteProtocolError outside the memory."""
+        """Write words in order of address. Raises RemoteProtocolError for an address outside the memory."""
         self._registers.write(address, words, self._time(now))
 
     def reset(self, now: float) -> None:
-        """Restart the board. Raises ResetRefused if this is not allowed."""
+        """Restart the board. Raises ResetRefused if a reset is not allowed."""
         self._registers.reset(self._time(now))
 
     def load(self, address: int, words: Sequence[int], now: float) -> None:
-        """Write instructions, or reset the board for them. Raises RemoteProtocolError for what cannot be loaded."""
+        """Write instructions, or reset the board before a program is written if there are none. Raises
+        RemoteProtocolError if the instructions cannot be loaded.
+        """
         self._registers.load(address, words, self._time(now))
 
     def _time(self, now: float) -> float:
@@ -83,7 +88,7 @@ class SharedRegisters:
 
 
 class RegisterListener:
-    """Listening register server. `on_log` receives one line for every connection that ends with an error."""
+    """Listening register server. `on_log` receives one line for each connection that ends with an error."""
 
     def __init__(
         self, registers: Registers, profile: ListenerProfile, clock: Clock, on_log: Callable[[str], None]
@@ -94,9 +99,11 @@ class RegisterListener:
         self._on_log = on_log
         self._server: asyncio.Server | None = None
         self._wires: dict[_ClientWire, None] = {}
-        """Clients in order of connection."""
+        """Wires of the clients, in order of connection."""
         self._rejection_logged = False
-        """Whether a client was rejected since the last one was accepted: one line is logged for all of them."""
+        """Whether a client was rejected since the last client was accepted. Only the first of these rejections is
+        logged.
+        """
 
     @property
     def clients(self) -> int:
@@ -104,7 +111,9 @@ class RegisterListener:
         return len(self._wires)
 
     async def listen(self, host: str, port: int, name: str) -> tuple[str, int]:
-        """Start to listen and return the actual address and port. Raises TransportUnavailable naming `name`."""
+        """Start listening and return the actual address and port. Raises TransportUnavailable, which contains
+        `name`, if the port cannot be opened.
+        """
         try:
             self._server = await self._clock.loop.create_server(
                 lambda: _ClientWire(self._arrived, self._gone), host, port
@@ -124,7 +133,7 @@ class RegisterListener:
         self._wires.pop(wire, None)
 
     def _make_room(self) -> None:
-        """Disconnect the first client that has not sent anything, if there is one."""
+        """Disconnect the first client that has not sent anything, if any."""
         silent = next((wire for wire in self._wires if not wire.has_sent), None)
         if silent is not None:
             self._on_log(f"{silent.name}: disconnected in favour of another client: it had not sent anything")
@@ -157,7 +166,7 @@ class RegisterListener:
 
     def _over(self, wire: "_ClientWire", event: ConnectionOver) -> None:
         self._on_log(f"{wire.name}: connection closed: {event.text}")
-        # its answer is sent first, at the end of this turn
+        # the answer is sent first, at the end of this iteration of the loop
         self._clock.loop.call_soon(wire.close)
 
     def _ended(self, wire: "_ClientWire", cause: Exception) -> None:
@@ -172,14 +181,14 @@ class RegisterListener:
 
 
 class _ClientWire(asyncio.BufferedProtocol):
-    """Connection of one client, as a transport for a pump."""
+    """Connection to one client, as a transport for a pump."""
 
     def __init__(
         self, on_arrival: Callable[["_ClientWire"], None], on_gone: Callable[["_ClientWire"], None]
     ) -> None:
         self.name = ""
         self.has_sent = False
-        """Whether anything was received from it."""
+        """Whether anything was received from the client."""
         self._buffer = bytearray(_READ_BYTES)
         self._on_arrival = on_arrival
         self._on_gone = on_gone
@@ -243,13 +252,13 @@ class _ClientWire(asyncio.BufferedProtocol):
         await self._gone.wait()
 
     def close(self) -> None:
-        """Close as soon as what is queued was sent, or after a second."""
+        """Close the connection as soon as queued data are sent, at the latest after a second."""
         if not self._closing:
             self._closing = True
             self._transport.close()
             self._deadline = asyncio.get_running_loop().call_later(_FLUSH_S, self._transport.abort)
 
     def abort(self) -> None:
-        """Close without sending anything."""
+        """Close the connection without sending queued data."""
         self._closing = True
         self._transport.abort()

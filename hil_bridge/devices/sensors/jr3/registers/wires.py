@@ -26,11 +26,11 @@ from protocol.devices.jr3.registers import (
 )
 
 DEFAULT_PORT: Final = 1762
-"""Chosen: JR3's PCI vendor number, read as decimal."""
+"""Default TCP port. Chosen: the PCI vendor number of JR3, read as a decimal number."""
 
 _CONNECT = {scheme: CONNECT_BYTES[scheme] for scheme in ("tcp", "memory")}
 _RECONNECT = "reconnect_s"
-"""Option of byte wires that a board's wire does not have."""
+"""Option of byte wires that the wire of a board does not support."""
 _LISTEN = {scheme: LISTEN_BYTES[scheme] for scheme in ("tcp-listen", "memory")}
 
 
@@ -39,21 +39,23 @@ class ServedBoard:
     """Board that is being served."""
 
     address: str
-    """URL for a client."""
+    """URL with which a client connects to the board."""
     aclose: Callable[[], Awaitable[None]]
 
 
 class Watcher(NamedTuple):
-    """Callbacks for the progress of serving a board."""
+    """Callbacks for events while a board is served."""
 
     say: Callable[[str], None]
-    """Receives one line for every connection that ends with an error."""
+    """Receives one line for each connection that ends with an error."""
     fail: Callable[[BaseException], None]
     """Receives the reason why the board can no longer be served."""
 
 
 def board_wire(url: str, profile: BoardClientProfile) -> tuple[str, BoardClientProfile]:
-    """Split a board URL into its byte wire and the profile with the URL's options. Raises ConfigError."""
+    """Split a board URL into its byte wire and a profile with the options of the URL. Raises ConfigError if the URL
+    is invalid.
+    """
     try:
         parts = urlsplit(url)
     except ValueError as error:
@@ -83,9 +85,9 @@ def board_wire(url: str, profile: BoardClientProfile) -> tuple[str, BoardClientP
 async def connect_board(
     url: str, profile: BoardClientProfile, clock: Clock
 ) -> tuple[Transport[bytes], BoardClientProfile]:
-    """Open the wire to a board, and return it with the profile for its client.
+    """Open the wire to a board, and return it together with the profile for its client.
 
-    Raises ConfigError for the URL, TransportUnavailable for the wire.
+    Raises ConfigError for an invalid URL, TransportUnavailable if the wire cannot be opened.
     """
     wire, profile = board_wire(url, profile)
     return await connect_bytes(wire, clock), profile
@@ -96,7 +98,7 @@ async def serve_board(
 ) -> ServedBoard:
     """Serve a board's registers on a listening URL.
 
-    Raises ConfigError for the URL, TransportUnavailable for the wire.
+    Raises ConfigError for an invalid URL, TransportUnavailable if the wire cannot be opened.
     """
     wire = parse_url(url, _LISTEN)
     if wire.line is not None:
@@ -112,7 +114,7 @@ async def serve_board(
             watcher.fail(cause)
 
     listening = await listen_bytes(wire.text, clock)
-    # One wire for all clients: there is nothing to close when one is lost or silent.
+    # All clients share one wire, so there is nothing to close when a client is lost or silent.
     endpoint = RegisterServer(registers, RegisterServerProfile(idle_timeout_s=0.0), clock.now())
     pump: Pump[bytes, ConnectionOver] = Pump(
         endpoint, listening.transport, clock, lambda event: watcher.say(f"{url}: {event.text}"), ended
