@@ -1,4 +1,4 @@
-"""Records of a run, and the file that they are written to."""
+"""Records of a run and the files that store them."""
 
 from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.record.ending import Outcome, RunEnd

@@ -1,4 +1,4 @@
-"""The facts of a recording's devices, as it tells them."""
+"""Facts of the devices in a recording."""
 
 from collections.abc import Mapping
 from typing import Any, TypeVar
@@ -14,32 +14,34 @@ _Facts = TypeVar("_Facts", bound=Struct)
 
 
 def devices_of(recording: Recording) -> Devices:
-    """Facts of the devices in a recording; without any where the run ended before they were ready."""
+    """Return the facts of the devices in a recording; empty if the run ended before they were ready."""
     return devices_in(recording.devices)
 
 
 def devices_in(facts: Mapping[str, str]) -> Devices:
-    """Facts of devices from JSON by name, as a recording keeps them; those that are not told are the defaults."""
-    told = {name: json_or_none(text) for name, text in facts.items()}
-    return Devices(_told(told.get("robot"), RobotFacts), _told(told.get("sensor"), Sensor))
+    """Return the facts of devices from JSON by name, as stored in a recording; missing facts get their defaults."""
+    values = {name: json_or_none(text) for name, text in facts.items()}
+    return Devices(
+        _convert_facts(values.get("robot"), RobotFacts), _convert_facts(values.get("sensor"), Sensor)
+    )
 
 
 def recorded_configuration(recording: Recording) -> Mapping[str, Any]:
-    """Return the configuration that the run has recorded; empty if none can be read."""
-    found = json_or_none(recording.metadata.get("config"))
-    return found if isinstance(found, dict) else {}
+    """Return the configuration in a recording; empty if it is unreadable."""
+    configuration = json_or_none(recording.metadata.get("config"))
+    return configuration if isinstance(configuration, dict) else {}
 
 
 def json_or_none(text: str | None) -> object:
-    """Value of a JSON text in a recording; None where the text is empty or no JSON."""
+    """Return the value of a JSON text in a recording; None if the text is empty or invalid JSON."""
     try:
         return parse_json(text) if text else None
     except ValueError:
         return None
 
 
-def _told(told: object, kind: type[_Facts]) -> _Facts:
+def _convert_facts(value: object, kind: type[_Facts]) -> _Facts:
     try:
-        return msgspec.convert(told, kind)
+        return msgspec.convert(value, kind)
     except ValueError:
         return kind()

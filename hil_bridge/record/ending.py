@@ -1,4 +1,4 @@
-"""End of a run and events of its course: facts that only the run itself knows, for its record."""
+"""End of a run and events during the run: facts that only the run itself knows."""
 
 import json
 from collections.abc import Mapping
@@ -11,14 +11,14 @@ from hil_bridge.errors.causes import Cause, Reason
 
 
 class Check(StrEnum):
-    """Subjects of sensor checks before contact."""
+    """Subject of a sensor check before contact."""
 
     FACTS = "facts"
-    """Full scales and model."""
+    """Full scales and model of the sensor."""
     UNVERIFIED = "unverified"
-    """Axes that the tool's weight does not verify."""
+    """Axes that the weight of the tool does not verify."""
     UNCHECKED = "unchecked"
-    """Tool weight unknown, and accepted by the operator."""
+    """Tool weight, which is unknown and was accepted by the operator."""
     ZERO = "zero"
     """Zero of the sensor."""
 
@@ -28,35 +28,36 @@ class Outcome(StrEnum):
 
     COMPLETED = "completed"
     STOPPED = "stopped"
-    """The supervisor or an error ended it; there is a cause."""
+    """The supervisor or an error ended the run; there is a cause."""
     INTERRUPTED = "interrupted"
-    """The operator ended it, or the process was killed."""
+    """The operator ended the run, or the process was killed."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunEnd:
-    """Facts that only the run itself knows when it ends."""
+    """Facts at the end of a run that only the run itself knows."""
 
     outcome: Outcome
     reason: Reason | None = None
-    """Why it ended; None for a completed run."""
+    """Reason why the run ended; None for a completed run."""
     line_floor_s: float | None = None
-    """Shortest time of one cycle's characters on the line."""
+    """Shortest time that the characters of one cycle take on the line, s."""
     link: Mapping[str, float] = field(default_factory=dict)
     """Counters of the robot's link by name."""
     sensor_lost: int | None = None
-    """Sensor frames that were sent but not received, as counted by the gateway client."""
+    """Number of sensor frames that were sent but not received, as counted by the gateway client."""
     sensor_delay_s: float | None = None
-    """Delay of the sensor's filter at low frequencies."""
+    """Delay of the sensor's filter at low frequencies, s."""
     left: str = ""
-    """Final position of the tool, as text; empty if it never moved."""
+    """Description of the final position of the tool; empty if the tool never moved."""
     followed: tuple[Reason, ...] = ()
     """Causes after the first one, in order."""
     rest: Mapping[str, bool | float | list[str] | None] = field(default_factory=dict)
-    """Final position of the tool, as values: retracted, depth_m, force_n, unverified; empty if it never moved.
+    """Final position of the tool, as the values retracted, depth_m, force_n and unverified; empty if the tool never
+    moved.
     """
     place: str = ""
-    """Only the position, as text; empty if it never moved."""
+    """Position part of the description `left`; empty if the tool never moved."""
 
     @property
     def cause(self) -> Cause | None:
@@ -65,16 +66,16 @@ class RunEnd:
 
     @property
     def retracted(self) -> bool | None:
-        """Whether the tool ended off the surface; None if it never moved, or if that is unknown."""
+        """Whether the tool was off the surface at the end; None if the tool never moved, or if the state is unknown."""
         return retracted_in(self.rest)
 
     @property
     def text(self) -> str:
-        """Cause as one line of text; empty without one."""
+        """Cause as one line of text; empty without a cause."""
         return "" if self.reason is None else str(self.reason)
 
     def as_metadata(self) -> dict[str, str]:
-        """Return metadata for `Recorder.close`, so that a record includes its end."""
+        """Return the metadata for `Recorder.close`, so that the recording includes the end of the run."""
         return {
             "outcome": self.outcome.value,
             "cause": self.cause or "",
@@ -94,13 +95,13 @@ class RunEnd:
 
 
 def retracted_in(rest: Mapping[str, object]) -> bool | None:
-    """Return whether the tool ended off the surface, from `RunEnd.rest`; None if unknown."""
+    """Return whether the tool was off the surface at the end, from `RunEnd.rest`; None if unknown."""
     retracted = rest.get("retracted")
     return retracted if isinstance(retracted, bool) else None
 
 
 def reason_of(end: Mapping[str, str]) -> Reason | None:
-    """Return why a recorded run ended, from the metadata of its end; None for a completed run."""
+    """Return the reason why a recorded run ended, from the metadata of its end; None for a completed run."""
     if end.get("cause", "") not in set(Cause):
         return None
     texts = end.get("text", ""), end.get("remedy", ""), end.get("step", "")
@@ -108,7 +109,7 @@ def reason_of(end: Mapping[str, str]) -> Reason | None:
 
 
 def _seconds(text: str) -> float:
-    """Return a recorded time, s; 0 if none was recorded."""
+    """Return a recorded time, s; 0 if the recording has none."""
     try:
         return msgspec.json.decode(text, type=float)
     except msgspec.DecodeError:
@@ -116,15 +117,15 @@ def _seconds(text: str) -> float:
 
 
 def followed_of(end: Mapping[str, str]) -> tuple[Reason, ...]:
-    """Return the causes that followed the first one, from the metadata of the end."""
+    """Return the causes after the first one, from the metadata of the end."""
     try:
         return msgspec.json.decode(end.get("followed") or "[]", type=tuple[Reason, ...])
-    except msgspec.DecodeError:  # of an earlier version
+    except msgspec.DecodeError:  # written by an earlier version
         return ()
 
 
-def words_of(end: Mapping[str, str]) -> dict[str, object]:
-    """Describe the end for a page: outcome, cause, place and consequences; and whether the tool was retracted."""
+def describe_end(end: Mapping[str, str]) -> dict[str, object]:
+    """Describe the end for a page: outcome, cause, tool position, consequences, and whether the tool was retracted."""
     reason = reason_of(end)
     try:
         rest = msgspec.json.decode(end.get("rest") or "{}", type=dict[str, object])

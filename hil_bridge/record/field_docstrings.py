@@ -1,4 +1,4 @@
-"""The docstrings under the fields of a class, for people that read a file and not the source."""
+"""Field docstrings of a class, for readers of a file who do not have the source code."""
 
 import ast
 import inspect
@@ -7,16 +7,19 @@ from functools import cache
 
 
 def field_docstrings(cls: type) -> dict[str, str]:
-    """Return the text right under each field of a class as one line, by field; empty if Python has no source of it."""
-    found: dict[str, str] = {}
+    """Return the docstring under each field of a class as one line, by field; empty if the source is unavailable."""
+    docstrings: dict[str, str] = {}
     for base in reversed(cls.__mro__):
-        found |= _by_class(base.__module__).get(base.__name__, {})
-    return found
+        docstrings |= _by_class(base.__module__).get(base.__name__, {})
+    return docstrings
 
 
 @cache
 def _by_class(module: str) -> dict[str, dict[str, str]]:
-    """Texts of all classes of a module. Its source is read at the first call, since most starts do not need it."""
+    """Return the docstrings of all classes of a module.
+
+    The source is read on the first call because most commands do not need it.
+    """
     try:
         tree = ast.parse(inspect.getsource(sys.modules[module]))
     except (OSError, TypeError):
@@ -25,12 +28,12 @@ def _by_class(module: str) -> dict[str, dict[str, str]]:
 
 
 def _texts(body: ast.ClassDef) -> dict[str, str]:
-    found = {}
+    texts = {}
     for statement, following in zip(body.body, body.body[1:], strict=False):
         match statement, following:
             case (
                 ast.AnnAssign(target=ast.Name(id=name)),
                 ast.Expr(value=ast.Constant(value=str(text))),
             ):
-                found[name] = " ".join(text.split())
-    return found
+                texts[name] = " ".join(text.split())
+    return texts

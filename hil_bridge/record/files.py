@@ -1,4 +1,4 @@
-"""Output files: written completely or not at all, and never over an existing one unless requested."""
+"""Output files. Each is written completely or not at all, and replaces an existing file only on request."""
 
 import fcntl
 import os
@@ -14,57 +14,58 @@ REMEDY = "name another file, or give --overwrite"
 
 
 def check_place(path: Path, overwrite: bool) -> None:
-    """Find out before the work whether `write_whole` may put a file here. Raises ConfigError with what to do."""
-    mode = _mode(path)
+    """Check in advance whether `write_atomically` can write this path. Raises ConfigError with the remedy."""
+    mode = _stat_mode(path)
     if mode is not None and stat.S_ISREG(mode) and not overwrite:
-        raise ConfigError(f"{path} is there already; {REMEDY}")
+        raise ConfigError(f"{path} already exists; {REMEDY}")
     if mode is not None and (stat.S_ISDIR(mode) or stat.S_ISBLK(mode)):
         kind = "a folder; name a file in it" if stat.S_ISDIR(mode) else "a disk; name a file"
         raise ConfigError(f"cannot write {path}: it is {kind}")
     if (mode is None or stat.S_ISREG(mode)) and not os.access(path.resolve().parent, os.W_OK | os.X_OK):
-        missing = "no permission" if path.resolve().parent.is_dir() else "there is no such folder"
+        missing = "no permission" if path.resolve().parent.is_dir() else "no such folder"
         raise ConfigError(f"cannot write {path}: {missing}; name another place")
 
 
-def check_record_place(path: Path, overwrite: bool) -> None:
-    """Check the place of a record for `open_record`, which accepts only a file. Raises ConfigError."""
-    mode = _mode(path)
+def check_record_path(path: Path, overwrite: bool) -> None:
+    """Check the path of a recording in advance for `open_record`, which accepts only a file. Raises ConfigError."""
+    mode = _stat_mode(path)
     if mode is not None and not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
-        raise ConfigError(f"cannot record into {path}: it is no file but a pipe or device; name a file")
+        raise ConfigError(f"cannot record into {path}: it is a pipe or device, not a file; name a file")
     check_place(path, overwrite)
 
 
 def open_record(path: Path, overwrite: bool) -> BinaryIO:
-    """Open a file that is written bit by bit: a new one, or with `overwrite` an emptied one.
+    """Open a file for incremental writing. The file must be new; with `overwrite`, an existing one is truncated.
 
-    Nothing that is there is emptied before it is known to be a file that no other run writes. Raises ConfigError.
+    An existing file is truncated only after the check that it is a regular file that no other run writes. Raises
+    ConfigError.
     """
-    check_record_place(path, overwrite)
+    check_record_path(path, overwrite)
     flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOCTTY | os.O_NONBLOCK
     try:
         descriptor = os.open(path, flags if overwrite else flags | os.O_EXCL, 0o666)
         try:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
                 raise ConfigError(
-                    f"cannot record into {path}: it is no file but a pipe or device; name a file"
+                    f"cannot record into {path}: it is a pipe or device, not a file; name a file"
                 )
-            _hold(descriptor, path)
+            _lock(descriptor, path)
             os.ftruncate(descriptor, 0)
             return os.fdopen(descriptor, "wb")
         except BaseException:
             os.close(descriptor)
             raise
     except FileExistsError as error:
-        raise ConfigError(f"{path} is there already; {REMEDY}") from error
+        raise ConfigError(f"{path} already exists; {REMEDY}") from error
     except OSError as error:
         raise ConfigError(f"cannot write the recording {path}: {error.strerror or error}") from error
 
 
-def write_whole(path: Path, data: bytes, overwrite: bool = False) -> None:
-    """Write a file that is not there yet, or with `overwrite` replace one; no reader ever sees half of it.
+def write_atomically(path: Path, data: bytes, overwrite: bool = False) -> None:
+    """Write a new file atomically, or with `overwrite` replace one; a reader never sees an incomplete file.
 
-    Behind a link the file that it names is meant; a device or a pipe is written to as it is. Raises ConfigError
-    where there is a file already or the place cannot be written; what was there stays as it was.
+    A symbolic link is followed. A device or a pipe is written to directly. Raises ConfigError if the file exists or
+    the path is not writable; an existing file then stays unchanged.
     """
     check_place(path, overwrite)
     try:
@@ -73,14 +74,17 @@ def write_whole(path: Path, data: bytes, overwrite: bool = False) -> None:
             _write_through(place, data)
         else:
             _write_temporary(place, data, overwrite)
-    except FileExistsError as error:  # since the check
-        raise ConfigError(f"{path} is there already; {REMEDY}") from error
+    except FileExistsError as error:  # created since the check
+        raise ConfigError(f"{path} already exists; {REMEDY}") from error
     except OSError as error:
         raise ConfigError(f"cannot write {path}: {error.strerror or error}") from error
 
 
-def _mode(path: Path) -> int | None:
-    """Kind and rights of what is there, behind a link too; None where nothing is. Raises ConfigError."""
+def _stat_mode(path: Path) -> int | None:
+    """Return type and permissions of an existing path, following links; None if it does not exist.
+
+    Raises ConfigError.
+    """
     try:
         return path.stat().st_mode
     except FileNotFoundError:
@@ -89,8 +93,8 @@ def _mode(path: Path) -> int | None:
         raise ConfigError(f"cannot write {path}: {error.strerror or error}") from error
 
 
-def _hold(descriptor: int, path: Path) -> None:
-    """Keep other runs from this file while it is open. Raises ConfigError where another run writes it."""
+def _lock(descriptor: int, path: Path) -> None:
+    """Lock this file against other runs while it is open. Raises ConfigError if another run writes it."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
@@ -100,7 +104,7 @@ def _hold(descriptor: int, path: Path) -> None:
 
 
 def _write_through(place: Path, data: bytes) -> None:
-    """Write to a device or a pipe; a pipe without a reader is an error, not a wait."""
+    """Write to a device or a pipe. A pipe without a reader is an error: the function does not wait for a reader."""
     descriptor = os.open(place, os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
     os.set_blocking(descriptor, True)
     with os.fdopen(descriptor, "wb") as file:
@@ -108,8 +112,8 @@ def _write_through(place: Path, data: bytes) -> None:
 
 
 def _write_temporary(place: Path, data: bytes, overwrite: bool) -> None:
-    """Into a new file in the same folder, which then gets the name. Raises FileExistsError without `overwrite`."""
-    part, descriptor = _part(place)
+    """Write a new file in the same folder, then rename it. Raises FileExistsError without `overwrite`."""
+    part, descriptor = _create_temporary(place)
     try:
         with os.fdopen(descriptor, "wb") as file:
             file.write(data)
@@ -130,8 +134,8 @@ def _write_temporary(place: Path, data: bytes, overwrite: bool) -> None:
             part.unlink(missing_ok=True)
 
 
-def _part(place: Path) -> tuple[Path, int]:
-    """Return a new file beside `place` that nothing else uses, and its descriptor."""
+def _create_temporary(place: Path) -> tuple[Path, int]:
+    """Create an empty file with an unused name next to `place`; return its path and its descriptor."""
     for number in count():
         part = place.with_name(f".{place.name[:200]}.{os.getpid()}-{number}.part")
         with suppress(FileExistsError):

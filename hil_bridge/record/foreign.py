@@ -1,4 +1,4 @@
-"""Origin of a recording made by another program, and the choices with which it was read."""
+"""Origin of a recording made by another program, and the choices with which the recording was read."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -13,10 +13,10 @@ ROLES: Mapping[str, str] = {
     POSE: "measured pose of the tool",
     TARGET: "commanded pose of the tool",
 }
-"""Roles of topics. The last is never detected by its type."""
+"""Roles of topics. The last role is never detected by the type of a topic."""
 TOOL_FRAME, BASE_FRAME = "tool", "base"
 FRAMES = (TOOL_FRAME, BASE_FRAME)
-"""Frames of a wrench and of an axis: the child of the pose, and its parent."""
+"""Frames in which a wrench or an axis can be given: the child frame of the pose, and its parent frame."""
 AXES: Mapping[str, tuple[float, float, float]] = {
     f"{sign}{name}": tuple(size * (place == k) for k in range(3))  # type: ignore[misc]
     for sign, size in (("", 1.0), ("-", -1.0))
@@ -25,11 +25,13 @@ AXES: Mapping[str, tuple[float, float, float]] = {
 """Unit vectors by name."""
 HEADER, LOG = "header", "log"
 STAMPS = (HEADER, LOG)
-"""Times of a message: the stamp of its header, or the time at which it was recorded."""
+"""Sources of a message's time: the stamp in its header, or the time at which it was recorded."""
 CONTACT_N = 1.0
 """Force above which the tool is in contact, N. Chosen: the default of `task.contact_threshold_n`."""
 LARGEST = 1e6
-"""Largest value of a measured quantity, in its SI unit. Chosen: far above any device, and squares stay finite."""
+"""Largest valid value of a measured quantity, in its SI unit. Chosen: far above any device, and its square stays
+finite.
+"""
 Topics: TypeAlias = Mapping[str, str | Sequence[str]]
 
 
@@ -38,19 +40,21 @@ class BagChoices:
     """Assumptions about a ROS 2 bag. Raises ConfigError for an invalid choice."""
 
     topics: Topics = field(default_factory=dict)
-    """Topic, or several of which a bag has one, by role: wrench, pose, target. `/tf:CHILD` is a frame of `/tf`."""
+    """Topic of each role (wrench, pose, target), or several topics of which the bag has one. `/tf:CHILD` is a frame
+    of `/tf`.
+    """
     axis: str = "tool:z"
-    """Direction in which the tool presses: `tool:` or `base:`, and x, y, z, -x, -y or -z."""
+    """Direction in which the tool presses: `tool:` or `base:`, followed by x, y, z, -x, -y or -z."""
     wrench_in: str = TOOL_FRAME
-    """Frame in which the wrench is expressed: tool, the child of the pose, or base, its parent."""
+    """Frame in which the wrench is expressed: tool (the child frame of the pose) or base (its parent frame)."""
     sign: int = 1
-    """1: the wrench of the environment on the tool; -1: of the tool on the environment."""
+    """Sign of the wrench. 1: wrench of the environment on the tool; -1: wrench of the tool on the environment."""
     zero_s: float = 0.0
-    """Initial time whose mean wrench is subtracted, s; 0 subtracts nothing."""
+    """Duration of the interval at the start whose mean wrench is subtracted, s; 0 subtracts nothing."""
     contact_n: float = CONTACT_N
     """Force above which the tool is in contact, N."""
     stamps: str = HEADER
-    """Times of the messages: header or log."""
+    """Source of the messages' times: header or log."""
 
     def __post_init__(self) -> None:
         frame, _, axis = self.axis.partition(":")
@@ -72,7 +76,7 @@ class BagChoices:
                 raise ConfigError(f"topics has no role {role!r}; known: {', '.join(ROLES)}")
 
     def named(self, role: str) -> tuple[str, ...]:
-        """Return the topics given for a role."""
+        """Return the topics that the operator specified for a role."""
         names = self.topics.get(role, ())
         return (names,) if isinstance(names, str) else tuple(names)
 
@@ -89,12 +93,12 @@ class BagChoices:
 
 @dataclass(frozen=True, slots=True)
 class ForeignTopic:
-    """A topic from which a recording was made."""
+    """Topic from which a recording was made."""
 
     name: str
     type: str
     frame: str
-    """Frame that its messages name."""
+    """Frame that the messages name."""
     messages: int
 
 
@@ -103,11 +107,11 @@ class Foreign:
     """Origin of a recording made by another program."""
 
     file: str
-    """Name of its file or folder."""
+    """Name of the file or folder."""
     topics: Mapping[str, ForeignTopic]
-    """By role."""
+    """Topics by role."""
     choices: BagChoices
     left_out: int = 0
-    """Number of wrenches omitted because the tool position was unknown."""
+    """Number of wrenches omitted because the tool position was unknown at their time."""
     moments: bool = True
-    """Whether the moments are known."""
+    """Whether the torques of the wrenches are known."""

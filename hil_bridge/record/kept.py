@@ -1,4 +1,4 @@
-"""In-memory record of a run, with the interface of `Recorder`; saved to a file only on request."""
+"""In-memory record of a run, with the interface of `Recorder`. It is saved to a file only on request."""
 
 import math
 from collections.abc import Callable, Collection, Mapping
@@ -19,7 +19,7 @@ READ_RECORDS = (
     records.EventRecord,
     records.StepRecord,
 )
-"""Records that `read` reads; the first of them dates the recording."""
+"""Record types that `read` returns. The first record of these types defines the UNIX time at the zero of the clock."""
 
 
 class _Attachment(NamedTuple):
@@ -29,11 +29,11 @@ class _Attachment(NamedTuple):
 
 
 _Step: TypeAlias = Record | _Attachment | Mapping[str, str]
-"""Input of a recorder; a mapping is the facts of the devices."""
+"""Input of a recorder; a mapping holds the facts of the devices."""
 
 
 class KeptRecords:
-    """In-memory recorder. Nothing is encoded before `save`."""
+    """Recorder that keeps the records in memory. Nothing is encoded before `save` is called."""
 
     def __init__(
         self,
@@ -42,12 +42,14 @@ class KeptRecords:
         takes: Collection[type] = RECORDS,
         most: int | None = None,
     ) -> None:
-        """As of a `Recorder`: `wall_ns` turns a time of the run's clock into ns since the Unix epoch. `takes` are the
-        types of the records that are kept; of more than `most` none is, see `is_whole`.
+        """Arguments as for `Recorder`: `wall_ns` converts a time on the run's clock to ns since the Unix epoch.
+
+        `takes` holds the types of records to keep. If there are more than `most` records, all are discarded; see
+        `is_whole`.
         """
         self._most = most
         self.is_whole = True
-        """Whether no record was discarded."""
+        """Whether the memory contains all records; False once they have been discarded."""
         self.takes = takes
         self._wall_ns = wall_ns
         self._metadata = dict(sorted(metadata.items()))
@@ -55,25 +57,25 @@ class KeptRecords:
         self._end: Mapping[str, str] | None = None
 
     def put(self, record: Record) -> None:
-        """Take a record; what comes after the end belongs to no recording."""
+        """Add a record. Records after the end are ignored."""
         if self._end is None and self.is_whole:
             self._steps.append(record)
             if self._most is not None and len(self._steps) > self._most:
                 self._steps, self.is_whole = [], False
 
     def devices(self, facts: Mapping[str, str]) -> None:
-        """Take the facts of the devices, JSON by name."""
+        """Store the facts of the devices, JSON by name."""
         self._steps.append(dict(facts))
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Take an attachment; a later one of the same name replaces it."""
+        """Add an attachment; it replaces an earlier attachment with the same name."""
         self._steps.append(_Attachment(name, media_type, data))
 
     def pause(self, seconds: float) -> None:
-        """Do nothing: there is no writer thread."""
+        """Do nothing, because there is no writer thread."""
 
     def close(self, end: Mapping[str, str]) -> None:
-        """Store the end. Idempotent."""
+        """Store the metadata of the end. Idempotent."""
         if self._end is None:
             self._end = dict(end)
             self._steps = _add_times(self._steps)
@@ -120,7 +122,10 @@ class KeptRecords:
         return self._wall_ns(at) - round(at * 1e9)
 
     def save(self, path: Path, overwrite: bool = False) -> None:
-        """Write the file that a run would have written. Raises ConfigError for the place, BridgeError for the disk."""
+        """Write the same file that a `Recorder` would have written.
+
+        Raises ConfigError for an invalid path, BridgeError for a disk error.
+        """
         recorder = Recorder(path, self._wall_ns, self._metadata, VIRTUAL, overwrite)
         for step in self._steps:
             if isinstance(step, dict):
@@ -133,7 +138,7 @@ class KeptRecords:
 
 
 def _add_times(steps: list[_Step]) -> list[_Step]:
-    """Return the steps with a time: a record without one gets that of the record before it, as in the file."""
+    """Return the steps with a time: a record without a time gets the time of the previous record, as in the file."""
     newest, timed = 0.0, list(steps)
     for place, step in enumerate(steps):
         if (time_of := _TIMES.get(type(step))) is None:

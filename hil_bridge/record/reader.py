@@ -1,4 +1,7 @@
-"""Reading a record back. Nothing in a file is trusted: it may be cut off, garbled, a bomb or something else."""
+"""Reader of recordings.
+
+No content of a file is trusted: the file may be cut off, damaged, a decompression bomb or unrelated.
+"""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +19,7 @@ from hil_bridge.record.mcap_file import (
     MAGIC,
     ROS_PROFILE,
     Damage,
-    TooMuch,
+    LimitExceeded,
     check_size,
     mcap_records,
     read_mcap,
@@ -27,11 +30,11 @@ from hil_bridge.record.removed_map import REMOVED_NAME, RemovedMap, from_json
 from hil_bridge.record.topics import CYCLE, EVENT, LINK, SENSOR, STEP, TRUTH, WIRE, Record, Topic
 
 FIRST_OF_FORM = (0, 7)
-"""The version since which recordings have this form."""
+"""First version that writes recordings in the current form."""
 LAST_READER = "0.6"
-"""The last version that reads recordings of the form before this one."""
+"""Last version that can read the previous form."""
 CLOCK_LIMIT_S = 1e10
-"""A time of a run's clock lies below this. Chosen: three centuries."""
+"""Upper bound of a time on a run's clock, s. Chosen: three centuries."""
 
 _BAG_READERS = "`hil-bridge report`, `view`, `compare` and `identify fidelity` read a bag"
 _VERSION = re.compile(r"(\d{1,4})\.(\d{1,4})(?:\.|$)")
@@ -39,58 +42,59 @@ _VERSION = re.compile(r"(\d{1,4})\.(\d{1,4})(?:\.|$)")
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Records of a run."""
+    """Records and metadata of a run."""
 
     cycles: tuple[records.CycleRecord, ...]
     sensors: tuple[records.SensorRecord, ...] = ()
     events: tuple[records.EventRecord, ...] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
-    """Metadata from before the run: configuration, versions, seed."""
+    """Metadata written before the run: configuration, versions, seed."""
     end: Mapping[str, str] = field(default_factory=dict)
-    """Metadata from after an orderly end; empty when the run was cut off."""
+    """Metadata written at an orderly end; empty if the run was cut off."""
     truncated: bool = False
-    """The file ends early or is damaged; what came before the damage is here."""
+    """Whether the file ends early or is damaged; the records before the damage are included."""
     truths: tuple[records.TruthRecord, ...] = ()
-    """Ground truth from the emulated cell; empty for a real one."""
+    """Ground truth of the emulated cell; empty for a real cell."""
     devices: Mapping[str, str] = field(default_factory=dict)
-    """Facts of the devices once they were ready, see `device_facts`; empty before that."""
+    """Facts of the devices, which exist once the devices were ready; see `device_facts`."""
     unix_zero_ns: int = 0
     """UNIX time at which the run's clock was 0, ns."""
     steps: tuple[records.StepRecord, ...] = ()
-    """Steps of a program that have ended."""
+    """Completed steps of a program."""
     removed: RemovedMap | None = None
-    """Depths that the tool removed from an emulated surface; None where it removed nothing."""
+    """Depths of the material that the tool removed from an emulated surface; None if it removed no material."""
     foreign: Foreign | None = None
-    """Its origin where another program has made it; None for the recording of a run."""
+    """Origin of a recording made by another program; None for the recording of a run."""
     written_at: float | None = field(default=None, compare=False)
-    """UNIX time at which its file was written, s; None for one that is in no file."""
+    """UNIX time at which the file was written, s; None without a file."""
 
 
-NO_CYCLE = "the run ended before its first control cycle; `hil-bridge why` tells the cause"
-"""The answer of a command that needs cycles, to a recording without any."""
+NO_CYCLE = "the run ended before its first control cycle; `hil-bridge why` explains the cause"
+"""Error message of a command that needs cycles if the recording has none."""
 
 
 @dataclass(frozen=True, slots=True)
 class RawTraffic:
-    """Data that went over the wires of a run."""
+    """Data on the wires of a run."""
 
     robot: tuple[records.LinkRecord, ...]
     sensor: tuple[records.WireRecord, ...]
 
 
 def read(path: Path) -> Recording:
-    """Read the record in a file, as far as possible. A run that ended before its first cycle has events, and no cycle.
+    """Read a recording up to the first damage. A run that ended before its first cycle has events but no cycles.
 
-    Raises ConfigError when there is no such file, when it is no record of a run, or damaged before anything happened.
+    Raises ConfigError if the file does not exist, is not a recording of a run, or is damaged before its first
+    event.
     """
-    found = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT, STEP))
-    if not found.finished and not found.records[CYCLE.name] and not found.records[EVENT.name]:
+    contents = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT, STEP))
+    if not contents.finished and not contents.records[CYCLE.name] and not contents.records[EVENT.name]:
         raise ConfigError(f"{path} ends or is damaged before the first event: record the run again")
-    return dated(_recording(found), path)
+    return dated(_recording(contents), path)
 
 
 def dated(recording: Recording, path: Path) -> Recording:
-    """Return the recording with the time at which its file was written, if there is such a file."""
+    """Return the recording with the modification time of its file, if the file exists."""
     try:
         return replace(recording, written_at=path.stat().st_mtime)
     except OSError:
@@ -98,63 +102,65 @@ def dated(recording: Recording, path: Path) -> Recording:
 
 
 def read_with_traffic(path: Path) -> tuple[Recording, RawTraffic]:
-    """Read the record with the raw traffic of the wires. Raises the errors of `read`."""
-    found = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT, STEP, LINK, WIRE))
-    return _recording(found), RawTraffic(tuple(found.records[LINK.name]), tuple(found.records[WIRE.name]))
+    """Read a recording with the raw traffic of the wires. Raises the same errors as `read`."""
+    contents = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT, STEP, LINK, WIRE))
+    return _recording(contents), RawTraffic(
+        tuple(contents.records[LINK.name]), tuple(contents.records[WIRE.name])
+    )
 
 
-def _recording(found: "_Contents") -> Recording:
-    records, metadata = found.records, found.metadata
+def _recording(contents: "_Contents") -> Recording:
+    records, metadata = contents.records, contents.metadata
     return Recording(
         tuple(records[CYCLE.name]),
         tuple(records[SENSOR.name]),
         tuple(records[EVENT.name]),
         metadata[METADATA_NAME],
         metadata[END_NAME],
-        truncated=not found.finished,
+        truncated=not contents.finished,
         truths=tuple(records[TRUTH.name]),
         devices=metadata[DEVICES_NAME],
-        unix_zero_ns=found.unix_zero_ns,
+        unix_zero_ns=contents.unix_zero_ns,
         steps=tuple(records[STEP.name]),
-        removed=found.removed,
+        removed=contents.removed,
     )
 
 
 def read_link(path: Path) -> tuple[tuple[records.LinkRecord, ...], Mapping[str, str]]:
-    """Read the raw traffic of the robot's link in a recording as far as possible, and what was known before the
-    run. A run that never came to a cycle has it too.
+    """Read the raw traffic of the robot's link and the metadata written before the run, up to the first damage.
 
-    Raises ConfigError when there is no such file or it is no record of a run.
+    A recording without control cycles is accepted. Raises ConfigError if the file does not exist or is not a
+    recording of a run.
     """
-    found = _contents(path, (LINK,))
-    return tuple(found.records[LINK.name]), found.metadata[METADATA_NAME]
+    contents = _contents(path, (LINK,))
+    return tuple(contents.records[LINK.name]), contents.metadata[METADATA_NAME]
 
 
 @dataclass(slots=True)
 class _Contents:
-    """The wanted part of a file."""
+    """Requested parts of a file."""
 
     records: dict[str, list[Any]]
-    """By topic."""
+    """Records by topic."""
     metadata: dict[str, dict[str, str]]
-    """By name."""
+    """Metadata by name."""
     finished: bool = False
-    """The file is whole."""
+    """Whether the file is complete."""
     unix_zero_ns: int = 0
     removed: RemovedMap | None = None
 
 
 def _contents(path: Path, topics: Sequence[Topic]) -> _Contents:
-    """Return records of topics, and all metadata. Raises ConfigError."""
+    """Return the records of these topics and all metadata. Raises ConfigError."""
     if path.is_dir():
-        raise ConfigError(f"{path} is a folder, and no recording of a run; {_BAG_READERS}")
+        raise ConfigError(f"{path} is a folder, not a recording of a run; {_BAG_READERS}")
     data = read_mcap(path, "the recording")
     if not data:
         raise ConfigError(f"{path} is empty: the run was ended before anything was recorded; record it again")
     if not data.startswith(MAGIC):
         refuse_known_file(path)
         raise ConfigError(f"{path} is not an MCAP file: name the recording that a run has written")
-    found = _Contents(
+    contents = _Contents(
         records={topic.name: [] for topic in topics},
         metadata={METADATA_NAME: {}, DEVICES_NAME: {}, END_NAME: {}},
     )
@@ -163,30 +169,30 @@ def _contents(path: Path, topics: Sequence[Topic]) -> _Contents:
         for item in _items(data, topics):
             match item:
                 case Header(profile=profile) if profile == ROS_PROFILE:
-                    raise ConfigError(f"{path} is a bag of ROS 2 and no recording of a run; {_BAG_READERS}")
-                case Metadata() if item.name in found.metadata:
-                    found.metadata[item.name] = item.metadata
-                    _refuse_older(path, found.metadata[METADATA_NAME].get("version", ""))
+                    raise ConfigError(f"{path} is a ROS 2 bag, not a recording of a run; {_BAG_READERS}")
+                case Metadata() if item.name in contents.metadata:
+                    contents.metadata[item.name] = item.metadata
+                    _refuse_older(path, contents.metadata[METADATA_NAME].get("version", ""))
                 case Attachment() if item.name == REMOVED_NAME:
-                    found.removed = _read_removed(item)
+                    contents.removed = _read_removed(item)
                 case int():
-                    found.unix_zero_ns = item
+                    contents.unix_zero_ns = item
                 case (str(topic), record):
-                    found.records[topic].append(record)
-        found.finished = True
-    except _ForeignMessage as error:
+                    contents.records[topic].append(record)
+        contents.finished = True
+    except _UnexpectedMessage as error:
         raise ConfigError(
             f"{path} is not a recording of this version: {error}; record the run again"
         ) from error
-    except TooMuch as error:
-        raise refusal(path, error, "is it damaged, or no recording of a run?") from error
+    except LimitExceeded as error:
+        raise refusal(path, error, "is it damaged, or not a recording of a run?") from error
     except Damage:
-        pass  # what came before is there
-    return found
+        pass  # earlier records are kept
+    return contents
 
 
 def _refuse_older(path: Path, version: str) -> None:
-    """Raise ConfigError for a version of this program that made recordings of the form before this one."""
+    """Raise ConfigError if the recording was made by an earlier version, in the previous form."""
     number = _VERSION.match(version)
     if number is not None and (int(number[1]), int(number[2])) < FIRST_OF_FORM:
         raise ConfigError(
@@ -198,18 +204,20 @@ def _read_removed(item: Attachment) -> RemovedMap:
     try:
         return from_json(item.data)
     except ValueError as error:
-        raise _ForeignMessage(f"the attachment {item.name}: {error}") from error
+        raise _UnexpectedMessage(f"the attachment {item.name}: {error}") from error
 
 
-class _ForeignMessage(Exception):
-    """A whole message that is not what its topic says."""
+class _UnexpectedMessage(Exception):
+    """A complete message does not match the type of its topic."""
 
 
 def _items(
     data: bytes, wanted: Sequence[Topic]
 ) -> Iterator[Header | Metadata | Attachment | int | tuple[str, Record]]:
-    """Header, metadata, attachments and records of a file in order, and once the UNIX time at which the run's clock
-    was 0, ns. Raises Damage where the file ends or is garbled, TooMuch.
+    """Yield header, metadata, attachments and records of a file in order.
+
+    It also yields once the UNIX time at which the run's clock was 0, ns. Raises Damage if the file ends early or is
+    damaged, LimitExceeded if it exceeds a limit.
     """
     topics = {topic.name: topic for topic in wanted}
     channels: dict[int, str] = {}
@@ -224,7 +232,7 @@ def _items(
                 try:
                     record = topic.decode(item.data)
                 except (ValueError, RecursionError) as error:
-                    raise _ForeignMessage(f"a message of {name}: {error}") from error
+                    raise _UnexpectedMessage(f"a message of {name}: {error}") from error
                 if not dated and abs(at := topic.time_of(record)) < CLOCK_LIMIT_S:
                     dated = True
                     yield item.publish_time - round(at * 1e9)

@@ -1,10 +1,11 @@
-"""The record of a run: an MCAP file written beside the control path, never on it.
+"""Recorder of a run: an MCAP file written outside the control path.
 
-Messages stand in the file in the order in which they were put, and that is not quite the order of their log times: a
-cycle is placed by its decision and put at its end, a stretch of a wire's log by its first piece, and the truth of an
-emulated cell waits for the robot's motion. No message is placed more than ORDER_WINDOW_S before one that stands before
-it in the file. So a reader that sorts what it has read in this window has all messages in order. A message that is put
-later still has the earliest log time that this allows; its publish time, and the times in it, stay its own.
+Messages are stored in the order in which `put` received them, which is not exactly the order of their log times.
+The log time of a cycle is the time of its decision, but `put` receives the cycle at its end. A section of a wire's
+log has the time of its first piece. The ground truth of an emulated cell waits for the robot's motion. No log time
+is more than ORDER_WINDOW_S before the log time of an earlier message in the file, so a reader that sorts within
+this window gets all messages in order. A message that arrives even later gets the earliest log time allowed; its
+publish time, and the times in it, are unchanged.
 """
 
 import contextlib
@@ -31,59 +32,64 @@ from hil_bridge.record.topics import RECORDS, TOPICS, Record, Topic
 
 METADATA_NAME = "run"
 DEVICES_NAME = "devices"
-"""Facts of the devices once they are ready: JSON by device."""
+"""Name of the metadata that hold the facts of the devices, JSON by device, written once the devices are ready."""
 END_NAME = "end"
-"""Written by an orderly end only; its absence tells a reader that the run was cut off."""
+"""Name of the metadata written only at an orderly end. If they are missing, the run was cut off."""
 DROPPED_PREFIX = "dropped"
 
 QUEUE_RECORDS = 16384
-"""Records that wait for the writer at most: about 16 s of a 1 kHz sensor stream, 5 MB."""
+"""Maximum number of records that wait for the writer: about 16 s of a 1 kHz sensor stream, 5 MB."""
 BATCH_RECORDS = 512
-"""Records taken at once where writing happens in the caller's thread."""
+"""Number of records per batch when records are written in the caller's thread."""
 WAKE_SECONDS = 0.05
-"""The writer thread wakes by itself, so that putting a record never has to wake it."""
+"""Interval at which the writer thread wakes, so that `put` never has to wake it, s."""
 PATIENCE_SECONDS = 0.5
-"""For so long the writer waits for the next pause of a loop that tells its pauses, and for pauses to empty the queue.
-Chosen: a cycle of a slow line.
+"""Longest time that the writer waits for the next pause of the loop, and for pauses to empty the queue, s.
+
+Chosen: one cycle of a slow link.
 """
 JOIN_SECONDS = 10.0
-MAPPED_FROM = 1 << 17
-"""Buffers from this size on, bytes, have pages of their own. Standard: what glibc begins with."""
+MMAP_MIN_BYTES = 1 << 17
+"""Smallest buffer that gets its own memory mapping, bytes. Standard: the initial value of glibc."""
 _M_MMAP_THRESHOLD = -3
-"""Source: glibc, malloc.h."""
+"""Parameter number of the threshold in mallopt. Source: glibc, malloc.h."""
 
 
 @dataclass(frozen=True, slots=True)
 class Chunks:
-    """When a chunk of the file is finished: what is not in a finished one is lost with a killed process.
+    """Limits at which a chunk of the file is finished; a killed process loses the unfinished chunk.
 
-    Every chunk stays in the index at the file's end, and so in memory until then: some 0.7 KiB each.
+    The index entry of every chunk, about 0.7 KiB, stays in memory until the end of the file.
     """
 
     seconds: float
-    """Longest time from its first record to its last, s on the run's clock."""
+    """Longest time from the first record of a chunk to the last one, s on the run's clock."""
     size: int
-    """Most bytes of its records before compression. The chunk that is being filled is in memory, some of it twice."""
+    """Maximum size of the records of a chunk before compression, bytes. The current chunk is in memory, parts of it
+    twice.
+    """
 
 
 CHUNKS = Chunks(seconds=1.0, size=1 << 20)
-"""In real time: a killed process loses a second, and what waits for a pause. Chosen."""
+"""Limits in real time: a killed process loses one second and the records that wait for a pause. Chosen."""
 VIRTUAL_CHUNKS = Chunks(seconds=math.inf, size=1 << 18)
-"""In virtual time: a killed run can be had again. Chosen: all of one size, so that a long run soon has had the memory
-that it takes.
+"""Limits in virtual time, where a killed run can be repeated.
+
+Chosen: all chunks have the same size, so that the memory use of a long run soon stops growing.
 """
 
 
 class Writing(NamedTuple):
-    """The way from a record to the file."""
+    """Settings of how records are written to the file."""
 
     threaded: bool
-    """In a thread of its own. Without it the caller's `put` writes a batch now and then, and the file depends on the
-    records alone.
+    """Whether a separate thread writes. If not, `put` occasionally writes a batch in the caller's thread.
+
+    The file contents then depend only on the records.
     """
     chunks: Chunks = CHUNKS
     queue_records: int = QUEUE_RECORDS
-    """Records that wait at most."""
+    """Maximum number of waiting records."""
 
 
 REAL_TIME = Writing(threaded=True)
@@ -91,24 +97,26 @@ VIRTUAL = Writing(threaded=False, chunks=VIRTUAL_CHUNKS)
 
 
 def map_buffers() -> None:
-    """Let the buffers of chunks go back to the system one by one, where the C library can be told to (glibc).
+    """Let the C library return the buffers of chunks to the system one by one, if it supports this (glibc).
 
-    By itself it raises the threshold to the largest one freed, after which chunks of changing sizes leave holes in the
-    heap between what stays. Reference: mallopt(3). It holds for the whole process, so it is for a program of our own.
+    By default, glibc raises the threshold to the largest freed buffer, and chunks of varying size then fragment the
+    heap. Reference: mallopt(3). The call affects the entire process, so only the program itself may make it, not a
+    library.
     """
     if (mallopt := getattr(ctypes.CDLL(None), "mallopt", None)) is not None:
-        mallopt(_M_MMAP_THRESHOLD, MAPPED_FROM)
+        mallopt(_M_MMAP_THRESHOLD, MMAP_MIN_BYTES)
 
 
 class Recorder:
-    """Takes records without blocking and writes them to one file.
+    """Recorder that accepts records without blocking and writes them to one file.
 
-    `put`, `pause` and `close` belong to one thread, that of the event loop. A failing disk does not stop a run. The
-    error is kept in `error` and told in `trouble`, later records are counted as dropped, and `close` raises it.
+    Call `put`, `pause` and `close` only from the event loop's thread. A failing disk does not stop a run: the error
+    is stored in `error` and described in `trouble`, later records are counted as dropped, and `close` raises the
+    error.
     """
 
     takes = RECORDS
-    """Setting of a run's watcher: it takes all records."""
+    """Record types that the run should pass to the recorder, which are all types."""
 
     def __init__(
         self,
@@ -118,24 +126,24 @@ class Recorder:
         writing: Writing,
         overwrite: bool = False,
     ) -> None:
-        """Open the file and write what is known before the run.
+        """Open the file and write the metadata that are known before the run.
 
-        `wall_ns` turns a time of the run's clock into ns since the Unix epoch. A file that is there already is emptied
-        only with `overwrite`. Raises ConfigError when the file cannot be opened.
+        `wall_ns` converts a time on the run's clock to ns since the Unix epoch. An existing file is truncated only
+        with `overwrite`. Raises ConfigError if the file cannot be opened.
         """
         self._path = path
         self._wall_ns = wall_ns
         self._capacity = writing.queue_records
         self._queue: deque[Record] = deque()
         self._devices: Mapping[str, str] = {}
-        """Facts that wait to be written."""
+        """Facts of the devices that are not yet written."""
         self._attachments: dict[str, tuple[str, bytes]] = {}
         self._topics: dict[type, Topic] = {topic.record: topic for topic in TOPICS}
         self._dropped = dict.fromkeys((topic.name for topic in TOPICS), 0)
         self._written = dict.fromkeys((topic.name for topic in TOPICS), 0)
         self._error: BridgeError | None = None
         self.trouble = ""
-        """Why the file will not hold everything, in words that follow its name, as soon as that is known."""
+        """Reason why the file will be incomplete, as text to follow the file name; set as soon as it is known."""
         self._chunk_seconds = writing.chunks.seconds
         self._chunk_began: float | None = None
         self._axis = TimeAxis(wall_ns)
@@ -146,12 +154,12 @@ class Recorder:
         self._channels: dict[type, int] = {}
         self._scenes = Scenes(wall_ns)
         self._scene_channels: dict[str, int] = {}
-        self._guarded(lambda: self._begin(metadata))
+        self._keep_error(lambda: self._begin(metadata))
         self._stopping = False
         self._pause_ends = 0.0
         """End of the pause on the system's monotonic clock, which the writer reads."""
         self._wake = threading.Lock()
-        """Held while the writer has no reason to wake; only the loop's thread releases it."""
+        """Lock held while the writer has no reason to wake. Only the loop's thread releases it."""
         self._wake.acquire()
         self._thread: threading.Thread | None = None
         if writing.threaded:
@@ -173,16 +181,16 @@ class Recorder:
 
     @property
     def error(self) -> BridgeError | None:
-        """Error that ended the writing early, or None."""
+        """Error that ended the writing early; None if there was no error."""
         return self._error
 
     @property
     def dropped(self) -> Mapping[str, int]:
-        """Records that did not reach the file, by topic."""
+        """Number of records that did not reach the file, by topic."""
         return dict(self._dropped)
 
     def put(self, record: Record) -> None:
-        """Take a record. The newest is dropped and counted when the queue is full or writing has failed."""
+        """Add a record. It is dropped and counted if the queue is full or writing has failed."""
         if len(self._queue) >= self._capacity or self._error is not None or self._closed:
             self._dropped[self._topics[type(record)].name] += 1
             self.trouble = self.trouble or "has gaps: the disk does not keep up"
@@ -192,16 +200,18 @@ class Recorder:
             self._drain()
 
     def devices(self, facts: Mapping[str, str]) -> None:
-        """Take what is known of the devices, JSON by name; it is written before the records that wait."""
+        """Store the facts of the devices, JSON by name; they are written before the waiting records."""
         self._devices = facts
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Take an attachment, which is written at the end; a later one of the same name replaces it."""
+        """Add an attachment, which is written at the end; it replaces an earlier attachment with the same name."""
         self._attachments[name] = (media_type, data)
 
     def pause(self, seconds: float) -> None:
-        """Tell that the loop awaits nothing for so long: the writer thread works then. From one pause to the next it
-        lets the loop have the interpreter to itself, unless the pauses do not suffice or no other comes.
+        """Report that the loop will be idle for this time, so that the writer thread can work.
+
+        Between pauses, the writer leaves the interpreter to the loop, unless the pauses are too short or no longer
+        occur.
         """
         if self._thread is not None:
             self._pause_ends = time.monotonic() + seconds
@@ -212,9 +222,9 @@ class Recorder:
             self._wake.release()
 
     def close(self, end: Mapping[str, str] | None = None) -> None:
-        """Write what waits, the counts of dropped records and `end` (see `RunEnd.as_metadata`).
+        """Write the waiting records, the counts of dropped records and `end` (see `RunEnd.as_metadata`).
 
-        Harmless when called again. Raises BridgeError when the file is incomplete because writing failed.
+        Idempotent. Raises BridgeError if the file is incomplete because writing failed.
         """
         if self._closed:
             return
@@ -250,7 +260,7 @@ class Recorder:
         self._file.close()
 
     def _work(self) -> None:
-        """Write records in a thread: drain in bursts, and finish a chunk when nothing more comes."""
+        """Write records in a thread: drain the queue in bursts, and finish a chunk when no more records come."""
         idle, wait, emptied = 0.0, WAKE_SECONDS, time.monotonic()
         while True:
             paused = self._wake.acquire(timeout=wait)
@@ -265,15 +275,15 @@ class Recorder:
             if not self._queue:
                 emptied = time.monotonic()
             if idle >= self._chunk_seconds and self._chunk_began is not None:
-                self._guarded(self._end_chunk)
+                self._keep_error(self._end_chunk)
 
     def _drain(self, ends: float = math.inf) -> None:
-        """Write what waits, until this time of the system's monotonic clock."""
+        """Write waiting records until this time on the system's monotonic clock."""
         if self._error is None:
-            self._guarded(lambda: self._write_queue(ends))
+            self._keep_error(lambda: self._write_queue(ends))
 
-    def _guarded(self, step: Callable[[], None]) -> None:
-        """Keep any error for the end: nothing that happens to a file may stop a robot's control loop."""
+    def _keep_error(self, step: Callable[[], None]) -> None:
+        """Store any error until the end, because no file error may stop a robot's control loop."""
         try:
             step()
         except Exception as error:
@@ -285,7 +295,7 @@ class Recorder:
         self._error = BridgeError(f"the recording {self._path} {trouble}")
         self._error.__cause__ = error
         self.trouble = trouble
-        with contextlib.suppress(OSError):  # the same full disk again; the first error is the one that tells
+        with contextlib.suppress(OSError):  # the disk is still full; the first error is the informative one
             self._file.close()
 
     def _write_queue(self, ends: float) -> None:

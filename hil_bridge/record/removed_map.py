@@ -11,39 +11,41 @@ from numpy.typing import NDArray
 Array: TypeAlias = NDArray[np.float64]
 
 REMOVED_NAME = "removed.json"
-"""Name of the attachment."""
+"""Name of the attachment that holds the map."""
 MEDIA_TYPE = "application/json"
 CELLS_LIMIT = 1 << 16
-"""Most cells; a larger map is made coarser. Chosen: more than a picture shows, about 0.5 MB of text."""
+"""Maximum number of cells; a larger map is coarsened. Chosen: more than a picture shows, about 0.5 MB of text."""
 BYTES_LIMIT = 1 << 21
-"""Longest text that is read. Chosen: twice the longest that is written."""
+"""Maximum number of bytes that are read. Chosen: twice the length of the longest text that is written."""
 DEPTH_LIMIT_UM = 1e9
-"""A depth lies below this, µm. Chosen: a kilometre."""
+"""Upper bound of a depth, µm. Chosen: 1 km."""
 _DIGITS = 3
-"""Decimal places of a depth in µm. Chosen: a nanometre."""
+"""Decimal places of a depth in µm. Chosen: 1 nm."""
 
 
 class RemovedMap(Struct, frozen=True):
-    """Depths on a grid."""
+    """Depths of removed material on a grid."""
 
     origin_m: tuple[float, float]
-    """x and y of `depths_um[0][0]` in the robot base frame."""
+    """Position of `depths_um[0][0]` in base x and y, m."""
     direction: tuple[float, float]
-    """Unit vector of the path in base x and y: rows follow each other along it, the numbers of a row to its left."""
+    """Unit vector of the path in base x and y. Successive rows follow the path; successive numbers in a row lie
+    further to the left of it.
+    """
     corner_m: tuple[float, float]
-    """Path coordinate of `depths_um[0][0]`, and its distance to the left of the path."""
+    """Path coordinate of `depths_um[0][0]`, m, and its distance to the left of the path, m."""
     spacing_m: float
-    """From one row or number to the next."""
+    """Distance between neighbouring rows or numbers, m."""
     depths_um: tuple[tuple[float, ...], ...]
-    """Removed depths, µm."""
+    """Depths of removed material, µm."""
 
     def as_json(self) -> bytes:
-        """For an attachment."""
+        """Encode as JSON, for an attachment."""
         return msgspec.json.encode(self)
 
     @property
     def depths(self) -> Array:
-        """(rows, columns), µm."""
+        """Depths as an array (rows, columns), µm."""
         return np.array(self.depths_um)
 
 
@@ -54,8 +56,10 @@ def pack_map(
     spacing: float,
     depths: Array,
 ) -> RemovedMap:
-    """Pack a map from m, cut to the part where something is gone, with a cell about it. It is halved until it is small
-    enough. Something must be gone.
+    """Pack a map, given in m, into a `RemovedMap`.
+
+    The map is cropped to the removed part with a margin of one cell, and coarsened to the size limit. Some material
+    must have been removed.
     """
     rows, columns = (np.flatnonzero(depths.any(axis=axis)) for axis in (1, 0))
     top, left = max(int(rows[0]) - 1, 0), max(int(columns[0]) - 1, 0)
@@ -66,31 +70,31 @@ def pack_map(
         part = 0.25 * (part[::2, ::2] + part[1::2, ::2] + part[::2, 1::2] + part[1::2, 1::2])
         along, across, spacing = along + 0.5 * spacing, across + 0.5 * spacing, 2.0 * spacing
     (x, y), (dx, dy) = origin, direction
-    shown = np.round((part * 1e6).clip(max=0.5 * DEPTH_LIMIT_UM), _DIGITS).tolist()
+    depths_um = np.round((part * 1e6).clip(max=0.5 * DEPTH_LIMIT_UM), _DIGITS).tolist()
     return RemovedMap(
         (x + along * dx - across * dy, y + along * dy + across * dx),
         direction,
         (corner[0] + along, corner[1] + across),
         spacing,
-        tuple(map(tuple, shown)),
+        tuple(map(tuple, depths_um)),
     )
 
 
 def from_json(data: bytes) -> RemovedMap:
-    """Read the map of an attachment. Raises ValueError with the reason for an invalid one."""
+    """Read the map of an attachment. Raises ValueError with the reason if the attachment is invalid."""
     if len(data) > BYTES_LIMIT:
         raise ValueError(f"longer than {BYTES_LIMIT} bytes")
     try:
-        found = msgspec.json.decode(data, type=RemovedMap)
+        removed = msgspec.json.decode(data, type=RemovedMap)
     except RecursionError as error:
-        raise ValueError("brackets within brackets without end") from error
-    lengths = {len(row) for row in found.depths_um}
-    if len(lengths) != 1 or lengths == {0} or len(found.depths_um) * max(lengths) > 4 * CELLS_LIMIT:
-        raise ValueError("its rows are no grid, or too many")
-    places = (*found.origin_m, *found.direction, *found.corner_m, found.spacing_m)
-    if not all(map(math.isfinite, places)) or not 0.0 < found.spacing_m < 1e3:
-        raise ValueError("its place is no place")
-    depths = found.depths
+        raise ValueError("nested too deeply") from error
+    lengths = {len(row) for row in removed.depths_um}
+    if len(lengths) != 1 or lengths == {0} or len(removed.depths_um) * max(lengths) > 4 * CELLS_LIMIT:
+        raise ValueError("its rows differ in length, or are too many")
+    places = (*removed.origin_m, *removed.direction, *removed.corner_m, removed.spacing_m)
+    if not all(map(math.isfinite, places)) or not 0.0 < removed.spacing_m < 1e3:
+        raise ValueError("its origin or direction is invalid")
+    depths = removed.depths
     if not ((depths >= 0.0) & (depths < DEPTH_LIMIT_UM)).all():
-        raise ValueError("a depth is negative or too large")
-    return found
+        raise ValueError("a depth is out of range")
+    return removed

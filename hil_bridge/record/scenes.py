@@ -1,7 +1,8 @@
-"""Messages with Foxglove's own schemas beside the records of a run, for its 3-D and log panels.
+"""Messages with Foxglove's own schemas in addition to the records of a run, for the 3-D and log panels of Foxglove.
 
-They follow from the records alone. The frame `base` is the robot's base, `tool` the reported pose, `tool_true` that of
-an emulated cell. Lengths are metres. Reference: Foxglove's message schemas FrameTransforms, SceneUpdate and Log.
+They are derived from the records alone. The frame `base` is the robot's base, `tool` is the reported pose, and
+`tool_true` is the true pose in an emulated cell. Lengths are metres. Reference: Foxglove's schemas FrameTransforms,
+SceneUpdate and Log.
 """
 
 import math
@@ -18,19 +19,19 @@ from hil_bridge.record.records import CycleRecord, EventRecord, TruthRecord
 from hil_bridge.record.topics import schema_of
 
 PERIOD_S = 1 / 30
-"""Shortest time between two messages of a moving thing. Chosen: what an operator sees as motion."""
+"""Shortest time between two messages of a moving entity, s. Chosen: motion looks smooth."""
 TRAIL_S = 2.0
-"""Time between two messages of the trail. Chosen."""
+"""Time between two messages of the trail, s. Chosen."""
 TRAIL_POINTS = 200
-"""Most points of the trail; beyond it every second one goes. Chosen."""
+"""Maximum number of points in the trail; above it, every second point is removed. Chosen."""
 TRAIL_STEP_M = 0.5e-3
-"""Shortest way between two of its first points. Chosen."""
+"""Shortest distance between two points of a new trail, m. Chosen."""
 TOOL_LENGTH_M, TOOL_WIDTH_M = 0.08, 0.008
-"""Size of the pin that stands for the tool. Chosen."""
+"""Length and width of the pin that represents the tool, m. Chosen."""
 TILE_M = 0.06
-"""Edge of the tile that stands for the surface below the tool. Chosen."""
+"""Edge length of the tile that represents the surface below the tool, m. Chosen."""
 METRES_PER_NEWTON = 0.003
-"""Length of the arrow of a force. Chosen."""
+"""Scale of a force arrow, m/N. Chosen."""
 
 
 class _Time(Struct, frozen=True):
@@ -72,13 +73,13 @@ class _FrameTransform(Struct, frozen=True):
 
 
 class FrameTransforms(Struct, frozen=True):
-    """Poses of frames in others."""
+    """Poses of frames relative to other frames."""
 
     transforms: tuple[_FrameTransform, ...]
 
 
 class Log(Struct, frozen=True):
-    """An event, for the log panel."""
+    """Event message for the log panel."""
 
     timestamp: _Time
     level: int
@@ -136,7 +137,7 @@ class _Triangles(Struct, frozen=True):
 
 
 class _Unused(Struct, frozen=True):
-    """A kind of thing that no message has, and that the schema names all the same."""
+    """Entity kind that the schema requires but no message uses."""
 
 
 class _Entity(Struct, frozen=True):
@@ -157,7 +158,7 @@ class _Entity(Struct, frozen=True):
 
 
 class SceneUpdate(Struct, frozen=True):
-    """Things to show in the 3-D panel; each takes the place of the one before of the same `id` and topic."""
+    """Entities for the 3-D panel. Each replaces the previous entity with the same `id` and topic."""
 
     entities: tuple[_Entity, ...]
     deletions: tuple[_Deletion, ...] = ()
@@ -165,14 +166,14 @@ class SceneUpdate(Struct, frozen=True):
 
 @dataclass(frozen=True)
 class SceneTopic:
-    """One stream of messages with a schema of Foxglove."""
+    """Message stream with a Foxglove schema."""
 
     name: str
     message: type[Struct]
 
     @property
     def schema_name(self) -> str:
-        """Name by which Foxglove knows the schema."""
+        """Name of the schema in Foxglove."""
         return f"foxglove.{self.message.__name__}"
 
     @cached_property
@@ -192,28 +193,28 @@ SCENE_TOPICS = (TRANSFORMS, TOOL, FORCE, SURFACE, TRAIL, LOG)
 _REPORTED, _TRUE = _Color(0.95, 0.55, 0.10), _Color(0.15, 0.65, 0.35, 0.6)
 _GROUND, _PATH = _Color(0.45, 0.55, 0.70, 0.5), _Color(0.20, 0.40, 0.90)
 _INFO, _WARNING, _ERROR = 2, 3, 4
-"""Levels of a log message. Reference: Foxglove's schema Log."""
+"""Severity levels of a log message. Reference: Foxglove's schema Log."""
 _DIGITS = 6
-"""Decimal places of a number for a picture: a micrometre. The records have all. Chosen."""
+"""Decimal places of a displayed number: 1 µm. The records have all digits. Chosen."""
 _LINE_STRIP = 0
-"""Reference: Foxglove's schema LinePrimitive."""
+"""Type of a line strip. Reference: Foxglove's schema LinePrimitive."""
 
 encode = msgspec.json.Encoder().encode
-"""A message as JSON. All its numbers are finite."""
+"""Encode a message as JSON. All numbers in it must be finite."""
 
 
 class Scenes:
-    """Makes the messages of a run from its records, which are given in the order of the file."""
+    """Converter from the records of a run to Foxglove messages. Records must be passed in the order of the file."""
 
     def __init__(self, wall_ns: Callable[[float], int]) -> None:
-        """`wall_ns` turns a time of the run's clock into ns since the Unix epoch."""
+        """`wall_ns` converts a time on the run's clock to ns since the Unix epoch."""
         self._wall_ns = wall_ns
         self._due: dict[str, float] = {}
         self._trail: list[_Vector3] = []
         self._step_m = TRAIL_STEP_M
 
     def of(self, record: object) -> Iterator[tuple[SceneTopic, Struct]]:
-        """Messages that a record leads to; none for most kinds of records."""
+        """Return the messages of a record; empty for most types of records."""
         match record:
             case CycleRecord():
                 yield from self._of_cycle(record)
@@ -221,7 +222,7 @@ class Scenes:
                 yield from self._of_truth(record)
             case EventRecord():
                 level = _ERROR if record.kind in ALARMS else _WARNING if record.kind in CAUTIONS else _INFO
-                yield LOG, Log(self._time(record.at), level, whole_text(record.text), record.kind)
+                yield LOG, Log(self._time(record.at), level, escape_surrogates(record.text), record.kind)
 
     def _of_cycle(self, cycle: CycleRecord) -> Iterator[tuple[SceneTopic, Struct]]:
         at = cycle.controlled_at
@@ -261,7 +262,7 @@ class Scenes:
         return True
 
     def _extend(self, position: Sequence[float]) -> None:
-        """Extend the trail by this point, if it is far enough from the last."""
+        """Extend the trail by this point, if it is far enough from the last point."""
         point = _place(position)
         if self._trail:
             last = self._trail[-1]
@@ -285,7 +286,7 @@ class Scenes:
         return SceneUpdate((_Entity(self._time(at), frame, name, **things),))
 
     def _body(self, at: float, frame: str, color: _Color) -> SceneUpdate:
-        """Return a pin whose tip is the frame's origin; the tool frame's z axis points out of the tool."""
+        """Return a pin whose tip is at the frame's origin. The z axis of the tool frame points out of the tool."""
         size = _Vector3(TOOL_WIDTH_M, TOOL_WIDTH_M, TOOL_LENGTH_M)
         pin = _Cylinder(_Pose(_Vector3(z=-TOOL_LENGTH_M / 2)), size, 1.0, 0.3, color)
         return self._update(at, frame, frame, cylinders=(pin,))
@@ -293,7 +294,7 @@ class Scenes:
     def _arrow(
         self, at: float, frame: str, origin: Sequence[float], force: Sequence[float], color: _Color
     ) -> SceneUpdate:
-        """Return an arrow from a point along a force, both in this frame."""
+        """Return an arrow that starts at a point and points along a force, both in this frame."""
         newton = math.hypot(*force)
         length = newton * METRES_PER_NEWTON
         pose = _Pose(_place(origin), _along(force, newton))
@@ -302,8 +303,8 @@ class Scenes:
         return self._update(at, frame, f"force on {frame}", arrows=(arrow,))
 
 
-def whole_text(text: str) -> str:
-    """Escape lone surrogates, which undecodable bytes of a path leave, in a text."""
+def escape_surrogates(text: str) -> str:
+    """Escape lone surrogates in a text, which result from undecodable bytes in a path."""
     return text.encode(errors="backslashreplace").decode()
 
 
@@ -316,18 +317,18 @@ def _finite(*numbers: float) -> bool:
 
 
 def _along(vector: Sequence[float], length: float) -> _Quaternion:
-    """Return the shortest rotation that brings the x axis to a vector of this length."""
+    """Return the shortest rotation that turns the x axis into the direction of a vector with this length."""
     if length < 1e-9:
         return _Quaternion()
     x, y, z = (part / length for part in vector)
     if x < -1 + 1e-9:
         return _Quaternion(0.0, 0.0, 1.0, 0.0)
-    whole = math.sqrt((1 + x) * 2)
-    return _Quaternion(0.0, *(round(part, _DIGITS) for part in (-z / whole, y / whole, whole / 2)))
+    scale = math.sqrt((1 + x) * 2)
+    return _Quaternion(0.0, *(round(part, _DIGITS) for part in (-z / scale, y / scale, scale / 2)))
 
 
 def _tile(centre: Sequence[float], normal: Sequence[float]) -> tuple[_Vector3, ...]:
-    """Two triangles of a square about a point, across a unit normal."""
+    """Return two triangles that form a square, centred on a point and perpendicular to a unit normal."""
     a, b, c = normal
     u = (-c, 0.0, a) if abs(b) > abs(a) else (0.0, c, -b)
     size = math.hypot(*u)

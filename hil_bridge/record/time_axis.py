@@ -1,4 +1,4 @@
-"""The place of each record on the time axis of its run, for a file and for Foxglove's clients."""
+"""Times of each record on the time axis of its run, for a file and for Foxglove clients."""
 
 import math
 from collections.abc import Callable
@@ -7,14 +7,17 @@ from typing import NamedTuple
 from hil_bridge.record.topics import Record, Topic
 
 ORDER_WINDOW_S = 10.0
-"""How far the log times of a file may fall, s. Chosen: twice what the truth of an emulated cell waits for a cycle."""
+"""Longest time by which successive log times in a file may decrease, s.
+
+Chosen: twice the time that the ground truth of an emulated cell waits for a cycle.
+"""
 
 
 class Placed(NamedTuple):
-    """A record with its times."""
+    """Record with its times."""
 
     record: Record
-    """Its own time is finite."""
+    """Record with a finite time."""
     at: float
     """Time of the record on the run's clock, s."""
     log_ns: int
@@ -22,18 +25,18 @@ class Placed(NamedTuple):
 
 
 class TimeAxis:
-    """The axis of one run. It knows the newest time."""
+    """Time axis of one run, which stores the newest time."""
 
     def __init__(self, wall_ns: Callable[[float], int]) -> None:
-        """`wall_ns` turns a time of the run's clock into ns since the Unix epoch."""
+        """`wall_ns` converts a time on the run's clock to ns since the Unix epoch."""
         self.newest = 0.0
-        """The newest time of a record so far, s."""
+        """Newest time of a record so far, s."""
         self._wall_ns = wall_ns
 
     def place(self, topic: Topic, record: Record) -> Placed:
-        """Place one more record. One without a finite time takes the newest: of no device that tells the truth.
+        """Return the next record with its times. A record without a finite time gets the newest time.
 
-        Its log time is never more than ORDER_WINDOW_S before the newest.
+        The log time of a record is never more than ORDER_WINDOW_S before the newest time.
         """
         at = topic.time_of(record)
         if not math.isfinite(at):

@@ -1,14 +1,15 @@
-"""The topics of a record. Schema, encoder and decoder come from the records themselves: their types and docstrings.
+"""Topics of a recording. Schema, encoder and decoder are derived from the types and docstrings of the records.
 
-Messages are JSON with a JSON schema, so that Foxglove and PlotJuggler open a record as it is, and every message is
-valid by its schema. JSON knows neither NaN nor infinity. A field whose number is not finite, or whose value is not
-known, is left out of its message, so that no schema requires it. Within an array, and among values by name, null
-stands for such a number, and the schema says so. Both are read back as NaN; a field that may be None, as None. Of a
-field with a finite default, which older messages may lack, `not_finite` beside it tells that its number is not.
+Messages are JSON with a JSON schema, so that Foxglove and PlotJuggler open a recording directly, and every message
+is valid by its schema. JSON supports neither NaN nor infinity. A field with an unknown or non-finite value is
+omitted from its message, so no schema requires it. In an array, and among values by name, such a number is null,
+which the schema allows. Both are read back as NaN; a field that may be None is read back as None. If such a field
+has a finite default, because older messages may lack the field, the message lists the field in `not_finite`.
 
-The readers of Foxglove and Lichtblick take a type of one word only, of fields and of `items`, and refuse a whole topic
-else: a field cannot be "number or null". Of arrays they do not look at `prefixItems`, where null is allowed.
-Source: parseJsonSchema.ts of foxglove/studio and Lichtblick-Suite/lichtblick. Standard: JSON Schema 2020-12.
+The readers of Foxglove and Lichtblick accept only a single type name, for fields and for `items`, and otherwise
+reject the complete topic: a field cannot be "number or null". They ignore `prefixItems` of arrays, in which null is
+allowed. Source: parseJsonSchema.ts of foxglove/studio and Lichtblick-Suite/lichtblick. Standard: JSON Schema
+2020-12.
 """
 
 import math
@@ -37,12 +38,12 @@ Record: TypeAlias = (
 
 @dataclass(frozen=True)
 class Topic:
-    """One stream of records of one type."""
+    """Message stream for the records of one type."""
 
     name: str
     record: type[Record]
     time: str = "at"
-    """The field that places a message on the time axis."""
+    """Name of the field that holds the log time."""
 
     @property
     def schema_name(self) -> str:
@@ -50,7 +51,7 @@ class Topic:
 
     @property
     def schema(self) -> Mapping[str, object]:
-        """JSON schema of a message; its time is always there."""
+        """JSON schema of a message, which requires the time field."""
         schema = _schema(self._type)
         required: Any = schema["required"]
         return {
@@ -66,7 +67,7 @@ class Topic:
 
     @cached_property
     def time_of(self) -> Callable[[Any], float]:
-        """Time of a record on the run's clock, s."""
+        """Return the time of a record on the run's clock, s."""
         return operator.attrgetter(self.time)
 
     @cached_property
@@ -74,49 +75,50 @@ class Topic:
         return msgspec.json.Decoder(self.record)
 
     def timed(self, record: Record, at: float) -> Record:
-        """Return the same record with this time, s on the run's clock."""
+        """Return a copy of the record with this time, s on the run's clock."""
         return structs.replace(record, **{self.time: at})
 
     def encode(self, record: Record) -> bytes:
         """Encode a record as compact strict JSON.
 
-        Its time must be finite, or its message is not valid by the schema.
+        The time of the record must be finite; otherwise the message is invalid by the schema.
         """
         try:
             data = _to_json(record)
         except UnicodeEncodeError:
-            data = _to_json(_whole(msgspec.to_builtins(record, enc_hook=_plain)))
-        if _NULL not in data:  # as of nearly all messages
+            data = _to_json(_escape_surrogates(msgspec.to_builtins(record, enc_hook=_plain)))
+        if _NULL not in data:  # true for nearly all messages
             return data
         message = _drop_nulls(msgspec.json.decode(data), self._type)
-        message.setdefault(self.time)  # without it nothing reads the message
+        message.setdefault(self.time)  # no reader accepts a message without a time
         return _to_json(message)
 
     def decode(self, data: bytes) -> Record:
-        """Decode the record of a message; unknown fields are ignored, missing ones have their defaults.
+        """Decode a record. Unknown fields are ignored, and missing fields get their defaults.
 
-        Raises ValueError naming the field that is missing or wrong.
+        Raises ValueError that names the missing or invalid field.
         """
         try:
             if _NAMED not in data:
                 record: Record = self._decoder.decode(data)
                 return record
             return msgspec.convert(_with_nan(msgspec.json.decode(data), self._type), self.record)
-        except msgspec.ValidationError:  # or a number is missing, or null, that stands for NaN
-            found = msgspec.json.decode(data)
-            if isinstance(found, dict) and self.time not in found:
+        except msgspec.ValidationError:  # or a number that represents NaN is missing or null
+            fields = msgspec.json.decode(data)
+            if isinstance(fields, dict) and self.time not in fields:
                 raise
-            return msgspec.convert(_with_nan(found, self._type), self.record)
+            return msgspec.convert(_with_nan(fields, self._type), self.record)
 
 
 def schema_of(message: type[msgspec.Struct]) -> dict[str, object]:
-    """JSON schema of a message as Foxglove's reader takes it."""
+    """Return the JSON schema of a message in the form that Foxglove's reader accepts."""
     return {"$schema": _DIALECT, **_schema(inspect.type_info(message))}
 
 
 def _schema(kind: inspect.Type) -> dict[str, object]:
-    """JSON schema of a type as Foxglove's reader takes it: a type is a single word, and an object always has
-    properties.
+    """Return the JSON schema of a type in the form that Foxglove's reader accepts.
+
+    The type is always a single name, and an object always has properties.
     """
     match kind:
         case inspect.Metadata(type=inner, extra_json_schema=extra):
@@ -138,8 +140,8 @@ def _schema(kind: inspect.Type) -> dict[str, object]:
             return {"type": "object", "properties": described, "required": required}
         case inspect.DictType(value_type=item):
             return {"type": "object", "properties": {}, "additionalProperties": _item(item)}
-        case inspect.EnumType(cls=words):
-            return {"type": "string", "enum": [one.value for one in words]}
+        case inspect.EnumType(cls=members):
+            return {"type": "string", "enum": [one.value for one in members]}
         case inspect.VarTupleType(item_type=item, min_length=least, max_length=most):
             return _array(item, least, most)
         case inspect.TupleType(item_types=items):
@@ -151,29 +153,29 @@ def _schema(kind: inspect.Type) -> dict[str, object]:
 def _array(item: inspect.Type, least: int | None, most: int | None) -> dict[str, object]:
     """Return the schema of an array.
 
-    One of numbers needs a maximum length, for only then its schema can allow null in it.
+    An array of numbers needs a maximum length, because only then can its schema allow null.
     """
     bounds = {name: bound for name, bound in (("minItems", least), ("maxItems", most)) if bound is not None}
     if not _may_be_unknown(item):
         return {"type": "array", "items": _schema(item), **bounds}
     if most is None:
-        raise TypeError("an array of numbers in a record needs a most length: Meta(max_length=…)")
+        raise TypeError("an array of numbers in a record needs a maximum length: Meta(max_length=…)")
     return {"type": "array", "prefixItems": [_item(item)] * most, "items": _schema(item), **bounds}
 
 
 def _item(kind: inspect.Type) -> dict[str, object]:
-    """Return the schema of a value that is null if it is not known."""
+    """Return the schema of a value that is null if unknown."""
     schema = _schema(kind)
     return {**schema, "type": [schema["type"], "null"]} if _may_be_unknown(kind) else schema
 
 
 def _has_finite_default(field: inspect.Field) -> bool:
-    """Whether it is a number that an older message may lack, and that then has a value all the same."""
+    """Return whether a field is a number that has a finite default and that an older message may lack."""
     return isinstance(field.type, inspect.FloatType) and not field.required and math.isfinite(field.default)
 
 
 def _may_be_unknown(kind: inspect.Type) -> bool:
-    """Whether a value may be no JSON: NaN, infinite or None."""
+    """Return whether a value may be one that JSON cannot represent: NaN, infinite or None."""
     match kind:
         case inspect.Metadata(type=inner):
             return _may_be_unknown(inner)
@@ -192,13 +194,13 @@ _WORDS: Mapping[type[inspect.Type], str] = {
 
 
 def _of_union(kind: inspect.UnionType) -> inspect.Type:
-    """Return the type without None. A number that may be whole counts as one that may have a fraction."""
+    """Return the type of a union, ignoring None. A union of int and float counts as float."""
     present = [one for one in kind.types if not isinstance(one, inspect.NoneType)]
     return next((one for one in present if isinstance(one, inspect.FloatType)), present[0])
 
 
 def _drop_nulls(value: Any, kind: inspect.Type) -> Any:
-    """Return parsed JSON without those fields of records that are null."""
+    """Return parsed JSON without the fields of a record that are null."""
     match kind, value:
         case inspect.UnionType(), _ if value is not None:
             return _drop_nulls(value, _of_union(kind))
@@ -212,7 +214,7 @@ def _drop_nulls(value: Any, kind: inspect.Type) -> Any:
 
 
 def _with_nan(value: Any, kind: inspect.Type) -> Any:
-    """Return parsed JSON with NaN for every number that is null, or missing where it has no default."""
+    """Return parsed JSON with NaN for every number that is null, or that is missing and has no default."""
     match kind, value:
         case inspect.Metadata(type=inner), _:
             return _with_nan(value, inner)
@@ -244,19 +246,19 @@ def _with_nan(value: Any, kind: inspect.Type) -> Any:
 
 
 def _plain(value: Any) -> object:
-    """Array scalars that are no Python numbers, and arrays."""
+    """Convert NumPy scalars and arrays to Python values."""
     return value.tolist()
 
 
-def _whole(value: Any) -> object:
-    """Escape lone surrogates, which undecodable bytes of a path leave, in a value."""
+def _escape_surrogates(value: Any) -> object:
+    """Escape lone surrogates in a value, which result from undecodable bytes in a path."""
     match value:
         case str():
             return value.encode(errors="backslashreplace").decode()
         case dict():
-            return {_whole(key): _whole(item) for key, item in value.items()}
+            return {_escape_surrogates(key): _escape_surrogates(item) for key, item in value.items()}
         case list() | tuple():
-            return [_whole(item) for item in value]
+            return [_escape_surrogates(item) for item in value]
         case _:
             return value
 

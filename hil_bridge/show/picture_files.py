@@ -17,7 +17,7 @@ _NO_DATE: dict[str, dict[str, Any]] = {
 
 
 def drawing_library() -> Any:
-    """Import and return matplotlib, which takes most of a second. Raises ConfigError if it is missing."""
+    """Import and return matplotlib, which takes almost a second. Raises ConfigError if it is missing."""
     try:
         import matplotlib
     except ImportError:
@@ -28,7 +28,7 @@ def drawing_library() -> Any:
 
 
 def save_figure(figure: "Figure", kind: str, **how: Any) -> bytes:
-    """Render a figure as `png`, `pdf` or `svg` without a date: the same figure gives the same bytes."""
+    """Render a figure as `png`, `pdf` or `svg` without a date, so that equal figures give equal bytes."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format=kind, metadata=_NO_DATE[kind], **how)
     return buffer.getvalue()

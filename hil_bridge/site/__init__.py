@@ -1,1 +1,1 @@
-"""Checks of a site before its first run: the computer, the wires and the sensor."""
+"""Checks of a site before its first run: computer, links and sensor."""

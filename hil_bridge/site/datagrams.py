@@ -15,32 +15,34 @@ from hil_bridge.transports.datagram.udp import RECEIVE_BUFFER_BYTES
 from hil_bridge.transports.urls import WireUrl
 
 DATAGRAM_BYTES = 768
-"""Least that the kernel counts for one datagram. Source: see RECEIVE_BUFFER_BYTES."""
+"""Minimum number of bytes that the kernel counts for one datagram. Source: see RECEIVE_BUFFER_BYTES."""
 FASTEST_HZ = 7000.0
-"""Rate of the quickest sensor's stream. Source: as above."""
-LISTERS = (("nft", "list", "ruleset"), ("iptables-save",))
-"""Commands that print a firewall's rules."""
+"""Rate of the fastest sensor stream, Hz. Source: see RECEIVE_BUFFER_BYTES."""
+LIST_COMMANDS = (("nft", "list", "ruleset"), ("iptables-save",))
+"""Commands that list the firewall rules."""
 
 _HOOKED = re.compile(r"type filter hook input [^;]*;(?:\s*policy (?P<policy>\w+);)?")
 _REFUSING = re.compile(r"\b(?:drop|reject)\b")
 
 
 class Rules(NamedTuple):
-    """Rules of the firewall, as far as this user can read them."""
+    """Firewall rules, as far as this user can read them."""
 
     text: str = ""
-    """All rules; "" if they cannot be read."""
-    unseen: str = ""
-    """Why they cannot be read; "" if they can."""
+    """Text of all rules; empty if they cannot be read."""
+    unreadable: str = ""
+    """Reason why the rules cannot be read; empty if they can."""
 
 
 def is_datagrams(url: WireUrl) -> bool:
-    """Whether a wire is UDP."""
+    """Return whether a wire is UDP."""
     return url.scheme in ("udp", "udp-bind")
 
 
 def reachable(url: WireUrl) -> Fact:
-    """Whether the port of a listening wire is free, or a way leads to the host of another. Nothing is sent."""
+    """Check that the port of a listening wire is free, or that there is a route to the host of a connecting wire.
+    Nothing is sent.
+    """
     host, port = url.host_port
     listens = url.scheme == "udp-bind"
     subject = f"UDP {host} port {port}"
@@ -71,7 +73,7 @@ def _remedy(error: OSError, port: int) -> str:
 
 
 def surroundings(url: WireUrl, root: Path, rules: Rules, realtime: RealTime) -> Iterator[Fact]:
-    """Everything else about a wire of datagrams: the kernel's room, the firewall, and the settings of [realtime]."""
+    """Check the environment of a UDP wire: kernel buffers, firewall, and the settings in [realtime]."""
     yield room(root)
     if url.scheme == "udp-bind":
         yield firewall(*url.host_port, rules)
@@ -79,16 +81,16 @@ def surroundings(url: WireUrl, root: Path, rules: Rules, realtime: RealTime) -> 
 
 
 def room(root: Path) -> Fact:
-    """Whether the kernel gives a socket the room that is asked for."""
+    """Check that the kernel grants a socket the requested buffer size."""
     limits = [_number(root / "proc/sys/net/core" / name) for name in ("rmem_max", "rmem_default")]
     if limits[0] is None:
         return warn("receive buffer", "net.core.rmem_max cannot be read", "`sysctl net.core.rmem_max`")
-    given = 2 * min(limits[0], RECEIVE_BUFFER_BYTES)  # the kernel doubles it for its own needs
-    count = given // DATAGRAM_BYTES
+    granted = 2 * min(limits[0], RECEIVE_BUFFER_BYTES)  # the kernel doubles it for its own needs
+    count = granted // DATAGRAM_BYTES
     usual = "" if limits[1] is None else f", rmem_default {limits[1]}"
     text = (
-        f"asks for {RECEIVE_BUFFER_BYTES} bytes; net.core.rmem_max {limits[0]}{usual}: "
-        f"room for {count} small datagrams, {count / FASTEST_HZ:.2f} s of {FASTEST_HZ:.0f} a second"
+        f"requests {RECEIVE_BUFFER_BYTES} bytes; net.core.rmem_max {limits[0]}{usual}: "
+        f"room for {count} small datagrams, {count / FASTEST_HZ:.2f} s at {FASTEST_HZ:.0f} Hz"
     )
     if limits[0] >= RECEIVE_BUFFER_BYTES:
         return ok("receive buffer", text)
@@ -107,17 +109,19 @@ def _number(path: Path) -> int | None:
 
 
 def in_real_time(realtime: RealTime) -> Fact:
-    """Effect of [realtime] on datagrams: the loop's own thread takes them off the socket, as it reads every wire."""
-    asked = [
+    """Return a fact about the effect of [realtime] on UDP. The loop's own thread reads the socket, as it reads
+    every wire.
+    """
+    enabled = [
         text
-        for text, wanted in (
+        for text, is_enabled in (
             (f"busy polling of {realtime.busy_poll_ms:g} ms", realtime.busy_poll_ms),
             (f"SCHED_FIFO {realtime.fifo_priority}", realtime.fifo_priority),
         )
-        if wanted
+        if is_enabled
     ]
-    if asked:
-        return ok("datagrams in real time", f"{', '.join(asked)} of [realtime]: as for every other wire")
+    if enabled:
+        return ok("datagrams in real time", f"{', '.join(enabled)} of [realtime]: as for every other wire")
     return ok("datagrams in real time", "[realtime] is at its defaults, which apply as to every other wire")
 
 
@@ -125,9 +129,9 @@ def in_real_time(realtime: RealTime) -> Fact:
 
 
 def firewall_rules() -> Rules:
-    """Read the rules of nftables, else those of iptables, as this user may see them."""
+    """Read the rules of nftables, or otherwise of iptables, as far as this user may read them."""
     reasons = []
-    for command in LISTERS:
+    for command in LIST_COMMANDS:
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=5.0, check=False)
         except OSError as error:
@@ -139,23 +143,23 @@ def firewall_rules() -> Rules:
         if done.returncode == 0:
             return Rules(done.stdout)
         reasons.append(f"{command[0]}: {(done.stderr.strip().splitlines() or ['refused'])[0]}")
-    return Rules(unseen="; ".join(reasons))
+    return Rules(unreadable="; ".join(reasons))
 
 
 def firewall(host: str, port: int, rules: Rules) -> Fact:
-    """Whether what comes to a port may be dropped before it arrives, as far as the rules can be read."""
+    """Check whether the firewall may drop incoming packets to a port, as far as the rules can be read."""
     subject = f"firewall, UDP port {port}"
     if _is_loopback(host):
         return ok(subject, "loopback: firewalls seldom filter it")
-    if rules.unseen:
+    if rules.unreadable:
         return warn(
             subject,
-            f"its rules cannot be read ({rules.unseen})",
+            f"its rules cannot be read ({rules.unreadable})",
             "`sudo nft list ruleset` or `sudo iptables-save` shows whether it drops what comes to this port",
         )
     if not _may_refuse(rules.text):
         return ok(subject, "no rule drops incoming packets")
-    if _names(rules.text, port):
+    if _accepts_port(rules.text, port):
         return ok(subject, "a rule accepts this port")
     return warn(
         subject,
@@ -172,25 +176,25 @@ def _is_loopback(host: str) -> bool:
 
 
 def _may_refuse(text: str) -> bool:
-    """Whether a filter of what arrives drops or rejects anything: by its policy, or by a rule of its chains."""
+    """Return whether an input filter drops or rejects packets, by its policy or by a rule in its chains."""
     if re.search(r"^:INPUT (?!ACCEPT)", text, re.MULTILINE):
         return True
     if re.search(r"^-A .*-j (?:DROP|REJECT)\b", text, re.MULTILINE) and ":INPUT" in text:
         return True
     hooked = list(_HOOKED.finditer(text))
-    if any(found["policy"] in ("drop", "reject") for found in hooked):
+    if any(chain["policy"] in ("drop", "reject") for chain in hooked):
         return True
     rest = _HOOKED.sub("", text)
     return bool(hooked) and bool(_REFUSING.search(re.sub(r"policy \w+;", "", rest)))
 
 
-def _names(text: str, port: int) -> bool:
-    """Whether a rule that accepts names this port: alone, in a set, or in a range."""
+def _accepts_port(text: str, port: int) -> bool:
+    """Return whether an accepting rule contains this port: alone, in a set, or in a range."""
     for line in text.splitlines():
-        found = re.search(r"udp .*?dports? (?P<ports>\{[^}]*\}|[\d:,-]+)", line)
-        if found is None or not re.search(r"\b(?:accept|ACCEPT)\b", line):
+        match = re.search(r"udp .*?dports? (?P<ports>\{[^}]*\}|[\d:,-]+)", line)
+        if match is None or not re.search(r"\b(?:accept|ACCEPT)\b", line):
             continue
-        for low, high in re.findall(r"(\d+)(?:[-:](\d+))?", found["ports"]):
+        for low, high in re.findall(r"(\d+)(?:[-:](\d+))?", match["ports"]):
             if int(low) <= port <= int(high or low):
                 return True
     return False

@@ -1,4 +1,4 @@
-"""`hil-bridge doctor`: whether this computer is fit for a run, and what to do if it is not."""
+"""Checks whether this computer is fit for a run, with remedies, for `hil-bridge doctor`."""
 
 import os
 import platform
@@ -30,13 +30,13 @@ from hil_bridge.transports.urls import WireUrl
 
 PACKAGES = ("hil-bridge", "pyserial", "python-can", "numpy", "pydantic", "mcap", "msgspec")
 PERIOD_S, CYCLES = 1e-3, 1000
-"""Period and number of measured wake-ups: the rate of the fastest sensor stream, for a second."""
+"""Period of the measured wake-ups, s, and their number: the rate of the fastest sensor stream, for one second."""
 LATE_S = 1e-3
-"""Lateness of wake-ups that gives a warning. Chosen: a sample of a 1 kHz stream."""
+"""Lateness of wake-ups above which a warning is given, s. Chosen: one sample of a 1 kHz stream."""
 CONNECT_S = 2.0
-"""Longest wait for a host's answer. Chosen."""
+"""Time-out for connecting to a host, s. Chosen."""
 LOCKED_BYTES = 1 << 29
-"""Most memory that a process with all its memory locked needs. Chosen."""
+"""Largest amount of memory that a process with all its memory locked needs, bytes. Chosen."""
 
 
 def doctor(
@@ -45,12 +45,11 @@ def doctor(
     say: Callable[[Fact], object] | None = None,
     robot_file: Path | None = None,
 ) -> bool:
-    """Print a line for each fact, or give it to `say`; whether what the configuration names can work. `robot_file` is a
-    file of the controller.
+    """Print each fact as a line, or pass it to `say`. Return whether everything in the configuration can work.
 
-    Raises ConfigError for a file that cannot be read.
+    `robot_file` is a file of the controller. Raises ConfigError if a file cannot be read.
     """
-    say = say or _say
+    say = say or _print_line
     config = None if config_file is None else load_config(config_file, {})
     details = can_details()
     can_work = True
@@ -67,8 +66,10 @@ def doctor(
     return can_work
 
 
-def _say(fact: Fact) -> None:
-    """Print it where it is still read: what is found counts, also behind `| head`."""
+def _print_line(fact: Fact) -> None:
+    """Print a line while the output is still read. With a closed pipe (`| head`), the result of the checks still
+    counts.
+    """
     with suppress(BrokenPipeError):
         click.echo(fact)
 
@@ -76,7 +77,7 @@ def _say(fact: Fact) -> None:
 def computer(
     root: Path, details: Mapping[str, Mapping[str, Any]] | None, realtime: RealTime
 ) -> Iterator[Fact]:
-    """Everything about this computer, wires first; wake-ups as a thread with these settings has them."""
+    """Check this computer, wires first. `realtime` contains the thread settings for the measured wake-ups."""
     for port in facts.serial_ports(
         root
     ):  # a port may be unused: only one that the configuration names can fail
@@ -90,7 +91,7 @@ def computer(
     yield keeping_awake(realtime.keep_awake)
     yield facts.governors(root)
     yield facts.processors(sorted(os.sched_getaffinity(0)))
-    yield priority()
+    yield check_realtime_priority()
     yield locked_memory(resource.getrlimit(resource.RLIMIT_MEMLOCK)[0], facts.may_lock_memory(root))
     yield versions()
 
@@ -99,7 +100,9 @@ def computer(
 
 
 def wires(config: Config, root: Path, details: Mapping[str, Mapping[str, Any]] | None) -> Iterator[Fact]:
-    """Whether a run with this configuration would begin here: its URLs, and all that `run` looks at by itself."""
+    """Check whether a run with this configuration could start on this computer: its URLs, and everything that `run`
+    itself checks.
+    """
     for name, error in problems(Setup(config), virtual=False):
         yield fail(name, str(error))
     for key, url, is_sensor in (
@@ -112,13 +115,13 @@ def wires(config: Config, root: Path, details: Mapping[str, Mapping[str, Any]] |
         try:
             device = sensor_in(config) if is_sensor else robot_in(config)
             parsed = device.kind.parse(device.url, device.settings)
-            found = wire(parsed, root, details, getattr(device.kind, "bus", None))
+            checked = wire(parsed, root, details, getattr(device.kind, "bus", None))
         except ConfigError as error:
-            found = fail(key, str(error))
+            checked = fail(key, str(error))
             parsed = None
-        yield _under(key, found)
+        yield _under(key, checked)
         if parsed is not None and not is_sensor:
-            yield from beside(key, robot_in(config))
+            yield from check_side_channel(key, robot_in(config))
         if parsed is not None and datagrams.is_datagrams(parsed):
             rules = datagrams.firewall_rules()
             for fact in datagrams.surroundings(parsed, root, rules, config.realtime):
@@ -126,7 +129,7 @@ def wires(config: Config, root: Path, details: Mapping[str, Mapping[str, Any]] |
 
 
 def differences(config: Config, file: Path) -> list[Fact]:
-    """Compare a file of the controller with the configuration. Raises ConfigError for the file."""
+    """Compare a file of the controller with the configuration. Raises ConfigError if the file is invalid."""
     robot = robot_in(config)
     if robot.kind.compare_file is None:
         raise ConfigError(
@@ -137,36 +140,38 @@ def differences(config: Config, file: Path) -> list[Fact]:
     try:
         if len(data) > TOML_LIMIT_BYTES:
             raise ValueError(f"longer than {TOML_LIMIT_BYTES} bytes")
-        found: ProbeResult = robot.kind.compare_file(data, robot.url, robot.settings)
+        result: ProbeResult = robot.kind.compare_file(data, robot.url, robot.settings)
     except ValueError as error:
         raise ConfigError(f"{format_path(file)} is not a file of this controller: {error}") from error
-    facts = [ok(file.name, f"{name}: {text}") for name, text in found.rows]
-    return [*facts, *(fail(file.name, trouble.fact, trouble.remedy) for trouble in found.refusals)]
+    facts = [ok(file.name, f"{name}: {text}") for name, text in result.rows]
+    return [*facts, *(fail(file.name, trouble.fact, trouble.remedy) for trouble in result.refusals)]
 
 
-def beside(key: str, robot: Robot) -> Iterator[Fact]:
-    """Facts that a robot tells over another channel of its URL, such as web services. It is only read."""
+def check_side_channel(key: str, robot: Robot) -> Iterator[Fact]:
+    """Return the facts that a robot reports over another channel of its URL, such as web services. The channel is
+    only read.
+    """
     ask = robot.kind.read_side_channel
     if ask is None:
         return
 
     async def main() -> ProbeResult:
-        told: ProbeResult = await ask(robot.url)
-        return told
+        result: ProbeResult = await ask(robot.url)
+        return result
 
     try:
-        told = run_real(main)
+        outcome = run_real(main)
     except (ConfigError, DeviceError) as error:
         yield fail(key, error.fact, error.remedy)
         return
-    if told.rows:
-        yield ok(key, ", ".join(f"{name} {text}" for name, text in told.rows))
-    for trouble in told.refusals:
+    if outcome.rows:
+        yield ok(key, ", ".join(f"{name} {text}" for name, text in outcome.rows))
+    for trouble in outcome.refusals:
         yield fail(key, trouble.fact, trouble.remedy)
 
 
-def _under(key: str, found: Fact) -> Fact:
-    return Fact(found.level, key, f"{found.subject}: {found.text}", found.remedy)
+def _under(key: str, fact: Fact) -> Fact:
+    return Fact(fact.level, key, f"{fact.subject}: {fact.text}", fact.remedy)
 
 
 def wire(
@@ -175,7 +180,7 @@ def wire(
     details: Mapping[str, Mapping[str, Any]] | None,
     bus: CanBus | None = None,
 ) -> Fact:
-    """Whether what a URL names is there and may be opened. A host is connected to and left again."""
+    """Check that the target of a URL exists and may be opened. A host is connected to and then disconnected."""
     match url.scheme:
         case "serial" | "can+slcan":
             return _port(url.target, root)
@@ -212,7 +217,7 @@ def _host(host: str, port: int) -> Fact:
 
 
 def can_details() -> dict[str, dict[str, Any]] | None:
-    """Bit rates and states of the CAN interfaces; None without iproute2."""
+    """Return bit rates and states of the CAN interfaces, or None if iproute2 is not installed."""
     command = ("ip", "-json", "-details", "link", "show")
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=5.0, check=False)
@@ -222,7 +227,7 @@ def can_details() -> dict[str, dict[str, Any]] | None:
 
 
 def socketcan() -> Fact:
-    """Whether the kernel speaks CAN at all."""
+    """Check that the kernel supports CAN."""
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except OSError as error:
@@ -233,7 +238,9 @@ def socketcan() -> Fact:
 
 
 def wake_ups(realtime: RealTime) -> Fact:
-    """How late this process wakes, measured as it would be run; as any other where the machine refuses that."""
+    """Measure the lateness of this process's wake-ups, with the thread settings of a run. If the machine refuses
+    these settings, measure with the defaults.
+    """
     try:
         with real_time_thread(realtime):
             return judge_lateness(run_real(_lateness, realtime.busy_poll_ms * 1e-3), realtime)
@@ -242,7 +249,9 @@ def wake_ups(realtime: RealTime) -> Fact:
 
 
 def judge_lateness(late: Sequence[float], realtime: RealTime) -> Fact:
-    """Judge the machine by these latenesses of a thread run so, s, ascending, and give the remedy."""
+    """Judge the machine by the lateness of its wake-ups, s, in ascending order, and give the remedy. `realtime`
+    contains the settings of the thread.
+    """
     mean, p99 = sum(late) / len(late), late[int(0.99 * len(late))]
     awake = ", processors kept awake" * realtime.keep_awake + ", busy polling" * bool(realtime.busy_poll_ms)
     text = (
@@ -259,12 +268,12 @@ def judge_lateness(late: Sequence[float], realtime: RealTime) -> Fact:
         "wake-ups",
         text,
         "the machine is busy, or its processors sleep deeply: end other programs, then set `realtime.fifo_priority` "
-        "and `realtime.cpus`; `realtime.keep_awake` helps on a computer that is no virtual machine",
+        "and `realtime.cpus`; `realtime.keep_awake` helps on a physical computer",
     )
 
 
 async def _lateness() -> list[float]:
-    """Lateness of each of many periodic wake-ups, s, ascending."""
+    """Return the lateness of many periodic wake-ups, s, in ascending order."""
     clock = Clock.running()
     try:
         begun = clock.now()
@@ -278,19 +287,19 @@ async def _lateness() -> list[float]:
         clock.close()
 
 
-def keeping_awake(wanted: bool) -> Fact:
-    """Whether we may keep the processors from sleeping."""
+def keeping_awake(is_configured: bool) -> Fact:
+    """Check whether this process may keep the processors from sleeping."""
     try:
         with real_time_thread(RealTime(keep_awake=True)):
-            asks = "asks" if wanted else "would ask"
+            asks = "asks" if is_configured else "would ask"
             return ok("processors' sleep", f"may be prevented; `realtime.keep_awake` {asks} for it")
     except SettingRefused as error:
         what = "may not be prevented; needed only where wake-ups are late"
         return warn("processors' sleep", what, error.problem)
 
 
-def priority() -> Fact:
-    """Whether we may take real-time priority."""
+def check_realtime_priority() -> Fact:
+    """Check whether this process may use real-time priority."""
     try:
         with real_time_thread(RealTime(fifo_priority=1)):
             return ok("real-time priority", "permitted; `realtime.fifo_priority` asks for it")
@@ -304,7 +313,9 @@ def priority() -> Fact:
 
 
 def locked_memory(limit: int, capable: bool) -> Fact:
-    """Whether we may keep our memory from being swapped out, with such a limit unless we are above it."""
+    """Check whether this process may lock its memory. `limit` is the limit in bytes; `capable` says that the
+    process is privileged and has no limit.
+    """
     if capable or limit == resource.RLIM_INFINITY or limit >= LOCKED_BYTES:
         return ok("locked memory", "permitted; `realtime.lock_memory` asks for it")
     return warn(
@@ -315,13 +326,13 @@ def locked_memory(limit: int, capable: bool) -> Fact:
 
 
 def versions() -> Fact:
-    """Python's and the packages' versions, for a report of trouble."""
-    found = [f"Python {platform.python_version()}", f"Linux {platform.release()}"]
+    """Return the versions of Python and of the packages, for a problem report."""
+    lines = [f"Python {platform.python_version()}", f"Linux {platform.release()}"]
     for package in PACKAGES:
         try:
-            found.append(f"{package} {version(package)}")
+            lines.append(f"{package} {version(package)}")
         except PackageNotFoundError:
             return fail(
-                "versions", f"{package} is not installed", "install hil-bridge into an environment of its own"
+                "versions", f"{package} is not installed", "install hil-bridge in a separate environment"
             )
-    return ok("versions", ", ".join(found))
+    return ok("versions", ", ".join(lines))

@@ -1,7 +1,7 @@
-"""Facts about a computer from /sys, /proc and /dev, judged by the needs of a bridge.
+"""Facts about a computer from /sys, /proc and /dev, judged by the requirements of a bridge.
 
-Everything is read below a root folder, so that tests can lay out a computer of their own. Sources: kernel
-documentation, Documentation/ABI/testing/sysfs-class-net, sysfs-bus-usb, sysfs-class-tty, sysfs-devices-system-cpu;
+Everything is read below a root folder, so that tests can provide a file tree. Sources: kernel documentation,
+Documentation/ABI/testing/sysfs-class-net, sysfs-bus-usb, sysfs-class-tty, sysfs-devices-system-cpu;
 drivers/usb/serial/ftdi_sio.c for the latency timer.
 """
 
@@ -22,15 +22,17 @@ _ARPHRD_CAN = 280
 """Type of a CAN interface. Source: Linux, if_arp.h."""
 _IFF_UP = 1
 _SLOW_LATENCY_MS = 1
-"""A latency timer above this adds to every answer. Standard: the least that an FTDI adapter can be set to."""
+"""Smallest latency timer that is reported as slow, ms, because it adds to the time of every answer. Standard: the
+minimum of an FTDI adapter.
+"""
 _CAP_IPC_LOCK = 14
-"""The capability to lock memory. Source: Linux, linux/capability.h."""
+"""Capability to lock memory. Source: Linux, linux/capability.h."""
 _BAD_CLOCKS = ("hpet", "acpi_pm", "jiffies", "refined-jiffies", "pit")
-"""Clock sources that are slow to read or coarse."""
+"""Clock sources that are slow to read or have a coarse resolution."""
 
 
-_BETWEEN = ("port", "ctrl")
-"""Drivers that Linux puts between a serial port and its own since 6.5."""
+_INTERMEDIATE_DRIVERS = ("port", "ctrl")
+"""Drivers that Linux since 6.5 inserts between a serial port and the driver of the port."""
 
 
 class Level(StrEnum):
@@ -43,13 +45,13 @@ class Level(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """One line of the doctor."""
+    """Fact about the computer, which is one line of the doctor's output."""
 
     level: Level
     subject: str
     text: str
     remedy: str = ""
-    """Remedy."""
+    """Remedy for a problem; empty if there is no problem."""
 
     def __str__(self) -> str:
         remedy = f"; {self.remedy}" if self.remedy else ""
@@ -57,7 +59,7 @@ class Fact:
 
 
 def ok(subject: str, text: str) -> Fact:
-    """Return a fact that is as it should be."""
+    """Return a fact without a problem."""
     return Fact(Level.OK, subject, text)
 
 
@@ -67,7 +69,7 @@ def warn(subject: str, text: str, remedy: str = "") -> Fact:
 
 
 def fail(subject: str, text: str, remedy: str = "") -> Fact:
-    """Return a fact that prevents what was requested."""
+    """Return a fact that prevents the requested operation."""
     return Fact(Level.FAIL, subject, text, remedy)
 
 
@@ -75,7 +77,7 @@ def fail(subject: str, text: str, remedy: str = "") -> Fact:
 
 
 def serial_names(root: Path) -> list[str]:
-    """Names of the ports that have hardware behind them."""
+    """Return the names of the serial ports that have hardware."""
     return [
         tty.name
         for tty in sorted((root / "sys/class/tty").glob("*"))
@@ -84,7 +86,7 @@ def serial_names(root: Path) -> list[str]:
 
 
 def serial_ports(root: Path) -> Iterator[Fact]:
-    """Each port: what it is, whether we may open it, whether another program has it, how late it tells."""
+    """Check each serial port: type, permission, use by another program, latency timer."""
     names = serial_names(root)
     if not names:
         yield warn(
@@ -98,7 +100,7 @@ def serial_ports(root: Path) -> Iterator[Fact]:
 
 
 def serial_port(root: Path, name: str) -> Fact:
-    """One port by its name below /dev."""
+    """Check one serial port, identified by its name below /dev."""
     subject, node = f"serial port /dev/{name}", root / "dev" / name
     try:
         information = node.stat()
@@ -118,7 +120,7 @@ def serial_port(root: Path, name: str) -> Fact:
 
 
 def latency_timer(root: Path, name: str) -> Iterator[Fact]:
-    """Time for which a USB adapter keeps characters, where it has such a timer."""
+    """Check the time for which a USB adapter delays characters, if it has such a timer."""
     path = f"/sys/bus/usb-serial/devices/{name}/latency_timer"
     text = _read(root / path.lstrip("/"))
     if not text.isdigit():
@@ -135,11 +137,11 @@ def latency_timer(root: Path, name: str) -> Iterator[Fact]:
 
 
 def _adapter(root: Path, name: str) -> str:
-    """Driver, and for a USB adapter its product name and ids."""
+    """Return the driver of a port, and for a USB adapter also its product name and ids."""
     device = (root / "sys/class/tty" / name / "device").resolve()
     folders = (device, *device.parents[:4])
     drivers = ((folder / "driver").resolve().name for folder in folders if (folder / "driver").exists())
-    driver = next((driver for driver in drivers if driver not in _BETWEEN), "unknown driver")
+    driver = next((driver for driver in drivers if driver not in _INTERMEDIATE_DRIVERS), "unknown driver")
     for folder in folders:
         vendor, product = _read(folder / "idVendor"), _read(folder / "idProduct")
         if vendor and product:
@@ -149,7 +151,7 @@ def _adapter(root: Path, name: str) -> str:
 
 
 def _group(information: os.stat_result) -> str:
-    """Users that may open it beside its owner."""
+    """Return the group that may open the port in addition to its owner."""
     if information.st_mode & stat.S_IRWXG:
         try:
             return grp.getgrgid(information.st_gid).gr_name
@@ -159,12 +161,12 @@ def _group(information: os.stat_result) -> str:
 
 
 def _holders(root: Path, device: str) -> Iterator[str]:
-    """Programs that have a device open, as far as we may see them."""
+    """Return the programs that have a device open, as far as this user can see them."""
     for process in (root / "proc").glob("[0-9]*"):
         try:
             open_files = [os.readlink(link) for link in (process / "fd").iterdir()]
         except OSError:
-            continue  # of another user, or it has ended
+            continue  # the process belongs to another user or has ended
         if device in open_files:
             yield f"{_read(process / 'comm') or 'process'} ({process.name})"
 
@@ -173,7 +175,7 @@ def _holders(root: Path, device: str) -> Iterator[str]:
 
 
 def can_names(root: Path) -> list[str]:
-    """Names of the CAN interfaces."""
+    """Return the names of the CAN interfaces."""
     return [
         interface.name
         for interface in sorted((root / "sys/class/net").glob("*"))
@@ -182,9 +184,9 @@ def can_names(root: Path) -> list[str]:
 
 
 def can_interfaces(root: Path, details: Mapping[str, Mapping[str, Any]] | None) -> Iterator[Fact]:
-    """Each interface: state, bit rate, what happens after bus-off.
+    """Check each CAN interface: state, bit rate, behaviour after bus-off.
 
-    `details` is what `link_details` makes of iproute2's answer; None without iproute2.
+    `details` is the result of `link_details`, or None if iproute2 is not installed.
     """
     names = can_names(root)
     for name in names:
@@ -201,15 +203,17 @@ def can_interface(
     details: Mapping[str, Mapping[str, Any]] | None,
     bus: CanBus | None = None,
 ) -> Fact:
-    """One interface by its name; its bit rate is judged for a device on this bus."""
+    """Check one CAN interface, identified by its name. Its bit rate is compared with the bit rate of the device on
+    this bus.
+    """
     subject, folder = f"CAN interface {name}", root / "sys/class/net" / name
     if _read(folder / "type") != str(_ARPHRD_CAN):
         there = ", ".join(can_names(root)) or "none"
         return fail(subject, f"no such CAN interface (known: {there})", "`ip link` lists all")
     flags = _read(folder / "flags")
     up = flags.startswith("0x") and bool(int(flags, 16) & _IFF_UP)
-    told = (details or {}).get(name, {})
-    kind = str(told.get("kind", ""))
+    link = (details or {}).get(name, {})
+    kind = str(link.get("kind", ""))
     bring_up = (
         f"`sudo ip link set {name} up type can bitrate {bus.bitrate if bus else 'RATE'} restart-ms 100`"
     )
@@ -218,15 +222,15 @@ def can_interface(
         return fail(subject, "is down", remedy)
     if kind == "vcan":
         return ok(subject, "is up, virtual")
-    bitrate, state, restart_ms = told.get("bitrate"), str(told.get("state", "")), told.get("restart_ms", 0)
-    errors = tuple(told.get("errors", (0, 0)))
+    bitrate, state, restart_ms = link.get("bitrate"), str(link.get("state", "")), link.get("restart_ms", 0)
+    errors = tuple(link.get("errors", (0, 0)))
     counters = "error counters sent {}, received {}".format(*errors) if any(errors) else ""
     parts = ("is up", f"{bitrate} bit/s" if bitrate else "", state.lower(), counters)
     text = ", ".join(filter(None, parts))
     if bus is not None and bitrate is not None and bitrate != bus.bitrate:
         return fail(
             subject,
-            f"{text}; {bus.device} speaks {bus.bitrate}",
+            f"{text}; {bus.device} uses {bus.bitrate}",
             f"`sudo ip link set {name} down`, then {bring_up}",
         )
     if state == "BUS-OFF":
@@ -235,7 +239,7 @@ def can_interface(
         )
     if state and state != "ERROR-ACTIVE":
         return warn(subject, text, "frames are damaged on this bus: check termination, cable and bit rate")
-    if told and not restart_ms:
+    if link and not restart_ms:
         return warn(
             subject, f"{text}, stays off after bus-off", f"`sudo ip link set {name} type can restart-ms 100`"
         )
@@ -243,38 +247,39 @@ def can_interface(
 
 
 def link_details(text: str) -> dict[str, dict[str, Any]]:
-    """Kind, bit rate, state and restart time of each interface from `ip -json -details link show`; nothing that was
-    not understood.
+    """Return kind, bit rate, state and restart time of each interface from `ip -json -details link show`.
+
+    Entries with an unknown format are omitted.
     """
     try:
         links = json.loads(text)
     except ValueError:
         return {}
-    found: dict[str, dict[str, Any]] = {}
+    interfaces: dict[str, dict[str, Any]] = {}
     for link in links if isinstance(links, list) else ():
         if not isinstance(link, dict) or not isinstance(link.get("linkinfo"), dict):
             continue
         info = link["linkinfo"]
         data = _table(info, "info_data")
         timing = _table(data, "bittiming")
-        found[str(link.get("ifname"))] = {
+        interfaces[str(link.get("ifname"))] = {
             "kind": info.get("info_kind", ""),
             "bitrate": timing.get("bitrate"),
             "state": data.get("state", ""),
             "restart_ms": data.get("restart_ms", 0),
             "errors": tuple(_table(data, "berr_counter").get(side, 0) for side in ("tx", "rx")),
         }
-    return found
+    return interfaces
 
 
 def _table(values: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """Return a table inside another; an empty one if there is none."""
+    """Return a table inside another table, or an empty table if there is none."""
     table = values.get(key)
     return table if isinstance(table, dict) else {}
 
 
 def vcan(root: Path, release: str) -> Fact:
-    """Whether virtual CAN interfaces can be made, for tests without hardware."""
+    """Check whether virtual CAN interfaces can be created, for tests without hardware."""
     modules = root / "lib/modules" / release
     lists = (_read(modules / name) for name in ("modules.dep", "modules.builtin"))
     if (root / "sys/module/vcan").exists() or any("/vcan.ko" in text for text in lists):
@@ -290,7 +295,7 @@ def vcan(root: Path, release: str) -> Fact:
 
 
 def clock_source(root: Path) -> Fact:
-    """Source of the kernel's time."""
+    """Check the clock source of the kernel."""
     name = _read(root / "sys/devices/system/clocksource/clocksource0/current_clocksource") or "unknown"
     if name in _BAD_CLOCKS:
         return warn(
@@ -302,19 +307,21 @@ def clock_source(root: Path) -> Fact:
 
 
 def timer_slack(root: Path) -> Fact:
-    """By how much the kernel may delay ordinary waits; timerfd waits, which the bridge uses, are exempt."""
+    """Return the time by which the kernel may delay ordinary waits. Waits on a timerfd, which the bridge uses, are
+    exempt.
+    """
     text = _read(root / "proc/self/timerslack_ns")
-    return ok("timer slack", f"{int(text) / 1e3:g} µs" if text.isdigit() else "not told by this kernel")
+    return ok("timer slack", f"{int(text) / 1e3:g} µs" if text.isdigit() else "not reported by this kernel")
 
 
 def may_lock_memory(root: Path) -> bool:
-    """Whether this process may lock memory without limit, as root may."""
-    found = re.search(r"^CapEff:\s*([0-9a-f]+)$", _read(root / "proc/self/status"), re.MULTILINE)
-    return found is not None and bool(int(found[1], 16) >> _CAP_IPC_LOCK & 1)
+    """Return whether this process may lock memory without limit, as root may."""
+    match = re.search(r"^CapEff:\s*([0-9a-f]+)$", _read(root / "proc/self/status"), re.MULTILINE)
+    return match is not None and bool(int(match[1], 16) >> _CAP_IPC_LOCK & 1)
 
 
 def governors(root: Path) -> Fact:
-    """How the processors choose their frequency."""
+    """Check the frequency governors of the processors."""
     folders = sorted((root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq"))
     names = sorted({_read(folder / "scaling_governor") for folder in folders} - {""})
     if not names:
@@ -332,7 +339,7 @@ def governors(root: Path) -> Fact:
 
 
 def processors(usable: Sequence[int]) -> Fact:
-    """On how many processors we may run."""
+    """Check the number of available processors."""
     if len(usable) < 2:
         return warn(
             "processors", "one: recorder, view and control share it", "do not run anything else during a run"
@@ -341,7 +348,7 @@ def processors(usable: Sequence[int]) -> Fact:
 
 
 def _read(path: Path) -> str:
-    """Read a small file; empty if it cannot be read."""
+    """Read a small file. Return "" if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8", errors="replace").strip()
     except OSError:

@@ -1,7 +1,7 @@
-"""Lift a tool off from any state that a stop left it in, for an operator at the cell.
+"""Retraction of a tool from any state in which a stop left it, for an operator at the cell.
 
-Nothing is taken for zero and no tool must be known: the force at the beginning is what is there, and it must not
-rise. Steps are those of the way to a zero at first, later those of an approach.
+The retraction sets no zero, and the tool need not be known: the initial force is the reference, and it must not
+rise. The steps are initially those of the motion before a zero, later those of an approach.
 """
 
 import math
@@ -25,22 +25,22 @@ from protocol.geometry import Pose, Quaternion, Vector, normalise
 
 
 @dataclass(frozen=True, slots=True)
-class Freed:
-    """Result of lifting off."""
+class FreeResult:
+    """Result of the retraction of a tool."""
 
     moved_mm: float
     before: tuple[float, ...]
-    """Force at the beginning: contact force where the tool is known, else what the sensor read, tool frame, N."""
+    """Force at the start, tool frame, N: the contact force if the tool is known, otherwise the sensor reading."""
     after: tuple[float, ...]
-    """The same at the end."""
+    """Force at the end, tool frame, N: the contact force if the tool is known, otherwise the sensor reading."""
     known: bool
-    """The tool's weight was known and has been taken off."""
+    """Whether the tool's weight was known and subtracted."""
     back_mm: float | None = None
-    """Length of the path back to a recorded start; None without `back_to`."""
+    """Length of the path back to a recorded start, mm; None without `back_to`."""
 
     @property
     def text(self) -> str:
-        """The result in words, for the last line."""
+        """Result as text for the last line of the output."""
         what = "contact force" if self.known else "force that the sensor reads, the tool's weight included,"
         before, after = math.hypot(*self.before), math.hypot(*self.after)
         back = "" if self.back_mm is None else f"; {self.back_mm:.1f} mm back to the start"
@@ -49,14 +49,15 @@ class Freed:
 
 def free(
     config: Config, distance_mm: float, say: Callable[[str], None], back_to: Vector | None = None
-) -> Freed:
-    """Move the tool away from the surface, against `frame.approach`, by a distance. `say` is told how it goes.
+) -> FreeResult:
+    """Move the tool away from the surface by a distance, against `frame.approach`. `say` receives progress
+    messages.
 
-    `back_to` is a place in the robot's base frame, m, to go to then. Raises SafetyStop when the force rises on the way,
-    or the robot does not follow; BridgeError as a run does.
+    `back_to` is the position in the robot base frame to which the tool moves afterwards, m. Raises SafetyStop if
+    the force rises or the robot does not follow, and the errors of a run (BridgeError).
     """
 
-    async def main() -> Freed:
+    async def main() -> FreeResult:
         clock = Clock.running()
         try:
             # A stream that a dead run left counts from that run's zero; a stream that is stopped loses this zero.
@@ -71,7 +72,7 @@ def free(
 
 
 class Freeing:
-    """Lifts a tool off over devices that have been started; call it once."""
+    """Retraction with devices that have been started. It can be called once."""
 
     def __init__(
         self,
@@ -84,43 +85,43 @@ class Freeing:
         self._config, self._clock, self._robot, self._sensor, self._say = config, clock, robot, sensor, say
         self._steps = SmallSteps(clock, robot, sensor)
 
-    async def __call__(self, distance_mm: float, back_to: Vector | None = None) -> Freed:
-        """Move away by so much, then back to a place. Raises as `free` does."""
+    async def __call__(self, distance_mm: float, back_to: Vector | None = None) -> FreeResult:
+        """Move away by this distance, then to a position, if one is given. Errors as for `free`."""
         config, task = self._config, self._config.task
         if back_to is not None:
             check_goal(config, back_to)
         start = await bring_up(self._robot, self._sensor)
         await self._robot.release(start)
         known = known_wrist(config) if config.tool.mass_kg or not config.sensor.url else None
-        seen, orientation = known or wrist(config), start.pose.quaternion
-        watch = _Watch(config, known is not None, orientation)
+        sensor_wrist, orientation = known or wrist(config), start.pose.quaternion
+        watch = _ForceWatch(config, known is not None, orientation)
         reading = await self._steps.steady(task.zero_change_n)
-        before = after = _force(seen, orientation, reading.mean)
+        before = after = _force(sensor_wrist, orientation, reading.mean)
         watch.see(before, 0.0)
         if back_to is not None:  # the path across is no lower than the start
             if math.hypot(*before) <= task.contact_threshold_n:
                 distance_mm = min(distance_mm, 1.0)
             distance_mm = max(distance_mm, depth_between(config, back_to, start.pose.position) * 1e3)
         self._say(f"force {math.hypot(*before):.1f} N; moving away by {distance_mm:g} mm")
-        moved = 0.0
+        distance = 0.0
         bounds = free_bounds(config, self._robot.facts, start.pose)
         async with self._robot.motion(MotionLimits(LIFT_SPEED_M_S, bounds=bounds)) as motion:
-            while moved < distance_mm - 1e-9:
-                careful = moved < task.zero_lift_mm - 1e-9
-                step = min(task.zero_step_mm if careful else task.single_step_mm, distance_mm - moved)
+            while distance < distance_mm - 1e-9:
+                careful = distance < task.zero_lift_mm - 1e-9
+                step = min(task.zero_step_mm if careful else task.single_step_mm, distance_mm - distance)
                 await self._steps.to(
-                    motion, _moved(start.pose, config, moved + step), orientation, step * 1e-3
+                    motion, _moved(start.pose, config, distance + step), orientation, step * 1e-3
                 )
-                moved += step
+                distance += step
                 check_alive(self._sensor, config)
-                after = _force(seen, orientation, (await self._steps.quiet()).mean)
-                watch.see(after, moved)
-                self._say(f"moved {moved:.3f} mm, force {math.hypot(*after):.1f} N")
+                after = _force(sensor_wrist, orientation, (await self._steps.quiet()).mean)
+                watch.see(after, distance)
+                self._say(f"moved {distance:.3f} mm, force {math.hypot(*after):.1f} N")
         if back_to is None:
-            return Freed(moved, before, after, known is not None)
+            return FreeResult(distance, before, after, known is not None)
         path = ReturnPath(config, self._clock, self._robot, self._sensor, self._say)
         length = await path.follow(back_to, await self._robot.report())
-        return Freed(moved, before, after, True, length * 1e3)
+        return FreeResult(distance, before, after, True, length * 1e3)
 
 
 def _moved(pose: Pose, config: Config, by_mm: float) -> Vector:
@@ -128,27 +129,29 @@ def _moved(pose: Pose, config: Config, by_mm: float) -> Vector:
     return x, y, z
 
 
-class _Watch:
-    """Watch on the force during the motion."""
+class _ForceWatch:
+    """Supervision of the force during the motion."""
 
     def __init__(self, config: Config, known: bool, orientation: Quaternion) -> None:
-        """`known`: forces are contact forces; else the weight of a tool that is not known is part of them."""
+        """Create a supervision. `known` means that the forces are contact forces; otherwise they include the weight
+        of an unknown tool.
+        """
         self._config, self._known, self._orientation = config, known, orientation
         self._lowest = self._most = math.inf
         self._first = -1.0
 
     def see(self, force: tuple[float, ...], moved_mm: float) -> None:
-        """Take a force in the tool frame, N. Raises SafetyStop when it rose.
+        """Add a force in the tool frame, N. Raises SafetyStop if the force has risen.
 
-        With a tool that is known its length must not rise. With another one the part along the approach must not, and
-        the length must not pass both the force limit and that of the beginning.
+        With a known tool, the magnitude of the force must not rise. With an unknown tool, the component along the
+        approach must not rise, and the magnitude must not exceed both the force limit and its initial value.
         """
         limits, length, change_n = self._config.limits, math.hypot(*force), self._config.task.zero_change_n
         unchanged = abs(length - self._first) < change_n / 2
         if self._known and length > change_n and unchanged and moved_mm > limits.unanswered_mm:
             raise SafetyStop(
-                f"the force stayed at {length:.1f} N while the tool moved {moved_mm:.3f} mm away: it stands still; "
-                "free it by hand, or look at the sensor"
+                f"the force stayed at {length:.1f} N while the tool moved {moved_mm:.3f} mm away: the tool has "
+                "stopped; free it by hand, or check the sensor"
             )
         if self._first < 0.0:
             self._first = length
@@ -164,12 +167,14 @@ class _Watch:
         self._lowest = min(self._lowest, pressed)
         if rise > 0.0:
             raise SafetyStop(
-                f"the force rose to {length:.1f} N while the tool moved {moved_mm:.3f} mm away: it stands still; "
-                "free it by hand, or correct frame.approach"
+                f"the force rose to {length:.1f} N while the tool moved {moved_mm:.3f} mm away: the tool has "
+                "stopped; free it by hand, or correct frame.approach"
             )
 
 
-def _force(seen: Wrist, orientation: Quaternion, mean: tuple[float, ...]) -> tuple[float, ...]:
-    """Contact force of a reading in the tool frame, N, as far as weight and bias are known."""
-    x, y, z = seen.contact_wrench(mean, normalise(orientation), None)[:3].tolist()
+def _force(sensor_wrist: Wrist, orientation: Quaternion, mean: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the contact force of a reading in the tool frame, N, with weight and bias subtracted as far as they
+    are known.
+    """
+    x, y, z = sensor_wrist.contact_wrench(mean, normalise(orientation), None)[:3].tolist()
     return x, y, z

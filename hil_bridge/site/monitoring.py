@@ -1,4 +1,4 @@
-"""Options that `hil-bridge monitor` passes to the device whose link it shows."""
+"""Options that `hil-bridge monitor` passes to the device package whose link it displays."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -7,13 +7,13 @@ from hil_bridge.settings.configuration import Config
 
 
 class MonitorOptions(NamedTuple):
-    """Options of `hil-bridge monitor`, for an extension `monitor-KIND`: a function of the sources and of these."""
+    """Options of `hil-bridge monitor`. An extension `monitor-KIND` is a function of the sources and these options."""
 
     raw: bool
-    """Whether to show the bytes, too."""
+    """Whether to display the bytes as well."""
     save: Path | None
-    """File for a text capture of received traffic."""
+    """File for a text capture of the received traffic."""
     config: Config
     is_configured: bool
-    """Whether a file gave the configuration, so that its link settings hold for a file, too."""
+    """Whether the configuration comes from a file, so that its link settings also apply to a capture file."""
     orders_file: Path | None

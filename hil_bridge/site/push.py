@@ -1,7 +1,7 @@
-"""Mounting of a force sensor from pushes by hand. Pure.
+"""Mounting of a force sensor, derived from pushes by hand. Pure functions.
 
-A hand that pushes along an axis of the tool is a force of the environment on the tool along that axis. The sensor's
-reading less the one before it then names the axis that answers, and its sign; three such pushes name the mounting.
+A push by hand along a tool axis is a force of the environment on the tool along that axis. The change of the sensor
+reading identifies the responding sensor axis and its sign. Three such pushes determine the mounting.
 """
 
 import math
@@ -15,31 +15,31 @@ from protocol.geometry import Quaternion
 from protocol.wrench import AXES
 
 LEAST_N = 5.0
-"""Least force that counts as a push. Chosen: a light one, far above the weight of a resting hand."""
+"""Smallest force that counts as a push, N. Chosen: a light push, far above the weight of a resting hand."""
 NOISE_FACTOR = 10.0
-"""A push is at least so many times the noise of the force. Chosen."""
+"""Smallest ratio of a push to the noise of the force. Chosen."""
 SURE_SHARE = 0.87
-"""Share of the force on one axis above which that axis is named for sure. Chosen: within 30° of it."""
+"""Share of the force on one axis above which that axis is identified. Chosen: the push is within 30° of the axis."""
 RIGHT_ANGLE_DEG = 20.0
-"""How far from a multiple of a right angle a hand may be off. Chosen: an operator does not push straighter."""
+"""Largest deviation of a push from a multiple of a right angle, °. Chosen: pushes by hand are not more precise."""
 
 _FORCES = 3
 _SQUARE = 90.0
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
-    """Answer of the sensor to a push."""
+class PushResponse:
+    """Response of the sensor to a push."""
 
     axis: str
-    """Axis of the sensor that changed most: fx, fy or fz."""
+    """Sensor axis with the largest change: fx, fy or fz."""
     sign: int
     force_n: float
-    """Length of the change of the force."""
+    """Magnitude of the change in force, N."""
     share: float
-    """Share of the push on that axis, 0 … 1: the cosine of the angle between them."""
+    """Cosine of the angle between the push and the responding axis, 0 … 1."""
     direction: tuple[float, ...]
-    """Unit vector of the change along the sensor's axes."""
+    """Direction of the change in force, as a unit vector in the sensor frame."""
 
     @property
     def sure(self) -> bool:
@@ -48,7 +48,7 @@ class Answer:
 
     @property
     def text(self) -> str:
-        """The answer in words."""
+        """Description of the response."""
         named = f"{'+' if self.sign > 0 else '−'}{self.axis.capitalize()}"
         if self.sure:
             return f"{named} responds: {self.force_n:.1f} N, {self.share:.0%} of it on this axis"
@@ -57,14 +57,14 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """Mounting settings that explain the pushes."""
+    """Mounting settings derived from the pushes."""
 
     flip_fx_mx: bool
     mounting_deg: float
     quaternion: Quaternion
-    """Sensor frame in the tool frame, w x y z, beside `mounting_deg`."""
+    """Rotation from sensor frame to tool frame, w x y z, in addition to `mounting_deg`."""
     off_deg: float
-    """Largest deviation of a push."""
+    """Largest deviation of a push, °."""
 
     @property
     def settings(self) -> tuple[str, ...]:
@@ -78,39 +78,43 @@ class Mounting:
 
 
 def push_threshold(noise: Sequence[float]) -> float:
-    """Least length of a push, N, where the forces are as noisy as that: rms of each axis, N."""
+    """Return the smallest magnitude of a push for this noise, N. `noise` is the rms of each axis, N."""
     return max(LEAST_N, NOISE_FACTOR * math.hypot(*noise[:_FORCES]))
 
 
-def judge_push(before: Sequence[float], during: Sequence[float], noise: Sequence[float]) -> Answer | None:
-    """Change of the mean wrench by a push, sensor frame, N and N·m; None where it is too weak to tell."""
+def judge_push(
+    before: Sequence[float], during: Sequence[float], noise: Sequence[float]
+) -> PushResponse | None:
+    """Return the response of the mean wrench to a push, sensor frame, N and N·m, or None if the push is too weak to
+    judge.
+    """
     change = [during[k] - before[k] for k in range(_FORCES)]
     length = math.hypot(*change)
     if not length >= push_threshold(noise):
         return None
     direction = tuple(part / length for part in change)
     k = max(range(_FORCES), key=lambda k: abs(direction[k]))
-    return Answer(AXES[k], 1 if direction[k] > 0.0 else -1, length, abs(direction[k]), direction)
+    return PushResponse(AXES[k], 1 if direction[k] > 0.0 else -1, length, abs(direction[k]), direction)
 
 
-def expect_push(wrist: Wrist, axis: int) -> Answer:
-    """Answer of a sensor mounted as `wrist` says to a push of 1 N along an axis of the tool: 0 x, 1 y, 2 z."""
-    seen = wrist.alignment()[axis].tolist()
-    answer = judge_push((0.0,) * _FORCES, [LEAST_N * part for part in seen], (0.0,) * _FORCES)
+def expect_push(wrist: Wrist, axis: int) -> PushResponse:
+    """Return the expected response, for this mounting, to a push of 1 N along a tool axis: 0 x, 1 y, 2 z."""
+    expected = wrist.alignment()[axis].tolist()
+    answer = judge_push((0.0,) * _FORCES, [LEAST_N * part for part in expected], (0.0,) * _FORCES)
     assert answer is not None
     return answer
 
 
 def angle_deg(a: Sequence[float], b: Sequence[float]) -> float:
-    """Between two unit vectors."""
+    """Return the angle between two unit vectors, °."""
     return math.degrees(math.acos(max(-1.0, min(1.0, sum(x * y for x, y in zip(a, b, strict=True))))))
 
 
-def mounting_of(pushes: Mapping[int, Answer]) -> Mounting | None:
-    """How the sensor sits, from a push along each axis of the tool: 0 x, 1 y, 2 z; None while one is missing, or where
-    two of them were answered alike.
+def mounting_of(pushes: Mapping[int, PushResponse]) -> Mounting | None:
+    """Return the mounting that results from a push along each tool axis: 0 x, 1 y, 2 z.
 
-    A right angle is taken where every push is within `RIGHT_ANGLE_DEG` of one.
+    Return None while a push is missing, or if two pushes have the same responding axis. Right angles are assumed if
+    every push is within `RIGHT_ANGLE_DEG` of one.
     """
     if set(pushes) != set(range(_FORCES)):
         return None

@@ -1,7 +1,8 @@
 """Path of a lifted tool back to the start of a recorded run.
 
-It leads across at the height of the lift, then down, in small slow steps. The tool must be known: its weight verifies
-the sensor before anything moves, as before a run. The first contact ends it, and the tool stands still there.
+The path leads across at the height of the lift, then down, in small slow steps. The tool must be known: as before a
+run, its weight verifies the sensor before anything moves. The first contact ends the path, and the tool stops
+there.
 """
 
 import math
@@ -20,11 +21,11 @@ from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Quaternion, Vector, normalise
 
 _ROUNDING = 1e-9
-"""Slack of a number of steps."""
+"""Tolerance of a number of steps, for rounding errors."""
 
 
 class ReturnPath:
-    """One return to a recorded start; call `follow` once."""
+    """Return to a recorded start. `follow` can be called once."""
 
     def __init__(
         self,
@@ -39,10 +40,11 @@ class ReturnPath:
         self._zeroing = Zeroing(config, clock, robot, sensor, lambda text, check: say(text))
 
     async def follow(self, goal: Vector, start: RobotReport) -> float:
-        """Go from where the tool is to a place in the base frame, m; return the length of the path, m.
+        """Move the tool from its present position to a position in the base frame, m. Return the length of the
+        path, m.
 
-        Raises DeviceError for a sensor that does not read the tool's weight, ConfigError for a direction that nothing
-        verifies, and SafetyStop at a contact.
+        Raises DeviceError if the sensor does not measure the tool's weight, ConfigError if the direction cannot be
+        verified, and SafetyStop at a contact.
         """
         pose = Pose(start.pose.position, normalise(start.pose.quaternion))
         depth = depth_between(self._config, pose.position, goal)
@@ -64,19 +66,21 @@ class ReturnPath:
 
     @property
     def _step_m(self) -> float:
-        """As in an approach: a step into a surface of the expected stiffness adds no more than task.force_n."""
+        """Return the step size of an approach, m: a step into a surface of the expected stiffness adds at most
+        task.force_n.
+        """
         task = self._config.task
         step = task.force_n / task.expected_stiffness_n_m
         return min(max(step, task.zero_step_mm * 1e-3), task.single_step_mm * 1e-3)
 
     async def _check_free(self, quaternion: Quaternion, done: float) -> None:
-        """Raise SafetyStop for a contact, also for one that only the moments show."""
-        seen, frame, limits = known_wrist(self._config), self._config.frame, self._config.limits
-        assert seen is not None, "check_goal has refused it"
+        """Raise SafetyStop for a contact, including a contact that only the moments indicate."""
+        sensor_wrist, frame, limits = known_wrist(self._config), self._config.frame, self._config.limits
+        assert sensor_wrist is not None, "check_goal has refused it"
         check_alive(self._sensor, self._config)
         fx, fy, fz, mx, my, mz = (await self._steps.quiet()).mean
         measured = fx, fy, fz, mx, my, mz
-        at = seen.at_orientation(quaternion, None, frame.approach)
+        at = sensor_wrist.at_orientation(quaternion, None, frame.approach)
         hidden = self._zeroing.axes.hidden_at_rest(at, measured, limits.weight_tolerance_n)
         force, limit = (
             max(hidden, math.hypot(*at.contact_wrench(measured)[:3])),
@@ -85,20 +89,21 @@ class ReturnPath:
         self._say(f"{done * 1e3:.3f} mm of the path back, force {force:.1f} N")
         if force > limit:
             raise SafetyStop(
-                f"{force:.1f} N on the tool after {done * 1e3:.3f} mm of the path back, allowed are {limit:g} N "
-                "(task.contact_threshold_n): it stands still; see what it touches, and lift it off with hil-bridge free"
+                f"{force:.1f} N on the tool after {done * 1e3:.3f} mm of the path back; allowed: at most {limit:g} N "
+                "(task.contact_threshold_n). The tool has stopped; find the obstacle, then run hil-bridge free"
             )
 
 
 def start_of(recording: Recording, kind: str) -> Vector:
-    """Return where a recorded run of a robot of this kind began, base frame, m.
+    """Return the start position of a recorded run of this kind of robot, base frame, m.
 
-    Raises ConfigError for a recording without a cycle, of an emulated robot, or of a robot of another kind.
+    Raises ConfigError if the recording contains no cycle, or is a recording of an emulated robot or of another kind
+    of robot.
     """
     robot = devices_of(recording).robot
     if robot.emulated:
         raise ConfigError(
-            "the recording is of an emulated robot, whose start is not a place in this cell; "
+            "the recording is of an emulated robot, whose start is not a position in this cell; "
             "name one of a run on this robot"
         )
     if robot.kind not in ("", kind):
@@ -112,12 +117,12 @@ def start_of(recording: Recording, kind: str) -> Vector:
 
 
 def depth_between(config: Config, begin: Vector, end: Vector) -> float:
-    """Return how much deeper one place is than another, m."""
+    """Return how much deeper one position is than another, m."""
     return sum((b - a) * n for a, b, n in zip(begin, end, config.frame.approach, strict=True))
 
 
 def check_goal(config: Config, goal: Vector) -> None:
-    """Raise ConfigError where the tool is not known, or the goal lies outside the workspace."""
+    """Raise ConfigError if the tool is unknown or the goal is outside the workspace."""
     limits = config.limits
     if known_wrist(config) is None or (config.sensor.url and not config.tool.mass_kg):
         raise ConfigError("the path back needs the mass of the tool: set tool.mass_kg (--tool-mass-kg)")
@@ -130,7 +135,7 @@ def check_goal(config: Config, goal: Vector) -> None:
 
 
 def check_alive(sensor: ForceSensor, config: Config) -> None:
-    """Raise SafetyStop for a sensor that cannot tell a force that rises."""
+    """Raise SafetyStop if the sensor cannot detect a rising force."""
     sensor.check()
     newest = sensor.newest
     unchanged_ms = 0.0 if newest is None else (newest.at - sensor.unchanged_since) * 1e3
@@ -139,7 +144,7 @@ def check_alive(sensor: ForceSensor, config: Config) -> None:
 
 
 def _direction(begin: Vector, end: Vector) -> Vector | None:
-    """Return the unit vector; None for two places that are the same."""
+    """Return the unit vector from one position to another, or None if they are equal."""
     length = math.dist(begin, end)
     if length < _ROUNDING:
         return None
@@ -148,7 +153,7 @@ def _direction(begin: Vector, end: Vector) -> Vector | None:
 
 
 def _points(begin: Vector, end: Vector, step: float) -> Iterator[Vector]:
-    """Places on a straight line behind its begin, no farther apart than a step, m."""
+    """Return points on a straight line, without the start point, at most one step apart, m."""
     count = math.ceil(math.dist(begin, end) / step - _ROUNDING)
     for number in range(1, count + 1):
         x, y, z = (a + (b - a) * number / count for a, b in zip(begin, end, strict=True))

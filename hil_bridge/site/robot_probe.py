@@ -1,4 +1,6 @@
-"""`hil-bridge probe robot` of every kind: what answers there, and what a run would be refused for. It moves nothing."""
+"""Implementation of `hil-bridge probe robot` for every kind: what responds, and why a run would be refused. Nothing
+moves.
+"""
 
 from typing import Any
 
@@ -11,23 +13,23 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import harmless, toml_pair
 
 FOUND = (
-    "# Found by `hil-bridge probe robot`; what is not here has its default. The lines that begin with #= are what",
-    "# no probe can find: take #= away and set them. Then `hil-bridge doctor` tells whether a run would begin.",
+    "# Found by `hil-bridge probe robot`; all other settings have their defaults. Lines beginning with #= are settings",
+    "# that a probe cannot find: remove #= and set them. Then `hil-bridge doctor` reports whether a run could start.",
     "",
     "[robot]",
 )
-"""Head of the file that a probe writes."""
+"""Heading of the file that a probe writes."""
 TO_FILL_IN = """
 [sensor]
-# where the force sensor is: jr3+can+slcan:///dev/ttyACM0?bitrate=1000000, jr3-uart+serial:///dev/ttyACM0,
+# URL of the force sensor: jr3+can+slcan:///dev/ttyACM0?bitrate=1000000, jr3-uart+serial:///dev/ttyACM0,
 # netft+udp://192.168.1.1:49152, ft300+serial:///dev/ttyUSB0
 #= url = "jr3+can+socketcan://can0"
-# how it sits in the tool frame; `hil-bridge probe sensor URL` names its axes from a push by hand
+# its mounting in the tool frame; `hil-bridge probe sensor URL` determines it from pushes by hand
 #= mounting_deg = 0.0
 #= flip_fx_mx = false
 
 [tool]
-# what hangs below the sensor; `hil-bridge identify tool` measures it
+# load below the sensor; `hil-bridge identify tool` measures it
 #= mass_kg = 0.5
 #= centre_of_gravity_mm = [0.0, 0.0, 0.0]
 
@@ -38,22 +40,23 @@ TO_FILL_IN = """
 
 [task]
 #= force_n = 10.0
-# of the hardest thing that the tool may touch; the approach takes its speed from it
+# of the hardest surface that the tool may touch; it limits the speed of the approach
 #= expected_stiffness_n_m = 5000.0
 
 [limits]
 #= force_limit_n = 50.0
-# corners of the box that the tool may be in, in the robot's base frame
+# corners of the permitted workspace, in the robot's base frame
 #= workspace_min_m = [-3.0, -3.0, -3.0]
 #= workspace_max_m = [3.0, 3.0, 3.0]
 """
-"""Facts that only an operator knows, with the defaults."""
+"""Settings that only the operator knows, with their defaults."""
 
 
 def probe_robot(kind: RobotKind[Any, Any], wire: str, settings: KindSettings[Any, Any]) -> ProbeResult:
-    """Probe in real time; a run would begin where nothing is refused.
+    """Probe a robot in real time. If the result contains no refusals, a run could start.
 
-    Raises ConfigError for a kind without a probe, TransportUnavailable for the wire, DeviceError where nothing answers.
+    Raises ConfigError if the kind has no probe, TransportUnavailable if the wire cannot be opened, DeviceError if
+    the robot does not respond.
     """
 
     async def main() -> ProbeResult:
@@ -69,31 +72,31 @@ def probe_robot(kind: RobotKind[Any, Any], wire: str, settings: KindSettings[Any
 async def probe(
     kind: RobotKind[Any, Any], wire: str, settings: KindSettings[Any, Any], clock: Clock
 ) -> ProbeResult:
-    """Probe the robot behind a wire. Errors as of `probe_robot`."""
+    """Probe the robot on a wire. Errors as for `probe_robot`."""
     if kind.probe is None:
         raise ConfigError(
             f"the kind {kind.name} has no probe; its package provides one as `probe` of its RobotKind"
         )
-    found: ProbeResult = await kind.probe(wire, settings, Wiring("robot", clock, NullLog()))
-    return found
+    result: ProbeResult = await kind.probe(wire, settings, Wiring("robot", clock, NullLog()))
+    return result
 
 
-def probe_values(found: ProbeResult) -> dict[str, object]:
-    """Return the same as values."""
+def probe_values(result: ProbeResult) -> dict[str, object]:
+    """Return the result as a dictionary of plain values."""
     return {
-        "would_begin": not found.refusals,
-        "rows": [{"name": name, "text": text} for name, text in found.rows],
-        "refusals": [{"fact": trouble.fact, "remedy": trouble.remedy} for trouble in found.refusals],
+        "would_begin": not result.refusals,
+        "rows": [{"name": name, "text": text} for name, text in result.rows],
+        "refusals": [{"fact": trouble.fact, "remedy": trouble.remedy} for trouble in result.refusals],
     }
 
 
-def probe_rows(found: ProbeResult) -> list[tuple[str, str]]:
-    """All findings, and at the end what a run would meet."""
-    refusals = [("a run", f"would be refused: {trouble}") for trouble in found.refusals]
-    return [*found.rows, *(refusals or [("a run", "would begin, as far as the robot reports")])]
+def probe_rows(result: ProbeResult) -> list[tuple[str, str]]:
+    """Return all findings as rows; the last row says whether a run would be refused."""
+    refusals = [("a run", f"would be refused: {trouble}") for trouble in result.refusals]
+    return [*result.rows, *(refusals or [("a run", "would begin, as far as the robot reports")])]
 
 
-def site_toml(url: str, found: ProbeResult) -> str:
-    """Return a configuration file with the robot's URL; findings, and what an operator must know, are comments."""
-    rows = [f"# {name}: {harmless(' '.join(text.split()))}" for name, text in found.rows]
+def site_toml(url: str, result: ProbeResult) -> str:
+    """Return a configuration file with the robot's URL. The findings and the operator's settings are comments."""
+    rows = [f"# {name}: {harmless(' '.join(text.split()))}" for name, text in result.rows]
     return "\n".join([*FOUND, *rows, toml_pair("url", url)]) + "\n" + TO_FILL_IN

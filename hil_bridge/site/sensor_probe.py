@@ -1,7 +1,7 @@
-"""`hil-bridge probe sensor`: what a force sensor reports about itself, its mounting, and its wrench.
+"""Implementation of `hil-bridge probe sensor`: the force sensor's self-description, its mounting, and its wrench.
 
-Nothing is sent but the requests of a run's start, and no zero. The wrench shown is the device's own, with the weight of
-all that hangs below the sensor in it.
+Only the requests at the start of a run are sent, and no zero is set. The displayed wrench is the output of the
+device, including the weight of everything below the sensor.
 """
 
 import asyncio
@@ -28,7 +28,7 @@ from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import sensor_at
 from hil_bridge.site.push import (
     RIGHT_ANGLE_DEG,
-    Answer,
+    PushResponse,
     angle_deg,
     expect_push,
     judge_push,
@@ -38,93 +38,96 @@ from hil_bridge.site.push import (
 from protocol.wrench import AXES, WrenchFrame
 
 NOISE_S = 1.0
-"""Time for the stream's rate and noise, and for the force before a push. Chosen."""
+"""Time for measuring the rate and noise of the stream, and the force before a push, s. Chosen."""
 HOLD_S = 0.5
-"""Time for which a push must be held. Chosen."""
-LOOK_S = 0.1
-"""How often it is looked for. Chosen."""
+"""Time for which a push must be held, s. Chosen."""
+POLL_S = 0.1
+"""Interval at which the probe checks for a push, s. Chosen."""
 PATIENCE_S = 60.0
-"""Longest wait for a push, and then for its end. Chosen: an operator has to walk to the cell."""
+"""Longest wait for a push, and for the end of a push, s. Chosen: an operator has to walk to the cell."""
 FIRST_S = 5.0
-"""For how long the first frame is waited for once the device says that it streams. Chosen: behind the slowest filter
-of a UART gateway it comes within a second.
+"""Longest wait for the first frame after the device reports that it streams, s.
+
+Chosen: with the slowest filter of a UART gateway, the frame arrives within a second.
 """
 SHOW_S = 1.0
-"""Time from one live line to the next."""
+"""Time between two live lines, s."""
 STEADY_SHARE = 0.25
-"""How much a push that is held may vary, rms, as a share of itself. Chosen: more is a knock, or a hand on its way."""
+"""Largest variation of a held push, rms, as a share of the push. Chosen: a larger variation is a knock, or a moving
+hand.
+"""
 
-Seen = TypeVar("Seen")
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, slots=True)
 class Screen:
-    """Screen of a probe."""
+    """Output functions of a probe."""
 
     say: Callable[[str], object]
-    """Shown a line that stays."""
+    """Shows a permanent line."""
     show: Callable[[str], object]
-    """Shown a line that the next one may replace."""
+    """Shows a line that the next line may replace."""
 
 
 class Session(NamedTuple):
-    """The person's side of a probe."""
+    """Interaction of a probe with the operator."""
 
     screen: Screen
     entered: asyncio.Event | None
-    """Set by an operator to continue without the push that is asked for; None: no pushes are asked for."""
+    """Event that the operator sets to skip the requested push. None: no pushes are requested."""
     duration_s: float | None
-    """For how long the wrench is shown, s; None: until Ctrl-C."""
+    """Time for which the wrench is displayed, s. None: until Ctrl-C."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """Frames over a stretch of time."""
+    """Mean and variation of the frames over a period of time."""
 
     rate_hz: float
     mean: tuple[float, ...]
     """Mean wrench in the sensor frame, N and N·m."""
     rms: tuple[float, ...]
-    """About the mean, per axis."""
+    """Root mean square deviation from the mean, per axis."""
 
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """Facts that a sensor tells of itself and of its stream. Wrenches are in the sensor frame, N and N·m."""
+    """Description of a sensor and its stream. Wrenches are in the sensor frame, N and N·m."""
 
     sensor: str
-    """Its URL."""
+    """URL of the sensor."""
     full_scales: tuple[float, ...]
-    """Empty where the device does not tell them."""
+    """Full scales, N and N·m; empty if the device does not report them."""
     filter_delay_s: float
     stream_hz: float
     noise: tuple[float, ...]
-    """Root mean square of each axis about its mean."""
+    """Root mean square deviation of each axis from its mean, N and N·m."""
     wrench: tuple[float, ...]
-    """Mean, the weight below the sensor included."""
+    """Mean wrench, including the weight below the sensor, N and N·m."""
     notes: tuple[tuple[str, str], ...] = ()
-    """Kinds and texts of what the device told meanwhile."""
+    """Kind and text of each notice from the device."""
 
     @property
     def rows(self) -> Iterator[tuple[str, str]]:
-        """Names and texts, for people."""
+        """Names and values of the findings, as text for display."""
         scales = self.full_scales
         yield "sensor", self.sensor
         yield (
             "full scales",
-            f"{_row(scales, 0, 1)}; compare them with the sensor's plate" if scales else "not told",
+            f"{_row(scales, 0, 1)}; compare them with the sensor's name plate" if scales else "not reported",
         )
         yield "filter delay", f"{self.filter_delay_s * 1e3:.1f} ms"
-        yield "stream", f"{self.stream_hz:.0f} frames a second"
+        yield "stream", f"{self.stream_hz:.0f} frames per second"
         yield "noise", f"{_row(self.noise, 3, 4)} rms over {NOISE_S:g} s"
-        yield "wrench", f"{_row(self.wrench, 2, 3)}, the weight below the sensor included"
+        yield "wrench", f"{_row(self.wrench, 2, 3)}, including the weight below the sensor"
 
 
 def probe_sensor(url: str, config: Config, push: bool, duration_s: float | None) -> None:
-    """Probe in real time until Ctrl-C, or for so long.
+    """Probe a sensor in real time until Ctrl-C, or for the given duration.
 
-    Without a terminal to answer on, no pushes are asked for. Raises ConfigError for the URL, TransportUnavailable for
-    the wire, DeviceError for a sensor that does not stream.
+    If standard input is not a terminal, no pushes are requested. Raises ConfigError for an invalid URL,
+    TransportUnavailable if the wire cannot be opened, DeviceError if the sensor does not stream.
     """
     by_hand = push and sys.stdin.isatty()
     redrawn = sys.stdout.isatty()
@@ -154,11 +157,11 @@ def probe_sensor(url: str, config: Config, push: bool, duration_s: float | None)
 
 @contextmanager
 def _answers(entered: asyncio.Event) -> Iterator[None]:
-    """Set the event whenever Enter is pressed."""
+    """Set the event whenever Enter is pressed, inside the context."""
     loop, terminal = asyncio.get_running_loop(), sys.stdin.fileno()
 
     def read() -> None:
-        if not os.read(terminal, 4096):  # the terminal has gone
+        if not os.read(terminal, 4096):  # the terminal is closed
             loop.remove_reader(terminal)
         entered.set()
 
@@ -170,7 +173,7 @@ def _answers(entered: asyncio.Event) -> Iterator[None]:
 
 
 def find_sensor(url: str, config: Config) -> Findings:
-    """Look at a sensor in real time for NOISE_S, without an operator. Errors as of `probe_sensor`."""
+    """Observe a sensor in real time for NOISE_S, without an operator. Errors as for `probe_sensor`."""
 
     async def main() -> Findings:
         clock = Clock.running()
@@ -178,9 +181,9 @@ def find_sensor(url: str, config: Config) -> Findings:
         try:
             async with _opened(url, config, clock, lambda kind, text: notes.append((kind, text))) as (
                 sensor,
-                look,
+                recent,
             ):
-                return replace(await _find(sensor, look, url), notes=tuple(notes))
+                return replace(await _find(sensor, recent, url), notes=tuple(notes))
         finally:
             clock.close()
 
@@ -188,25 +191,28 @@ def find_sensor(url: str, config: Config) -> Findings:
 
 
 async def probe(url: str, config: Config, clock: Clock, session: Session) -> None:
-    """Open a sensor, tell of it, ask for pushes where an operator answers, then show the wrench; errors as above."""
+    """Open a sensor, describe it, request pushes if an operator is present, then show the wrench.
+
+    Errors as for `probe_sensor`.
+    """
     screen, entered, duration_s = session
     async with _opened(url, config, clock, lambda kind, text: screen.say(f"{kind}: {text}")) as (
         sensor,
-        look,
+        recent,
     ):
-        found = await _find(sensor, look, url)
-        for name, text in found.rows:
+        findings = await _find(sensor, recent, url)
+        for name, text in findings.rows:
             screen.say(f"{name:<13}{text}")
         if entered is not None:
-            await _pushes(config, look, found.noise, screen, entered)
-        await _live(look, screen, duration_s)
+            await _pushes(config, recent, findings.noise, screen, entered)
+        await _live(recent, screen, duration_s)
 
 
 @asynccontextmanager
 async def _opened(
     url: str, config: Config, clock: Clock, note: Callable[[str, str], object]
-) -> AsyncIterator[tuple[ForceSensor, "_Look"]]:
-    """Open a sensor that streams, and a view of its last moments. `note` receives the device's notices."""
+) -> AsyncIterator[tuple[ForceSensor, "_RecentFrames"]]:
+    """Open a streaming sensor and a view of its newest frames. `note` receives the device's notices."""
     frames: deque[WrenchFrame] = deque()
 
     def take(frame: WrenchFrame) -> None:
@@ -215,19 +221,19 @@ async def _opened(
             frames.popleft()
 
     def pass_on(kind: str, text: str) -> None:
-        if not sensor.has_failed:  # its failure is raised, and so said once
+        if not sensor.has_failed:  # a failure is raised, so it is reported only once
             note(kind, text)
 
     sensor = await connect_sensor(sensor_at(config, url), Wiring("sensor", clock, CallbackLog(take, pass_on)))
     sensor.start()
     try:
-        yield sensor, _Look(sensor, frames, clock)
+        yield sensor, _RecentFrames(sensor, frames, clock)
     finally:
         await sensor.aclose()
 
 
-class _Look:
-    """The stream of the last moments."""
+class _RecentFrames:
+    """Newest part of the stream."""
 
     def __init__(self, sensor: ForceSensor, frames: Sequence[WrenchFrame], clock: Clock) -> None:
         self._sensor = sensor
@@ -235,12 +241,12 @@ class _Look:
         self._clock = clock
 
     async def after(self, seconds: float) -> None:
-        """Wait. Raises DeviceError or TransportError when the sensor has ended meanwhile."""
+        """Wait for a time, s. Raises DeviceError or TransportError if the sensor ends during the wait."""
         await self._clock.sleep_until(self._clock.now() + seconds)
         self._sensor.check()
 
     def back(self, seconds: float) -> Stream:
-        """Frames of the last so many seconds. Raises DeviceError when they are no stream."""
+        """Return the frames of the last `seconds`. Raises DeviceError if there are too few frames for a stream."""
         since = self._clock.now() - seconds
         recent = [self._sensor.wrench(frame) for frame in list(self._frames) if frame.at > since]
         if len(recent) < 2:
@@ -257,8 +263,8 @@ class _Look:
         return Stream(len(recent) / seconds, means, rms)
 
 
-async def _find(sensor: ForceSensor, look: _Look, url: str) -> Findings:
-    """Facts that the device tells of itself and of its stream, and the noise of each axis."""
+async def _find(sensor: ForceSensor, recent: _RecentFrames, url: str) -> Findings:
+    """Return the self-description of the device, its stream, and the noise of each axis."""
     scales = (await sensor.ready()).full_scales
     try:
         async with asyncio.timeout(FIRST_S):
@@ -267,15 +273,15 @@ async def _find(sensor: ForceSensor, look: _Look, url: str) -> Findings:
         raise DeviceError(
             f"force sensor on {sensor.name} reports that it streams, but sent no frame for {FIRST_S:g} s"
         ) from error
-    await look.after(NOISE_S)
-    stream = look.back(NOISE_S)
+    await recent.after(NOISE_S)
+    stream = recent.back(NOISE_S)
     return Findings(
         url, tuple(scales) if scales else (), sensor.delay, stream.rate_hz, stream.rms, stream.mean
     )
 
 
 def _row(wrench: Sequence[float], force_digits: int, moment_digits: int) -> str:
-    """Six values with their names and units."""
+    """Format six values with their names and units."""
 
     def part(axes: range, digits: int) -> str:
         # adding zero turns −0.0 into 0.0
@@ -284,25 +290,25 @@ def _row(wrench: Sequence[float], force_digits: int, moment_digits: int) -> str:
     return f"{part(range(3), force_digits)} N  {part(range(3, 6), moment_digits)} N·m"
 
 
-async def _live(look: _Look, screen: Screen, duration_s: float | None) -> None:
-    shown = 0.0
-    while duration_s is None or shown < duration_s:
-        await look.after(SHOW_S)
-        shown += SHOW_S
-        screen.show(_row(look.back(SHOW_S).mean, 2, 3))
+async def _live(recent: _RecentFrames, screen: Screen, duration_s: float | None) -> None:
+    shown_at = 0.0
+    while duration_s is None or shown_at < duration_s:
+        await recent.after(SHOW_S)
+        shown_at += SHOW_S
+        screen.show(_row(recent.back(SHOW_S).mean, 2, 3))
 
 
 async def _pushes(
-    config: Config, look: _Look, noise: Sequence[float], screen: Screen, entered: asyncio.Event
+    config: Config, recent: _RecentFrames, noise: Sequence[float], screen: Screen, entered: asyncio.Event
 ) -> None:
-    """Ask for a push along each axis of the tool, and say what the answers mean."""
+    """Request a push along each tool axis, and print the resulting mounting."""
     sits = wrist(config)
-    found: dict[int, Answer] = {}
+    responses: dict[int, PushResponse] = {}
     wrong = False
     for axis, name in enumerate("XYZ"):
         screen.say(f"push along +{name} of the tool and hold; Enter skips it")
         entered.clear()
-        answer = await _push(look, noise, screen, entered)
+        answer = await _push(recent, noise, screen, entered)
         if answer is None:
             screen.say(f"  +{name}: skipped")
             continue
@@ -312,11 +318,11 @@ async def _pushes(
         verdict = "as configured" if fits else f"{off:.0f}° off the mounting in [sensor] of the configuration"
         screen.say(f"  +{name}: {answer.text}; {verdict}")
         if answer.sure or fits:
-            found[axis] = answer
+            responses[axis] = answer
         wrong |= not fits
     if not wrong:
         return
-    mounting = mounting_of(found)
+    mounting = mounting_of(responses)
     if mounting is None:
         screen.say("[sensor] cannot be determined without a clear push along all three axes; probe again")
         return
@@ -325,38 +331,40 @@ async def _pushes(
         screen.say(f"  {line}")
 
 
-async def _push(look: _Look, noise: Sequence[float], screen: Screen, entered: asyncio.Event) -> Answer | None:
-    """Return the answer to one push once it is held; None if an operator pressed Enter or the wait ran out."""
-    before = look.back(NOISE_S).mean
+async def _push(
+    recent: _RecentFrames, noise: Sequence[float], screen: Screen, entered: asyncio.Event
+) -> PushResponse | None:
+    """Return the response to one push once it is held, or None if the operator pressed Enter or the wait timed out."""
+    before = recent.back(NOISE_S).mean
 
-    def held() -> Answer | None:
-        stream = look.back(HOLD_S)
+    def held() -> PushResponse | None:
+        stream = recent.back(HOLD_S)
         answer = judge_push(before, stream.mean, noise)
         steady = answer is not None and math.hypot(*stream.rms[:3]) <= STEADY_SHARE * answer.force_n
         return answer if steady else None
 
-    answer = await _until(look, screen, entered, held)
+    answer = await _until(recent, screen, entered, held)
     if answer is not None:
         screen.say("  thank you; let go")
         least = push_threshold(noise)
         await _until(
-            look,
+            recent,
             screen,
             entered,
-            lambda: math.dist(look.back(2.0 * LOOK_S).mean[:3], before[:3]) < least or None,
+            lambda: math.dist(recent.back(2.0 * POLL_S).mean[:3], before[:3]) < least or None,
         )
-        await look.after(NOISE_S)
+        await recent.after(NOISE_S)
     return answer
 
 
 async def _until(
-    look: _Look, screen: Screen, entered: asyncio.Event, seen: Callable[[], Seen | None]
-) -> Seen | None:
-    """Poll `seen` and return its first value; None once an operator pressed Enter or the wait ran out."""
-    for number in range(round(PATIENCE_S / LOOK_S)):
-        await look.after(LOOK_S)
-        if (found := seen()) is not None or entered.is_set():
-            return found
-        if number % round(SHOW_S / LOOK_S) == 0:
-            screen.show(_row(look.back(HOLD_S).mean, 2, 3))
+    recent: _RecentFrames, screen: Screen, entered: asyncio.Event, poll: Callable[[], Value | None]
+) -> Value | None:
+    """Poll `seen` and return its first value, or None if the operator pressed Enter or the wait timed out."""
+    for number in range(round(PATIENCE_S / POLL_S)):
+        await recent.after(POLL_S)
+        if (value := poll()) is not None or entered.is_set():
+            return value
+        if number % round(SHOW_S / POLL_S) == 0:
+            screen.show(_row(recent.back(HOLD_S).mean, 2, 3))
     return None

@@ -10,21 +10,23 @@ from hil_bridge.errors import ConfigError
 from protocol.geometry import Vector
 
 HOLD_S = 1.0
-"""Chosen: how long the tool presses at each place; the mean of the second half counts."""
+"""Time for which the tool presses at each point, s. The mean of the second half of this time is used. Chosen."""
 BACK_MM = 5.0
-"""Chosen: least way back from a place, mm. A retract ends no deeper than the start, where the next approach may begin:
-its way is bounded.
+"""Shortest retraction from a point, mm. Chosen.
+
+A retraction ends no deeper than the start, where the next approach may begin. The distance of the next approach is
+limited.
 """
 LEAST_MM = 5.0
-"""Chosen: least distance of the third place from the line through the others."""
+"""Smallest distance of the third point from the line through the other two, mm. Chosen."""
 STEEPEST_DEG = 45.0
-"""Chosen: largest angle of the found surface to the one that was assumed."""
+"""Largest angle between the measured and the assumed surface, °. Chosen."""
 
 
 def touches(places_mm: Sequence[tuple[float, float]], force_n: float) -> list[dict[str, Any]]:
-    """Return steps of a program that touches these places, mm in the work frame, each with a force.
+    """Return the steps of a program that touches these points, mm in the work frame, each with a force.
 
-    Raises ConfigError for places that make no plane, before anything moves.
+    Raises ConfigError before anything moves if the points do not define a plane.
     """
     (x, y), (p, q), (u, v) = places_mm
     length = math.hypot(p - x, q - y)
@@ -41,20 +43,19 @@ def touches(places_mm: Sequence[tuple[float, float]], force_n: float) -> list[di
 
 
 def name_of(number: int) -> str:
-    """Name of a touched place."""
+    """Return the name of a touched point."""
     return f"touch {number}"
 
 
-def frame_of(found: Mapping[str, Sequence[float]], approach: Vector) -> dict[str, list[float]]:
-    """Return settings of `[frame]` for a plane through three places, base frame, m.
+def frame_of(points: Mapping[str, Sequence[float]], approach: Vector) -> dict[str, list[float]]:
+    """Return the settings of `[frame]` for a plane through three points, base frame, m. The x axis points from the
+    first to the second point.
 
-    X leads from the first to the second.
-
-    `approach` is the direction in which they were touched. Raises ConfigError for places on one line, and for a plane
-    that stands too steep to have been touched this way.
+    `approach` is the direction in which the points were touched. Raises ConfigError if the points are on one line,
+    or if the plane is too steep to have been touched in this direction.
     """
     try:
-        first, second, third = (np.array(found[name_of(number)], dtype=float) for number in (1, 2, 3))
+        first, second, third = (np.array(points[name_of(number)], dtype=float) for number in (1, 2, 3))
     except KeyError as error:
         raise ConfigError(f"no contact {error.args[0]}: the run ended before it") from error
     along, aside = second - first, third - first
@@ -69,9 +70,9 @@ def frame_of(found: Mapping[str, Sequence[float]], approach: Vector) -> dict[str
     if angle > STEEPEST_DEG:
         raise ConfigError(
             f"the plane is at {angle:.0f}° to frame.approach, more than {STEEPEST_DEG:g}°: set frame.approach "
-            "nearer to its normal, then touch again"
+            "closer to its normal, then touch again"
         )
-    # + 0.0 makes 0.0 of -0.0
+    # adding 0.0 turns -0.0 into 0.0
     return {
         "approach": [round(float(value), 9) + 0.0 for value in normal],
         "travel": [round(float(value), 9) + 0.0 for value in along / length],
@@ -79,9 +80,11 @@ def frame_of(found: Mapping[str, Sequence[float]], approach: Vector) -> dict[str
     }
 
 
-def _check_apart(length_mm: float, beside_mm: float) -> None:
-    """Raise ConfigError for two places too near to each other, or a third one too near to the line through them."""
-    if not (length_mm >= LEAST_MM and beside_mm >= LEAST_MM):
+def _check_apart(length_mm: float, distance_mm: float) -> None:
+    """Raise ConfigError if two points are too close to each other, or the third point is too close to the line
+    through them.
+    """
+    if not (length_mm >= LEAST_MM and distance_mm >= LEAST_MM):
         raise ConfigError(
             f"the three points lie on one line, or are closer than {LEAST_MM:g} mm: touch points farther apart"
         )

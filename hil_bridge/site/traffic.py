@@ -1,4 +1,4 @@
-"""Recorded traffic of any devices, decoded by their kinds; other bytes are shown as they are."""
+"""Recorded traffic of any devices, decoded by the kinds of the devices. Other bytes are shown unchanged."""
 
 import math
 import re
@@ -34,25 +34,30 @@ Item: TypeAlias = Mapping[str, object]
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 CONTEXT_BYTES = 1 << 14
-"""Bytes of a wire's begin that are read again before bytes without meaning: an agreement may give them one. Chosen:
-some times those that a client of RTDE exchanges before the first data."""
-TOGETHER = 64
-"""Pieces without meaning that are read together: a message may have come in parts. Chosen, as a record's."""
+"""Number of bytes at the start of a wire that are decoded again as context for undecodable bytes. Chosen.
+
+These bytes may contain a negotiation. The value is several times the number of bytes that an RTDE client exchanges
+before the first data.
+"""
+TOGETHER_MAX = 64
+"""Maximum number of undecodable pieces that are decoded together, because a message may arrive in parts. Chosen: as
+in a record.
+"""
 
 _HEADS = ("op", "message", "name", "root", "kind")
-"""Keys of an item that tell of which sort it is; the first that is there."""
+"""Keys that identify the type of an item. The first key that is present applies."""
 
 
 class Piece(NamedTuple):
-    """Bytes of one datagram, of a part of a line, or of one frame; or an event of the link."""
+    """Piece of traffic: one datagram, part of a byte stream, one frame, or an event of the link."""
 
     at: float
     """Time on the run's clock, s."""
     direction: str
-    """`tx` or `rx` as the PC sees it; `--` for an event; the channel where the direction is not known."""
+    """Direction as seen by the PC, `tx` or `rx`; `--` for an event; the channel if the direction is unknown."""
     data: bytes
     frame: str = ""
-    """A CAN frame as candump writes it; "" for bytes."""
+    """CAN frame in candump notation; empty for bytes."""
     event: str = ""
 
 
@@ -69,23 +74,25 @@ def is_recording(path: Path) -> bool:
 
 
 def recorded_robot(path: Path) -> str:
-    """Name of the kind of robot of a recorded run; "" where it tells none that is known here. Raises ConfigError."""
+    """Return the kind of robot of a recorded run, or "" if it is unknown. Raises ConfigError if the file cannot be
+    read.
+    """
     robot, _ = _kinds(read_link(path)[1].get("config"))
     return "" if robot is None else robot.name
 
 
 def monitor_traffic(path: Path, side: Side, raw: bool) -> int:
-    """Print what a recording tells of its devices' wires, in the order of time; the number of lines.
+    """Print the recorded traffic of the devices' wires in order of time. Return the number of lines.
 
-    Raises ConfigError for a file that cannot be read or holds no such traffic.
+    Raises ConfigError if the file cannot be read or contains no such traffic.
     """
     recording, traffic = read_with_traffic(path)
     robot, sensor = _kinds(recording.metadata.get("config"))
     rows: list[Row] = []
     if side != "sensor":
-        rows += in_words(pieces(traffic.robot, str(path)), robot, "robot")
+        rows += describe_traffic(pieces(traffic.robot, str(path)), robot, "robot")
     if side != "robot":
-        rows += in_words(pieces(traffic.sensor, str(path)), sensor, "sensor")
+        rows += describe_traffic(pieces(traffic.sensor, str(path)), sensor, "sensor")
     if not rows:
         raise ConfigError(f"{path} has no traffic of {'its devices' if side == 'both' else f'a {side}'}")
     rows.sort(key=lambda row: row.at)
@@ -96,28 +103,30 @@ def monitor_traffic(path: Path, side: Side, raw: bool) -> int:
 
 
 def _kinds(config: str | None) -> tuple[RobotKind[Any, Any] | None, SensorKind[Any, Any] | None]:
-    """Return the kinds of a recorded configuration; None for an unknown one."""
-    told = json_or_none(config)
-    told = told if isinstance(told, dict) else {}
-    robot, sensor = told.get("robot"), told.get("sensor")
+    """Return the device kinds of a recorded configuration. An unknown kind is None."""
+    configuration = json_or_none(config)
+    configuration = configuration if isinstance(configuration, dict) else {}
+    robot, sensor = configuration.get("robot"), configuration.get("sensor")
     return (
         _kind_in(robot, robot_of, ROBOTS),
         _kind_in(sensor, sensor_of, SENSORS),
     )
 
 
-def _kind_in(told: object, by_url: Callable[[str], tuple[Any, str]], registry: Registry[Any]) -> Any:
-    section = told if isinstance(told, dict) else {}
+def _kind_in(device: object, by_url: Callable[[str], tuple[Any, str]], registry: Registry[Any]) -> Any:
+    section = device if isinstance(device, dict) else {}
     try:
         if url := section.get("url"):
             return by_url(str(url))[0]
         return registry.kind(str(section.get("emulated", "")))
-    except ConfigError:  # of a package that is not installed here
+    except ConfigError:  # the package of the kind is not installed here
         return None
 
 
 def pieces(records: Iterable[LinkRecord | WireRecord], name: str) -> Iterator[Piece]:
-    """Return the pieces of recorded traffic, datagrams and frames one by one. Raises ConfigError for invalid ones."""
+    """Return the pieces of recorded traffic, with each datagram and frame as a separate piece. Raises ConfigError
+    if one is invalid.
+    """
     for piece in recorded_pieces(records, name):
         at, direction = piece.at, piece.direction
         if piece.is_event:
@@ -137,7 +146,7 @@ def pieces(records: Iterable[LinkRecord | WireRecord], name: str) -> Iterator[Pi
 
 
 def is_candump(path: Path) -> bool:
-    """Whether there is such a file and its first line is one of candump."""
+    """Return whether the file exists and its first line is in candump format."""
     try:
         with open_ordinary(path) as file:
             return re.match(CANDUMP, file.read(HEAD_BYTES).lstrip()) is not None
@@ -146,12 +155,12 @@ def is_candump(path: Path) -> bool:
 
 
 def monitor_candump(path: Path, sensor: DeviceKind | None, raw: bool) -> None:
-    """Print the frames of a log of candump, in the words of a kind of sensor where there is one.
+    """Print the frames of a candump log. A kind of sensor decodes them, if one is given.
 
-    Raises ConfigError for a line that is none of candump, and for a time before that of the line before.
+    Raises ConfigError if a line is not in candump format, or if its time is before the time of the previous line.
     """
     show = Printer(raw)
-    for row in in_words(_candump_pieces(path), sensor, "sensor"):
+    for row in describe_traffic(_candump_pieces(path), sensor, "sensor"):
         show.row(row)
 
 
@@ -166,7 +175,7 @@ def _candump_pieces(path: Path) -> Iterator[Piece]:
             raise ConfigError(f"{format_path(path)}: line {number}: {error}") from error
         if at is not None and at < newest:
             raise ConfigError(
-                f"{format_path(path)}: line {number}: its time is before that of the line before; `candump -t d` "
+                f"{format_path(path)}: line {number}: its time is before that of the previous line; `candump -t d` "
                 "writes differences, `-l` and `-t a` write times"
             )
         newest = newest if at is None else at
@@ -176,10 +185,12 @@ def _candump_pieces(path: Path) -> Iterator[Piece]:
 # --- in words
 
 
-def in_words(traffic: Iterable[Piece], kind: DeviceKind | None, device: str) -> Iterator[Row]:
-    """Lines for the traffic of a device of this kind, in its order; `device` is its name where its kind is unknown."""
+def describe_traffic(traffic: Iterable[Piece], kind: DeviceKind | None, device: str) -> Iterator[Row]:
+    """Describe the traffic of a device of this kind line by line. `device` is the name of the device if its kind is
+    unknown.
+    """
     name = device if kind is None else kind.name
-    words = None if kind is None else describer_of(kind)
+    describe = None if kind is None else describer_of(kind)
     begin = bytearray()
     waiting: list[Piece] = []
     arrows = {"tx": f"PC→{name}", "rx": f"{name}→PC"}
@@ -189,8 +200,8 @@ def in_words(traffic: Iterable[Piece], kind: DeviceKind | None, device: str) -> 
             yield Row(piece.at, arrows[piece.direction], item_text(item), piece.data, has_trouble(item))
 
     def empty() -> Iterator[Row]:
-        if waiting and words is not None:
-            for piece, items in _together(waiting, bytes(begin), words):
+        if waiting and describe is not None:
+            for piece, items in _decode_together(waiting, bytes(begin), describe):
                 yield from told(piece, items)
         for piece in waiting:
             if len(begin) < CONTEXT_BYTES:
@@ -198,14 +209,14 @@ def in_words(traffic: Iterable[Piece], kind: DeviceKind | None, device: str) -> 
         waiting.clear()
 
     for piece in traffic:
-        if words is None or not piece.data:
+        if describe is None or not piece.data:
             yield from empty()
-            yield _alone(piece, words, arrows)
+            yield _describe_one(piece, describe, arrows)
             continue
-        items = words(piece.data)
+        items = describe(piece.data)
         if any(map(has_trouble, items)):
             waiting.append(piece)
-            if len(waiting) >= TOGETHER:
+            if len(waiting) >= TOGETHER_MAX:
                 yield from empty()
             continue
         yield from empty()
@@ -215,8 +226,8 @@ def in_words(traffic: Iterable[Piece], kind: DeviceKind | None, device: str) -> 
     yield from empty()
 
 
-def _alone(piece: Piece, words: Describe | None, arrows: Mapping[str, str]) -> Row:
-    """Return the line of an event, of a frame, of an empty datagram, or of bytes without words."""
+def _describe_one(piece: Piece, describe: Describe | None, arrows: Mapping[str, str]) -> Row:
+    """Return the line for an event, a frame, an empty datagram, or undecodable bytes."""
     if piece.event:
         return Row(piece.at, LINK_EVENT, piece.event, b"", False)
     arrow = arrows.get(piece.direction, piece.direction)
@@ -224,7 +235,7 @@ def _alone(piece: Piece, words: Describe | None, arrows: Mapping[str, str]) -> R
         return Row(piece.at, arrow, piece.data.hex(" ").upper() or "empty", b"", False)
     if "!" in piece.frame:
         return Row(piece.at, "bus", _bus_error(piece.frame), b"", True)
-    items = [] if words is None else words(piece.frame.encode("ascii", errors="replace"))
+    items = [] if describe is None else describe(piece.frame.encode("ascii", errors="replace"))
     text = "; ".join(map(item_text, items)) or piece.frame
     return Row(piece.at, arrow, text, _frame_data(piece.frame), any(map(has_trouble, items)))
 
@@ -243,14 +254,15 @@ def _frame_data(text: str) -> bytes:
         return b""
 
 
-def _together(
-    waiting: Sequence[Piece], begin: bytes, words: Describe
+def _decode_together(
+    waiting: Sequence[Piece], begin: bytes, describe: Describe
 ) -> Iterator[tuple[Piece, Sequence[Item]]]:
-    """Items of pieces that have no meaning one by one: read as one run of bytes behind the wire's begin, if that gives
-    them more meaning. An item belongs to the piece in which it ends.
+    """Return the items of pieces that cannot be decoded separately, decoded together after the start of the wire.
+
+    The result is used only if it decodes more of them. An item belongs to the piece in which it ends.
     """
-    alone = [words(piece.data) for piece in waiting]
-    joined = [*words(begin + b"".join(piece.data for piece in waiting))]
+    alone = [describe(piece.data) for piece in waiting]
+    joined = [*describe(begin + b"".join(piece.data for piece in waiting))]
     placed = [(_number(item, "offset") - len(begin), _number(item, "size"), item) for item in joined]
     placed = [one for one in placed if one[0] + one[1] > 0]
     before = sum(has_trouble(item) for items in alone for item in items)
@@ -274,26 +286,26 @@ def _number(item: Item, key: str) -> int:
 
 
 def has_trouble(item: Item) -> bool:
-    """Whether something about an item is wrong, or it has no meaning."""
+    """Return whether an item has a problem or is undecodable."""
     return bool(item.get("problem") or item.get("problems") or item.get("kind") == "noise")
 
 
 def item_text(item: Item) -> str:
-    """Describe an item in one line: its sort, its fields, and its problems."""
+    """Describe an item in one line: type, fields and problems."""
     head = str(next((item[key] for key in _HEADS if item.get(key)), "item"))
-    said = [str(item[key]).strip() for key in ("meaning", "text", "bytes") if item.get(key)]
+    texts = [str(item[key]).strip() for key in ("meaning", "text", "bytes") if item.get(key)]
     fields, problems = item.get("fields"), item.get("problems")
-    said += [
+    texts += [
         _field(field) for field in (fields if isinstance(fields, list) else ()) if isinstance(field, dict)
     ]
     wrong = [*map(str, problems)] if isinstance(problems, list) else []
     wrong += [str(item["problem"])] if item.get("problem") else []
-    text = ": ".join(filter(None, (head, ", ".join(filter(None, said)))))
+    text = ": ".join(filter(None, (head, ", ".join(filter(None, texts)))))
     return "; ".join(" ".join(part.split()) for part in (text, *wrong))
 
 
 def _field(field: Item) -> str:
-    shown: dict[str, object] = {"name": "", "value": "", "unit": "", **field}
-    if isinstance(values := shown["value"], list):
-        shown["value"] = " ".join(f"{one:.7g}" if isinstance(one, float) else str(one) for one in values)
-    return field_text(shown, zeros=True)
+    complete: dict[str, object] = {"name": "", "value": "", "unit": "", **field}
+    if isinstance(values := complete["value"], list):
+        complete["value"] = " ".join(f"{one:.7g}" if isinstance(one, float) else str(one) for one in values)
+    return field_text(complete, zeros=True)

@@ -45,7 +45,7 @@ _WHERE = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import a case on first use. Raises AttributeError for an unknown name."""
+    """Import a case class on first use. Raises AttributeError for an unknown name."""
     if name in _WHERE:
         return getattr(import_module(f"{__name__}.{_WHERE[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

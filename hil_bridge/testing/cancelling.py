@@ -6,14 +6,14 @@ from collections.abc import Callable, Coroutine, Generator
 from typing import Any
 
 MOST = 200
-"""Chosen: most suspensions of a coroutine at which it is cancelled."""
+"""Maximum number of suspensions at which a coroutine is cancelled. Chosen."""
 
 
 @types.coroutine
 def _counted(
     coroutine: Coroutine[Any, Any, Any], on_suspension: Callable[[], object]
 ) -> Generator[Any, Any, Any]:
-    """Drive a coroutine, and call `on_suspension` each time it waits."""
+    """Run a coroutine, and call `on_suspension` each time it waits."""
     given: Any = None
     raised: BaseException | None = None
     while True:
@@ -32,7 +32,7 @@ def _counted(
 async def cancelled_at(number: int, make: Callable[[], Coroutine[Any, Any, Any]]) -> bool:
     """Run a coroutine and cancel it at its suspension `number`, counted from 0.
 
-    Returns False if it ended before. Its errors are raised.
+    Returns False if the coroutine completed before that suspension. Its errors are propagated.
     """
     waits = -1
     task: asyncio.Task[Any]

@@ -1,6 +1,7 @@
 """Cases that describe a device to a suite: its kind, and its optional capabilities.
 
-Capabilities that are not declared are not tested: the test is skipped with a reason, and counted in pytest's summary.
+Undeclared capabilities are not tested: the test is skipped with a reason, and the skip is counted in pytest's
+summary.
 """
 
 from dataclasses import dataclass
@@ -22,7 +23,9 @@ from protocol.geometry import Wrench
 __all__ = ["RobotCase", "SensorCase", "SurfaceCase"]
 
 _TILTED = (0.1, 0.975, 0.15, 0.129)
-"""Tool down, slightly rotated about each axis, so that every orientation mistake shows. w x y z."""
+"""Orientation of a tool that points down, slightly rotated about each axis so that every orientation mistake is
+detected: quaternion w x y z.
+"""
 
 
 _START = StartPose((0.9, -0.1, 0.6), _TILTED, 0.2)
@@ -30,33 +33,35 @@ _START = StartPose((0.9, -0.1, 0.6), _TILTED, 0.2)
 
 @dataclass(frozen=True)
 class RobotCase:
-    """Robot under test: client and emulator. The capabilities are those of the emulator."""
+    """Robot under test: client and emulator. The capabilities describe the emulator."""
 
     kind: RobotKind[Any, Any]
     stop: tuple[str, str] | None = None
-    """Target and name of the fault by which the emulator stops the robot until the fault ends, such as
-    ("robot", "emergency-stop"). None: the emulator has none.
+    """Target and name of the fault by which the emulator stops the robot until the fault ends, such as ("robot",
+    "emergency-stop"); None if the emulator has no such fault.
     """
     numbered: bool = False
-    """Whether its packets carry a number or a time, by which its client recognises stale ones."""
+    """Whether its packets carry a sequence number or a time stamp by which the client recognises stale packets."""
     checked: bool = False
-    """Whether its packets carry a checksum, by which its client recognises damaged ones."""
+    """Whether its packets carry a checksum by which the client recognises damaged packets."""
     turns: bool = True
-    """Whether it accepts orders for the orientation."""
+    """Whether the robot accepts orientation orders."""
     tolerance_m: float = 0.5e-3
-    """Tolerance of the reported position of a stationary robot, m: resolution and noise."""
+    """Tolerance of the reported position of a stationary robot, m: covers resolution and noise."""
     tolerance_rad: float = 2e-3
     """Tolerance of the reported orientation, rad."""
     lag_s: float = 0.05
-    """Tolerance of the time of a report, s; times the speed, it adds to the tolerance while the robot moves."""
+    """Tolerance of the time of a report, s. While the robot moves, this time multiplied by its speed is added to
+    the position tolerance.
+    """
     start: StartPose = _START
-    """Start pose, around which it can move 30 mm in every direction and rotate 5 degrees."""
+    """Start pose, around which the robot can move 30 mm in every direction and rotate 5 degrees."""
     settings: KindSettings[Any, Any] | None = None
-    """Settings of client and emulator; None: their defaults."""
+    """Settings of client and emulator; None for their defaults."""
 
     @property
     def given(self) -> KindSettings[Any, Any]:
-        """Settings of client and emulator."""
+        """Settings of client and emulator, with defaults filled in."""
         return self.settings or _defaults(self.kind)
 
 
@@ -66,23 +71,25 @@ class SensorCase:
 
     kind: SensorKind[Any, Any]
     numbered: bool = False
-    """Whether its frames carry a counter, by which its client recognises repeated ones."""
+    """Whether its frames carry a counter by which the client recognises repeated frames."""
     checked: bool = False
-    """Whether its frames carry a checksum, by which its client recognises damaged ones."""
+    """Whether its frames carry a checksum by which the client recognises damaged frames."""
     overload: float = 1.5
-    """Load, in multiples of the range, at which device or client must report an overload; 0 if they cannot."""
+    """Load at which the device or the client must report an overload, as a multiple of the range; 0 if neither can
+    report an overload.
+    """
     full: Wrench | None = None
-    """Range of each axis, N and N·m; None: as reported by the device."""
+    """Range of each axis, N and N·m; None to use the range that the device reports."""
     noise: float = 0.005
-    """Largest error of the mean of 20 frames, as a share of the full scale: noise, rounding."""
+    """Largest error of the mean of 20 frames, as a share of the full scale: covers noise and rounding."""
     settle_s: float = 1.0
-    """Settling time of the frames after a step of the wrench, s: the filter's delay and some frames."""
+    """Settling time of the frames after a step of the wrench, s: the delay of the filter plus some frames."""
     settings: KindSettings[Any, Any] | None = None
-    """Settings of client and emulator; None: their defaults."""
+    """Settings of client and emulator; None for their defaults."""
 
     @property
     def given(self) -> KindSettings[Any, Any]:
-        """Settings of client and emulator."""
+        """Settings of client and emulator, with defaults filled in."""
         return self.settings or _defaults(self.kind)
 
 
@@ -92,13 +99,13 @@ class SurfaceCase:
 
     kind: SurfaceKind
     above_m: tuple[float, float, float] = (0.9, -0.1, 0.7)
-    """Position without contact, base frame, m."""
+    """Position at which the tool does not touch the surface, base frame, m."""
     inside_m: tuple[float, float, float] = (0.9, -0.1, 0.588)
-    """Position straight below, with contact, base frame, m."""
+    """Position straight below `above_m` at which the tool touches the surface, base frame, m."""
     friction: float = 0.0
     """Largest tangential force of a sliding tool, as a share of the normal force."""
     settings: Any = None
-    """Settings of the surface; None: the defaults."""
+    """Settings of the surface; None for the defaults."""
 
 
 def _defaults(kind: DeviceKind) -> KindSettings[Any, Any]:
@@ -107,7 +114,7 @@ def _defaults(kind: DeviceKind) -> KindSettings[Any, Any]:
     return default_settings(kind)
 
 
-def declared(capability: object, words: str) -> None:
-    """Skip the test if a capability is not declared; `words` name the field."""
+def declared(capability: object, description: str) -> None:
+    """Skip the test if a capability is not declared. `words` name the field that declares it."""
     if not capability:
-        pytest.skip(f"not declared: {words}")
+        pytest.skip(f"not declared: {description}")

@@ -1,4 +1,4 @@
-"""Tests that every force controller has to pass, for the test module of its author.
+"""Tests that every force controller must pass, for the author's test module.
 
     import pytest
     from hil_bridge.testing.controllers import *
@@ -8,8 +8,8 @@
     def controller():
         return MyController()
 
-pytest then finds these tests in that module. They know a controller only by `control.types.Controller`. It should be in
-a state in which it is in use: parameters as a run would have them.
+pytest then finds these tests in that module. They use only the interface `control.types.Controller`. The controller
+should have the parameters that a run would use.
 """
 
 import copy
@@ -38,14 +38,16 @@ __all__ = [
 ]
 
 Steps = list[tuple[Any, Measurement, float, Any, Command]]
-"""State, measurement and reference as given, state and command as answered."""
+"""Record of the controller's steps: the state, measurement and reference that it received, and the state and
+command that it returned.
+"""
 
 CYCLE = 0.18
-"""Cycle of the computer link at 9600 baud, s."""
+"""Control cycle, s: the cycle of the computer link at 9600 baud."""
 REFERENCES = (0.5, 10.0, 200.0)
-"""Desired forces, N."""
+"""Target forces, N."""
 WINDING = 60
-"""Samples of too little force, some ten seconds."""
+"""Number of samples with too little force: about ten seconds."""
 _FACTORS = (-1.0, 0.0, 0.01, 0.9, 1.0, 1.1, 3.0, 1000.0)
 _DEPTHS = (-0.05, -0.125e-3, 0.0, 0.125e-3, 2e-3, 1.5)
 
@@ -54,12 +56,12 @@ def test_same_inputs_give_the_same_answers(controller: Controller[Any]) -> None:
     for reference in REFERENCES:
         steps = _walk(controller, reference)
         assert steps == _walk(controller, reference), (
-            "a second run over the same samples differs from the first: the controller keeps state in itself"
+            "a second run over the same samples differs from the first: the controller keeps internal state"
         )
         for given, measurement, _, state, command in reversed(steps):
             again = controller.step(given, measurement, reference)
             assert again == (state, command), (
-                f"asked again out of order, {measurement} is answered otherwise: the controller keeps state in itself"
+                f"repeated out of order, {measurement} gives another result: the controller keeps internal state"
             )
 
 
@@ -68,7 +70,7 @@ def test_state_is_not_changed_in_place(controller: Controller[Any]) -> None:
     for measurement in _grid(10.0):
         before = copy.deepcopy(state)
         after, _ = controller.step(state, measurement, 10.0)
-        assert state == before, f"the state that was given was changed by {measurement}"
+        assert state == before, f"the input state was modified by {measurement}"
         state = after
     assert controller.initial() == controller.initial(), "two initial states differ"
 
@@ -79,23 +81,27 @@ def test_finite_measurements_give_finite_answers(controller: Controller[Any]) ->
             numbers = [command.position, command.correction, command.gain, *command.explanation.values()]
             if command.stiffness is not None:
                 numbers.append(command.stiffness)
-            assert all(math.isfinite(number) for number in numbers), f"{measurement} is answered by {command}"
+            assert all(math.isfinite(number) for number in numbers), f"{measurement} gives {command}"
 
 
 def test_too_much_force_never_pushes_deeper(controller: Controller[Any]) -> None:
     for reference, factor in itertools.product(REFERENCES, (1.2, 2.0, 10.0)):
-        moved = _hold(controller, reference, factor, 1)
-        assert factor < 2.0 or moved < 0.0, f"{factor:g} times the desired {reference:g} N moves nothing"
+        motion = _hold(controller, reference, factor, 1)
+        assert factor < 2.0 or motion < 0.0, (
+            f"{factor:g} times the target force {reference:g} N causes no motion"
+        )
 
 
 def test_too_little_force_never_moves_away(controller: Controller[Any]) -> None:
     for reference, factor in itertools.product(REFERENCES, (0.8, 0.3, 0.0)):
-        moved = _hold(controller, reference, factor, -1)
-        assert factor > 0.5 or moved > 0.0, f"{factor:g} times the desired {reference:g} N moves nothing"
+        motion = _hold(controller, reference, factor, -1)
+        assert factor > 0.5 or motion > 0.0, (
+            f"{factor:g} times the target force {reference:g} N causes no motion"
+        )
 
 
 def test_contact_that_is_lost_is_not_chased_faster(controller: Controller[Any]) -> None:
-    """Without contact it continues at most as fast as with a force of 0 in contact."""
+    """Without contact, the controller moves at most as fast as in contact at zero force."""
     farthest = {}
     for in_contact in (True, False):
         state, commanded, steps = controller.initial(), 3e-3, [0.0]
@@ -107,13 +113,15 @@ def test_contact_that_is_lost_is_not_chased_faster(controller: Controller[Any]) 
             commanded = command.position
         farthest[in_contact] = max(steps[6:])
     assert farthest[False] <= farthest[True] + 0.01 * abs(farthest[True]) + 1e-9, (
-        f"where contact is lost the tool is driven on by {farthest[False]:g} m in a sample, in contact by "
+        f"without contact the tool moves by {farthest[False]:g} m per sample, in contact by "
         f"{farthest[True]:g} m"
     )
 
 
 def test_long_error_does_not_wind_up(controller: Controller[Any]) -> None:
-    """After ten seconds of too little force, too much of it is answered by a way out within two samples."""
+    """After ten seconds of too little force, the controller responds to too much force: it retracts within two
+    samples.
+    """
     for reference in REFERENCES:
         state, commanded = controller.initial(), 3e-3
         for k in range(WINDING):
@@ -126,8 +134,8 @@ def test_long_error_does_not_wind_up(controller: Controller[Any]) -> None:
             state, command = controller.step(state, measurement, reference)
             commanded = command.position
         assert commanded < before, (
-            f"the controller winds up: after {WINDING * CYCLE:g} s of too little force, twice the desired "
-            f"{reference:g} N moves it by {commanded - before:g} m and not away"
+            f"the controller winds up: after {WINDING * CYCLE:g} s of too little force, twice the target force "
+            f"{reference:g} N moves the tool by {commanded - before:g} m, not away"
         )
 
 
@@ -143,11 +151,11 @@ def test_measurement_that_is_not_a_number_moves_nothing(
         bad = msgspec.structs.replace(good, **changed)
         after, command = controller.step(state, bad, 10.0)
         assert command.position == good.commanded, (
-            f"a measurement that is not a number is acted upon: {field} {value} is answered by {command}"
+            f"the controller responds to an invalid measurement: {field} {value} gives {command}"
         )
-        _, beside = controller.step(state, good, 10.0)
+        _, undisturbed = controller.step(state, good, 10.0)
         _, behind = controller.step(after, good, 10.0)
-        assert beside == behind, f"{field} {value} still has a say in the next sample"
+        assert undisturbed == behind, f"{field} {value} still affects the next sample"
         state, _ = controller.step(state, good, 10.0)
 
 
@@ -161,12 +169,12 @@ def test_parameter_that_is_not_a_number_is_refused(controller: Controller[Any]) 
 
 def test_parameters_can_be_read_from_a_configuration(controller: Controller[Any]) -> None:
     kind: Any = type(controller)
-    assert isinstance(kind.name, str), "the class itself must bear the name"
+    assert isinstance(kind.name, str), "the class itself must have the name"
     assert TypeAdapter(kind).validate_python(_parameters(controller)) == controller
 
 
 def _grid(reference: float) -> list[Measurement]:
-    """Return samples in the order of time, forces and depths in every combination, contact lost now and then."""
+    """Return samples in time order with all combinations of forces and depths; contact is lost occasionally."""
     combinations = itertools.product(_DEPTHS, _FACTORS)
     return [
         Measurement(k * CYCLE, factor * reference, depth, depth + 0.25e-3, k % 7 != 6)
@@ -185,7 +193,9 @@ def _walk(controller: Controller[Any], reference: float) -> Steps:
 
 
 def _hold(controller: Controller[Any], reference: float, factor: float, excess: int) -> float:
-    """How far a steady force moves the command in twenty samples, every step in the right direction, m."""
+    """Return how far the command moves in twenty samples of a steady force, m, and check the direction of every
+    step.
+    """
     start = commanded = 3e-3
     state = controller.initial()
     for k in range(20):
@@ -193,8 +203,8 @@ def _hold(controller: Controller[Any], reference: float, factor: float, excess: 
         state, command = controller.step(state, measurement, reference)
         step = command.position - commanded
         assert step * excess <= 1e-12, (
-            f"the wrong way: too {'much' if excess > 0 else 'little'} force, and it moves "
-            f"{'deeper' if step > 0.0 else 'away'}. {measurement} for a desired {reference:g} N moves by {step:g} m"
+            f"wrong direction: too {'much' if excess > 0 else 'little'} force, and it moves "
+            f"{'deeper' if step > 0.0 else 'away'}. {measurement} for the target {reference:g} N moves by {step:g} m"
         )
         commanded = command.position
     return commanded - start

@@ -1,4 +1,4 @@
-"""The contract of unreliable wires: datagrams arrive whole or not at all, and what is lost is counted.
+"""Contract of unreliable wires: datagrams arrive complete or not at all, and lost datagrams are counted.
 
 import pytest
 from hil_bridge.testing.datagrams import *
@@ -24,26 +24,30 @@ from protocol.datagram import arrived_at
 __all__ = ["DatagramCase", "TestDatagramWire"]
 
 TRIES = 300
-"""How often a datagram is sent until it is taken for lost on purpose. Chosen: a wire that loses half of them, and a
-computer that is busy for a second, pass."""
+"""Maximum number of attempts to send a datagram before it counts as deliberately dropped.
+
+Chosen: a wire that loses half of the datagrams passes, and so does a computer that is busy for a second.
+"""
 PAUSE_S = 0.01
-"""Between two tries, s. Chosen."""
+"""Pause between two attempts, s. Chosen."""
 _HELLO = b"hello"
 
 
-async def _repeat(sender: DatagramWire, said: list[bytes], ear: Ear) -> None:
-    """Send until each was heard."""
+async def _repeat(sender: DatagramWire, payloads: list[bytes], ear: Ear) -> None:
+    """Send the datagrams repeatedly until each has been received."""
     for _ in range(TRIES):
-        sender.send(said)
+        sender.send(payloads)
         await pass_time(PAUSE_S)
-        if set(said) <= set(ear.datagrams):
+        if set(payloads) <= set(ear.datagrams):
             return
-    lost = [datagram[:10] for datagram in said if datagram not in ear.datagrams]
-    raise AssertionError(f"sent {TRIES} times and never heard: {lost}")
+    lost = [datagram[:10] for datagram in payloads if datagram not in ear.datagrams]
+    raise AssertionError(f"sent {TRIES} times but never received: {lost}")
 
 
 async def _balance(left: DatagramWire, right: DatagramWire) -> None:
-    """Every datagram from the left end has come out or is counted as lost; the right end has sent nothing."""
+    """Check that every datagram from the left end was received or counted as lost, and that the right end sent
+    nothing.
+    """
     for _ in range(TRIES):
         here, there = left.statistics, right.statistics
         gone = here.lost + there.lost + here.unreachable + there.refused + there.overruns
@@ -51,36 +55,36 @@ async def _balance(left: DatagramWire, right: DatagramWire) -> None:
         if into == out:
             return
         await pass_time(PAUSE_S)
-    raise AssertionError(f"{into} datagrams went in, {out} are accounted for: {here}, {there}")
+    raise AssertionError(f"{into} datagrams were sent, but {out} are accounted for: {here}, {there}")
 
 
 async def check_boundaries_are_kept(case: DatagramCase, left: DatagramWire, right: DatagramWire) -> None:
     here, there = Ear(case, left), Ear(case, right)
     sizes = (0, 1, 2, 9, 100, 1472, 1473, 9000, LARGEST_BYTES)
-    said = [bytes([k]) * size for k, size in enumerate(sizes)]
-    await _repeat(left, said, there)
-    await _repeat(right, said, here)
+    payloads = [bytes([k]) * size for k, size in enumerate(sizes)]
+    await _repeat(left, payloads, there)
+    await _repeat(right, payloads, here)
     for ear in (here, there):
-        assert set(ear.datagrams) == set(said), "a datagram arrived that was not sent"
+        assert set(ear.datagrams) == set(payloads), "a datagram arrived that was not sent"
         assert all(isinstance(datagram, bytes) for datagram in ear.datagrams)
 
 
 async def check_loss_is_counted(case: DatagramCase, left: DatagramWire, right: DatagramWire) -> None:
     there = Ear(case, right)
-    said = [b"%04d" % k for k in range(600)]
-    for at in range(0, len(said), 20):
-        left.send(said[at : at + 20])
+    payloads = [b"%04d" % k for k in range(600)]
+    for at in range(0, len(payloads), 20):
+        left.send(payloads[at : at + 20])
         await pass_time(0.001)
     await _balance(left, right)
-    assert left.statistics.sent == len(said)
+    assert left.statistics.sent == len(payloads)
     assert right.statistics.received == len(there.datagrams)
-    assert set(there.datagrams) <= set(said)
+    assert set(there.datagrams) <= set(payloads)
     copies = len(there.datagrams) - len(set(there.datagrams))
     assert copies <= left.statistics.duplicated + right.statistics.duplicated
 
 
 async def check_sending_never_blocks(case: DatagramCase, left: DatagramWire, right: DatagramWire) -> None:
-    """Check that sending never blocks: the other end does not read, and datagrams beyond its queue are lost."""
+    """Check that sending never blocks, even if the other end does not read: datagrams beyond its queue are lost."""
     clock, flood = asyncio.get_running_loop(), [bytes(1000)] * 100
     began = clock.time()
     for _ in range(50):
@@ -108,7 +112,7 @@ async def check_arrivals_have_a_time(case: DatagramCase, left: DatagramWire, rig
     there = Ear(case, right)
     await _repeat(left, [_HELLO], there)
     now = asyncio.get_running_loop().time()
-    # a kernel's stamp is of another clock, and turning it round takes some microseconds
+    # the kernel stamps with another clock, and the conversion takes some microseconds
     assert all(began - 0.01 <= arrived_at(datagram, -1.0) <= now for datagram in there.datagrams)
 
 
@@ -120,7 +124,7 @@ async def check_a_datagram_that_is_too_large_is_refused(
         left.send([b"small", bytes(LARGEST_BYTES + 1)])
     assert type(refused.value) is TransportError
     await _repeat(left, [_HELLO], there)
-    assert set(there.datagrams) == {_HELLO}, "a part of what was refused has arrived"
+    assert set(there.datagrams) == {_HELLO}, "part of a refused datagram arrived"
 
 
 async def check_start_delivers_earlier_datagrams(
@@ -168,10 +172,10 @@ async def check_nothing_arrives_after_the_end(
     await _repeat(left, [_HELLO], there)
     left.send([b"%d" % k for k in range(50)])
     await right.aclose()
-    heard = len(there.datagrams)
+    received = len(there.datagrams)
     left.send([b"%d" % k for k in range(50)])
     await pass_time(0.3)
-    assert len(there.datagrams) == heard
+    assert len(there.datagrams) == received
     assert len(there.ends) == 1
 
 
@@ -203,7 +207,7 @@ async def _check_other_end_goes(
 
 async def check_a_broken_end(case: DatagramCase, left: DatagramWire, right: DatagramWire) -> None:
     if case.cut is None:
-        pytest.skip("this wire cannot be broken in a test")
+        pytest.skip("this wire cannot be cut in a test")
     here, there = Ear(case, left), Ear(case, right)
     await _repeat(left, [_HELLO], there)
     case.cut(left)
@@ -214,8 +218,8 @@ async def check_a_broken_end(case: DatagramCase, left: DatagramWire, right: Data
             right.send([_HELLO])
         await pass_time(PAUSE_S)
     assert [type(error) for error in here.ends] == [TransportBroken]
-    said = str(here.ends[0])
-    assert left.name in said
+    reason = str(here.ends[0])
+    assert left.name in reason
     with pytest.raises(TransportBroken):
         left.send([b"late"])
     await left.aclose()
@@ -233,7 +237,7 @@ def _datagram(
 
 
 class TestDatagramWire:
-    """The contract of unreliable wires for datagrams, for the fixture `datagram_case`."""
+    """Contract of unreliable wires for datagrams, which tests the fixture `datagram_case`."""
 
     test_boundaries_are_kept = _datagram(check_boundaries_are_kept)
     test_loss_is_counted = _datagram(check_loss_is_counted)

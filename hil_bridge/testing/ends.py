@@ -1,4 +1,6 @@
-"""Common parts of the transport suites: cases that open two ends, a listener at an end, and a loop for a check."""
+"""Common parts of the transport suites: cases that open two ends, a listener at one end, and an event loop for a
+check.
+"""
 
 import asyncio
 import threading
@@ -16,7 +18,7 @@ Ends: TypeAlias = tuple[Transport[Any], Transport[Any]]
 
 
 class Case(Protocol):
-    """Common fields of both kinds of case."""
+    """Common fields of stream cases and datagram cases."""
 
     @property
     def open(self) -> Callable[[Clock], AbstractAsyncContextManager[tuple[Any, Any]]]:
@@ -32,17 +34,21 @@ class Case(Protocol):
 
 @dataclass(frozen=True)
 class StreamCase:
-    """Reliable, ordered transport under test. The checks use bytes; the case defines how the transport carries them."""
+    """Reliable, ordered transport under test. The checks use bytes; the case converts them to what the transport
+    carries.
+    """
 
     name: str
     open: Callable[[Clock], AbstractAsyncContextManager[Ends]]
     frames: bool = False
-    """Whether it carries CAN frames."""
+    """Whether the transport carries CAN frames."""
     peer_end: type[TransportError] | None = TransportEnded
-    """Error with which the left end ends when the right one closes; None if the transport does not report it."""
+    """Error that the left end reports when the right end closes; None if the transport does not report it."""
     peer_end_right: type[TransportError] | None = TransportEnded
     volume: int = 100_000
-    """Size of the large transfer, bytes; less than a queue if the peer of a slow line can send without limit."""
+    """Size of the large transfer, bytes. Must be less than a queue if the peer of a slow line can send without
+    limit.
+    """
     virtual: bool = False
 
     def pack(self, data: bytes) -> Any:
@@ -63,13 +69,15 @@ class DatagramCase:
     name: str
     open: Callable[[Clock], AbstractAsyncContextManager[tuple[DatagramWire, DatagramWire]]]
     cut: Callable[[Any], None] | None = None
-    """Breaks the left end, which may become known when the other side sends next. None: not possible in a test."""
+    """Function that breaks the left end, which may notice only when the right end sends next; None if a test cannot
+    break it.
+    """
     peer_end: type[TransportError] | None = None
-    """Error with which an end ends when the other one closes; None if the transport does not report it."""
+    """Error that one end reports when the other end closes; None if the transport does not report it."""
     virtual: bool = False
 
     def unpack(self, data: Any) -> bytes:
-        """Return nothing: datagrams are not joined."""
+        """Return empty bytes: datagrams are not joined."""
         return b""
 
 
@@ -83,7 +91,7 @@ class Ear:
         self.data = b""
         """All data that arrived on a stream, joined."""
         self.batches: list[Any] = []
-        """Arrivals as delivered."""
+        """Arrivals, each as it was delivered."""
         self.ends: list[TransportError] = []
         transport.start(self._on_data, self._on_end)
 
@@ -106,7 +114,7 @@ class Ear:
         self._news.set()
 
     async def until(self, holds: Callable[[], bool], limit: float = 30.0) -> None:
-        """Wait until the condition holds, at most `limit` s."""
+        """Wait until the condition holds, for at most `limit`, s."""
         async with asyncio.timeout(limit):
             while not holds():
                 self._news.clear()
@@ -114,12 +122,14 @@ class Ear:
 
 
 def run_check(case: Case, check: Callable[[Any, Any, Any], Awaitable[None]]) -> None:
-    """Open the ends, check, close; in virtual time if supported. Errors of callbacks are raised here."""
+    """Open the ends, run the check and close them, in virtual time if the transport supports it. Raises the errors
+    of callbacks.
+    """
     raised: list[dict[str, Any]] = []
 
     async def main() -> None:
         clock = Clock.running()
-        if not clock.is_virtual:  # which is strict itself
+        if not clock.is_virtual:  # a virtual clock raises callback errors itself
             clock.loop.set_exception_handler(lambda _, context: raised.append(context))
         try:
             async with case.open(clock) as (left, right):

@@ -1,4 +1,4 @@
-"""Harmless part of the suites for a real device, or one emulated by another process: nothing is ordered."""
+"""Harmless part of the suites, for a real device or a device emulated by another process: no orders are sent."""
 
 import asyncio
 import itertools
@@ -19,21 +19,21 @@ from protocol.geometry import angle_between
 from protocol.wrench import AXES, WrenchFrame
 
 WATCHED_S = 2.0
-"""Chosen: duration of reading reports and frames."""
+"""Time for which reports or frames are read, s. Chosen."""
 PATIENCE_S = 30.0
-"""Chosen: timeout for the first one."""
+"""Longest wait for the first report or frame, s. Chosen."""
 STANDING_M = 1e-3
-"""Chosen: reported motion below which a robot is stationary."""
+"""Reported motion below which a robot counts as stationary, m. Chosen."""
 RATE_PART = 0.2
-"""Chosen: relative tolerance of the rate that the device reports."""
+"""Relative tolerance of the rate that the device reports. Chosen."""
 
 
 def _wire(kind: DeviceKind, urls: Sequence[str]) -> str:
-    """Return the link URL for this kind. Skips the test if there is none."""
+    """Return the link URL for this device kind. Skips the test if there is none."""
     for url in urls:
         if url.startswith(f"{kind.name}+"):
             return url.removeprefix(f"{kind.name}+")
-    pytest.skip(f"no real device is given; --hil-live {kind.name}+URL names one")
+    pytest.skip(f"no real device; specify one with --hil-live {kind.name}+URL")
 
 
 def check_live_robot(case: RobotCase, urls: Sequence[str]) -> None:
@@ -56,14 +56,14 @@ def check_live_robot(case: RobotCase, urls: Sequence[str]) -> None:
             clock.close()
         first, last = reports[0], reports[-1]
         if any(b.sequence <= a.sequence for a, b in itertools.pairwise(reports)):
-            raise Finding("the number of a report does not rise")
+            raise Finding("the sequence number of a report does not increase")
         for report in reports:
             if not all(map(math.isfinite, (*report.pose.position, *report.pose.quaternion))):
-                raise Finding(f"a report tells {report.pose}, which is invalid")
-        moved = math.dist(first.pose.position, last.pose.position)
+                raise Finding(f"a report contains the invalid pose {report.pose}")
+        distance = math.dist(first.pose.position, last.pose.position)
         turned = angle_between(first.pose.quaternion, last.pose.quaternion)
-        if moved > STANDING_M or turned > 0.01:
-            raise Finding(f"the robot was ordered nothing and moved {moved * 1e3:.1f} mm")
+        if distance > STANDING_M or turned > 0.01:
+            raise Finding(f"without orders, the robot moved by {distance * 1e3:.1f} mm")
         cycle = link.facts.cycle_s
         if cycle:
             period = (last.received_at - first.received_at) / (last.sequence - first.sequence)
@@ -73,7 +73,7 @@ def check_live_robot(case: RobotCase, urls: Sequence[str]) -> None:
 
 
 def check_live_sensor(case: SensorCase, urls: Sequence[str]) -> None:
-    """Check that frames arrive at the reported rate, are finite, and are about 0 after a zero."""
+    """Check that frames arrive at the reported rate, are finite, and are about 0 after zeroing."""
     url = _wire(case.kind, urls)
 
     async def main() -> None:
@@ -100,9 +100,11 @@ def check_live_sensor(case: SensorCase, urls: Sequence[str]) -> None:
             await sensor.aclose()
             clock.close()
         if len(received) < 2 or not zeroed:
-            raise Finding(f"{len(received)} frames came within {WATCHED_S:g} s, {len(zeroed)} after the zero")
+            raise Finding(
+                f"{len(received)} frames arrived within {WATCHED_S:g} s, {len(zeroed)} after the zero"
+            )
         if any(b.sequence <= a.sequence for a, b in itertools.pairwise(received)):
-            raise Finding("the number of a frame does not rise")
+            raise Finding("the sequence number of a frame does not increase")
         if facts.period is not None:
             _check_rate("frames", (received[-1].at - received[0].at) / (len(received) - 1), facts.period)
         mean = [
@@ -111,7 +113,7 @@ def check_live_sensor(case: SensorCase, urls: Sequence[str]) -> None:
         for axis, value in enumerate(mean):
             full = (facts.full_scales or facts.range or (math.inf,) * 6)[axis]
             if not abs(value) <= 4.0 * case.noise * full:
-                raise Finding(f"after a zero {AXES[axis]} is {value:.3g}, and nothing has touched the sensor")
+                raise Finding(f"after a zero {AXES[axis]} is {value:.3g} on an unloaded sensor")
 
     run_real(main)
 

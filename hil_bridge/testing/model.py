@@ -1,4 +1,4 @@
-"""Base of the stateful models that check sequences of actions, with their own virtual-time loop."""
+"""Base class of the stateful models that check sequences of actions, each in its own virtual-time event loop."""
 
 import asyncio
 from collections.abc import Awaitable
@@ -13,7 +13,7 @@ from hil_bridge.testing.naming import Finding
 
 
 class Model(RuleBasedStateMachine):
-    """Stateful model of a device and its client, with its own loop."""
+    """Stateful model of a device and its client, with its own event loop."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -46,7 +46,7 @@ class Model(RuleBasedStateMachine):
 
 
 def try_sequences(model: type[Model], case: object, examples: int, steps: int) -> None:
-    """Try `examples` sequences of at most `steps` steps. A failing one is reported in its shortest form."""
+    """Try `examples` sequences of at most `steps` steps. A failing sequence is reported in its shortest form."""
     machine = type(model.__name__, (model,), {"case": case})
     run_state_machine_as_test(
         machine,

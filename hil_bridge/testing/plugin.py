@@ -1,7 +1,7 @@
-"""pytest plug-in: fixtures for user tests, `--hil-live`, and a summary of the suites that ran.
+"""pytest plug-in: fixtures for user tests, the option `--hil-live`, and a summary of the suites that ran.
 
-pytest loads it at every start if hil-bridge is installed. It therefore imports nothing of hil-bridge before a fixture
-is used, and does nothing for tests outside the suites.
+pytest loads the plug-in at every start if hil-bridge is installed. The plug-in therefore imports no other module of
+hil-bridge before a fixture is used, and does nothing for tests outside the suites.
 """
 
 import re
@@ -13,16 +13,20 @@ from typing import Any, NamedTuple
 import pytest
 
 SUITE_VERSION = "1"
-"""Version of the suites; `hil_suite = "1"` in pytest's settings pins it. It increases with a test or a limit that an
-implementation may fail that passed before. Changed messages do not increase it.
+"""Version of the suites; `hil_suite = "1"` in pytest's settings pins it.
+
+It increases when a new test or a stricter limit may fail an implementation that passed before. It does not increase
+when only messages change.
 """
 
 _PROPERTY = "hil_suite"
-"""Property of a test's report, also in JUnit files: the suite and its version."""
+"""Name of the report property with the suite and its version, also in JUnit files."""
 REQUIREMENT, RECORDING = "hil_requirement", "hil_recording"
-"""Mark of a test and property of its report for a requirement that it verifies; property for a saved run of it."""
+"""Mark of a test and property of its report for a verified requirement; property of a report for a saved recording
+of the run.
+"""
 _MISSING = object()
-"""Value of a missing fixture."""
+"""Placeholder value of a missing fixture."""
 
 
 class Suite(NamedTuple):
@@ -30,7 +34,7 @@ class Suite(NamedTuple):
 
     title: str
     needs: str
-    """Name of the fixture that its tests require."""
+    """Name of the fixture that the tests of the suite require."""
     example: tuple[str, str, str]
     """Three lines of code that define the fixture."""
 
@@ -49,8 +53,8 @@ SUITES = {
         ("sensor_clients", "sensor client", "sensor_client", "SensorCase(SENSOR)"),
         ("sensor_emulators", "sensor emulator", "sensor_emulator", "SensorCase(SENSOR)"),
         ("surfaces", "surface", "surface", "SurfaceCase(SURFACE)"),
-        ("streams", "transport of streams", "stream_case", 'StreamCase("mine", open_two_ends)'),
-        ("datagrams", "transport of datagrams", "datagram_case", 'DatagramCase("mine", open_two_ends)'),
+        ("streams", "stream transport", "stream_case", 'StreamCase("mine", open_two_ends)'),
+        ("datagrams", "datagram transport", "datagram_case", 'DatagramCase("mine", open_two_ends)'),
     )
 }
 """Suites by module."""
@@ -90,8 +94,8 @@ def pytest_configure(config: pytest.Config) -> None:
     pinned = config.getini("hil_suite")
     if pinned and pinned != SUITE_VERSION:
         raise pytest.UsageError(
-            f"hil_suite is {pinned}, and the installed hil-bridge has version {SUITE_VERSION} of its suites: install "
-            "the release that has yours, or set hil_suite again once the tests pass"
+            f"hil_suite is {pinned}, but the installed hil-bridge has version {SUITE_VERSION} of its suites: install "
+            "the release with your version, or update hil_suite once the tests pass"
         )
 
 
@@ -107,7 +111,7 @@ def pytest_itemcollected(item: pytest.Item) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Parametrise a test without its fixture, so that it runs and fails with an explanation."""
+    """Parametrise a test whose fixture is missing, so that it runs and fails with an explanation."""
     suite = _suite_of(metafunc.function)
     if not suite or suite.needs not in metafunc.fixturenames:
         return
@@ -128,7 +132,7 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> None:
 
 
 def _suite_in(report: Any) -> str:
-    """Return the suite of a report, or an empty text. Other tests may have properties of any shape."""
+    """Return the suite of a report; empty for a test outside the suites, whose properties may have any format."""
     for pair in getattr(report, "user_properties", ()):
         if len(pair) == 2 and pair[0] == _PROPERTY:
             return str(pair[1])
@@ -136,7 +140,7 @@ def _suite_in(report: Any) -> str:
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Print one line for each suite, and one for each reason of skipped tests."""
+    """Print one line for each suite, and one line for each reason of skipped tests."""
     ran: dict[str, Counter[str]] = {}
     skipped: dict[str, Counter[str]] = {}
     for outcome in ("passed", "failed", "error", "skipped", "xfailed", "xpassed"):
@@ -169,7 +173,7 @@ _RUNS: pytest.StashKey[list[Any]] = pytest.StashKey()
 
 
 def _save(result: Any, path: Path) -> str:
-    """Save a run; return the reason if that fails, which does not fail the test, else an empty text."""
+    """Save a run. Return the reason if saving fails, which does not fail the test; otherwise return an empty text."""
     from hil_bridge.errors import BridgeError
 
     try:
@@ -181,7 +185,7 @@ def _save(result: Any, path: Path) -> str:
 
 
 def _place(item: pytest.Item, number: int) -> tuple[Path, bool]:
-    """Return a path for a run of a test, and whether the user chose the folder."""
+    """Return a path for the recording of a test's run, and whether the user chose the folder."""
     if folder := item.config.getoption("--hil-recordings"):
         name = re.sub(r"[^\w.-]+", "-", item.nodeid.replace("::", "."))
         return Path(folder) / f"{name}-{number}.mcap", True
@@ -212,7 +216,9 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
 
 
 def run_properties(number: int, result: Any) -> list[tuple[str, str]]:
-    """Return the properties of a run for a test's report: its end, each fault, each program step with its verdict."""
+    """Return the properties of a run for the report of a test: how it ended, each fault, and each program step with
+    its verdict.
+    """
     from hil_bridge.errors.event_kinds import EventKind
 
     name = f"hil_run.{number}"
@@ -228,12 +234,15 @@ def run_properties(number: int, result: Any) -> list[tuple[str, str]]:
 
 @pytest.fixture
 def hil_simulate(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., Any]:
-    """Return `hil_bridge.simulate`. The test's report contains how each run ended, and where it was saved:
-    `--hil-recordings` names a folder for all runs; without it only runs of failed tests are kept.
+    """Return `hil_bridge.simulate`, which also records in the report of the test how each run ended and where it
+    was saved.
+
+    `--hil-recordings` names a folder for the recordings of all runs. Without this option, only the runs of failed
+    tests are kept.
     """
     import hil_bridge
 
-    runs = request.node.stash[_RUNS] = []  # again where a test is repeated
+    runs = request.node.stash[_RUNS] = []  # emptied if a test is repeated
 
     def simulate(config: Any = None, **more: Any) -> Any:
         result = hil_bridge.simulate(config, **more)

@@ -1,4 +1,4 @@
-"""Common parts of the rigs of emulated robots and sensors: tampered transports, timeouts, time and faults."""
+"""Common parts of the rigs for emulated robots and sensors: tampered transports, timeouts, time and faults."""
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping, Sequence
@@ -22,14 +22,14 @@ DAMAGES: Mapping[str, Callable[[Any, int], Sequence[Any]]] = {
     "lengthened": lambda data, count: (lengthened(data),),
     "garbage": lambda data, count: (garbage(data), data),
 }
-"""Kinds of damage to data of a client by name; each receives the data and its number."""
+"""Functions that damage the data of a client, by kind of damage; each receives the data and its sequence number."""
 
 
 class Rig:
-    """Emulated device and the transports of its clients."""
+    """Emulated device, with the transports of its clients."""
 
     patience_s: float
-    """Chosen: timeout, longer than any client may wait for the device."""
+    """Longest wait for a call, s. Chosen: longer than any client may wait for the device."""
 
     def __init__(self, clock: Clock, faults: Mapping[str, Mapping[str, Fault]]) -> None:
         self.clock = clock
@@ -44,7 +44,7 @@ class Rig:
         return meddled
 
     async def within(self, answer: Awaitable[Any], name: str) -> Any:
-        """Return the answer, which must arrive or fail within the timeout."""
+        """Return the result of an awaitable, which must complete or fail within the timeout."""
         try:
             async with asyncio.timeout(self.patience_s):
                 return await answer
@@ -54,7 +54,7 @@ class Rig:
             ) from None
 
     async def wait(self, seconds: float) -> None:
-        """Let time pass, and end faults when they are due."""
+        """Let time pass, and end faults that are due."""
         ends = self.clock.now() + seconds
         while (due := self.ledger.next_deadline()) is not None and due < ends:
             await self.clock.sleep_until(due)
@@ -64,11 +64,11 @@ class Rig:
     # --- faults
 
     def inject(self, target: str, fault: str) -> bool:
-        """Inject a fault with its defaults; return False if the device does not support it now."""
-        found = self.ledger.table[target][fault]
+        """Inject a fault with its default parameters; return False if the device does not support it at this time."""
+        entry = self.ledger.table[target][fault]
         # One of them must not be 0.
         amounts: dict[str, object] = {
-            name: max(found.parameters[name].maximum / 100.0, 1e-3) for name in found.amounts[:1]
+            name: max(entry.parameters[name].maximum / 100.0, 1e-3) for name in entry.amounts[:1]
         }
         try:
             self.ledger.inject(target, fault, self.clock.now(), amounts)
@@ -77,30 +77,30 @@ class Rig:
         return True
 
     def mend(self) -> None:
-        """End lasting faults."""
+        """End all active faults."""
         self.ledger.mend(self.clock.now())
 
     async def begin_each(self, handlers: Mapping[str, Mapping[str, Any]], word: str) -> None:
-        """Inject each fault of the table for a moment. `word` names the device."""
-        told = {(on, name) for on, table in self.ledger.table.items() for name in table}
+        """Inject each fault of the table briefly, and check that every fault handler belongs to the table. `word`
+        names the device.
+        """
+        listed = {(on, name) for on, table in self.ledger.table.items() for name in table}
         handled = {(on, name) for on, table in handlers.items() for name in table}
-        if extra := handled - told:
-            raise Finding(
-                f"the {word} handles {sorted(extra)[0]}, which the table of its faults does not tell"
-            )
+        if extra := handled - listed:
+            raise Finding(f"the {word} handles {sorted(extra)[0]}, which is not in the table of its faults")
         begun = 0
-        for on, name in sorted(told):
+        for on, name in sorted(listed):
             begun += self.inject(on, name)
             await self.wait(0.05)
-        if told and not begun:
-            raise Finding("none of the faults can begin with its defaults")
+        if listed and not begun:
+            raise Finding("no fault can begin with its defaults")
         self.mend()
         await self.wait(0.1)
 
     # --- hostile or cancelled clients
 
     def damage_sent(self, damage: str, first: int, every: int) -> None:
-        """Damage a piece of data from the clients with this number, and periodically after it."""
+        """Damage the piece of client data with this sequence number, and further pieces periodically."""
         alter, count = DAMAGES[damage], 0
 
         def meddle(data: Any) -> Sequence[Any]:
@@ -116,8 +116,10 @@ class Rig:
         session: Callable[[], Coroutine[Any, Any, None]],
         check: Callable[[int, str], Awaitable[None]] | None = None,
     ) -> None:
-        """Cancel a session at its first await, its second, and so on to its end. Then its transports are
-        closed and no task is left. `check` is called with the number of the await, and with words for it.
+        """Cancel a session at its first await, its second, and so on to its end; check that nothing is left behind.
+
+        The transports of the session must be closed, and no task may remain. `check` is called with the number of
+        the await and its description.
         """
         before = asyncio.all_tasks()
         for number in range(MOST):
@@ -137,7 +139,7 @@ class Rig:
 
 @asynccontextmanager
 async def serving_in_memory(clock: Clock) -> AsyncIterator[Serving]:
-    """Serve an emulated device. Raises errors of its code, but not those of transports."""
+    """Serve an emulated device in memory. Raises the errors of its code, but not transport errors."""
     failed: list[BaseException] = []
     async with AsyncExitStack() as stack:
         yield Serving(clock, stack, failed.append, lambda text: None)
@@ -146,7 +148,7 @@ async def serving_in_memory(clock: Clock) -> AsyncIterator[Serving]:
 
 
 def try_each_fault(kind: Any, phase: str, attempt: Callable[[str, str], None]) -> None:
-    """Try each fault of a kind's emulator, and name a failing one."""
+    """Try each fault that the emulator of a kind supports, and name the fault in case of a failure."""
     faults = [(on, name) for on, table in kind.emulation.faults.items() for name in table]
     if not faults:
         pytest.skip(f"the emulator of {kind.name} has no faults")

@@ -1,4 +1,4 @@
-"""Tests that the client of every robot has to pass, for the test module of its author.
+"""Tests that every robot client must pass, for the author's test module.
 
     import pytest
     from hil_bridge.testing import RobotCase
@@ -9,8 +9,9 @@
     def robot_client():
         return RobotCase(ROBOT, stop=("robot", "emergency-stop"), numbered=True)
 
-The client is the link that `ROBOT.connect` makes. It speaks with the emulated robot of the same kind, in virtual time,
-and is judged by where that robot truly is. `--hil-live KIND+URL` runs `test_live_robot_reports` on a real one.
+The client is the link that `ROBOT.connect` returns. It communicates with the emulated robot of the same kind in virtual
+time, and its reports are compared with the true pose of that robot. `--hil-live KIND+URL` runs
+`test_live_robot_reports` on a real robot.
 """
 
 import math
@@ -55,16 +56,18 @@ _PLACES: tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ..
     ((6.0, 0.0, 0.0), (4.0, 0.0, 0.0)),
     ((6.0, -5.0, 4.0), (4.0, -3.0, 5.0)),
 )
-"""Offsets from the start, mm, and turns about the base axes, degrees."""
+"""Test poses: offsets from the start, mm, and rotations about the base axes, °."""
 _SETTLE_S = 0.8
-_LOOK_S = 0.05
-"""Time over which a speed is a mean, s."""
+_SPEED_S = 0.05
+"""Averaging window of a speed, s."""
 NOT_A_NUMBER = (BridgeError, ValueError, ProtocolError)
-"""Errors that refuse an order to nowhere: the caller's mistake as well as the robot's."""
+"""Exceptions by which an order with NaN may be refused: by the client, or by the robot."""
 
 
 def test_reports_tell_where_the_robot_is(robot_client: RobotCase) -> None:
-    """Unit, sign and order of position and orientation, by the robot's true pose at each of some places."""
+    """Unit, sign and order of the reported position and orientation match the true pose of the robot at several
+    poses.
+    """
 
     async def check(rig: RobotRig) -> None:
         async with rig.started() as link:
@@ -77,13 +80,13 @@ def test_reports_tell_where_the_robot_is(robot_client: RobotCase) -> None:
                 report = await rig.within(link.report(), "report")
                 rig.check_report(report)
                 if report.sequence <= newest:
-                    raise Finding(f"the number of a report does not rise: {report.sequence} after {newest:g}")
+                    raise Finding(
+                        f"the sequence number of a report does not increase: {report.sequence} after {newest:g}"
+                    )
                 newest = report.sequence
                 away = math.dist(rig.true_pose().position, rig.place(*offset).position)
                 if away > rig.case.tolerance_m:
-                    raise Finding(
-                        f"the robot was ordered to a place and stands {away * 1e3:.1f} mm beside it"
-                    )
+                    raise Finding(f"the robot is {away * 1e3:.1f} mm away from the ordered position")
 
     run_robot(robot_client, check)
 
@@ -96,11 +99,11 @@ def test_report_during_a_movement_is_of_the_robot_and_not_of_the_order(robot_cli
             for _ in range(3):
                 report = await rig.within(link.report(), "report")
                 to_target = math.dist(report.pose.position, target.position)
-                true_way = math.dist(rig.true_pose(report.pose_at).position, target.position)
-                if to_target < 1e-3 and true_way > 5e-3:
+                remaining = math.dist(rig.true_pose(report.pose_at).position, target.position)
+                if to_target < 1e-3 and remaining > 5e-3:
                     raise Finding(
-                        "the commanded pose is reported as the actual one: a report tells the target, and the robot "
-                        f"is still {true_way * 1e3:.1f} mm away from it"
+                        "the commanded pose is reported as the actual one: a report contains the target, but the "
+                        f"robot is still {remaining * 1e3:.1f} mm away from it"
                     )
                 rig.check_report(report, SPEED_M_S)
             await rig.within(motion.settled(), "settled")
@@ -114,17 +117,21 @@ def test_speed_of_a_movement_is_kept(robot_client: RobotCase) -> None:
             await rig.within(motion.to(rig.place(28.0, 0.0, 0.0)), "to")
             for _ in range(15):
                 before = rig.true_pose().position
-                await rig.wait(_LOOK_S)
-                speed = math.dist(before, rig.true_pose().position) / _LOOK_S
+                await rig.wait(_SPEED_S)
+                speed = math.dist(before, rig.true_pose().position) / _SPEED_S
                 if speed > 1.3 * SPEED_M_S + 0.01:
-                    raise Finding(f"the robot goes {speed * 1e3:.0f} mm/s, allowed were {SPEED_M_S * 1e3:g}")
+                    raise Finding(
+                        f"the robot moves at {speed * 1e3:.0f} mm/s; allowed: at most {SPEED_M_S * 1e3:g} mm/s"
+                    )
             await rig.within(motion.settled(), "settled")
 
     run_robot(robot_client, check)
 
 
 def test_stale_packet_is_no_new_report(robot_client: RobotCase) -> None:
-    """Packets that the robot sent at another place come again, between those of now."""
+    """Stale packets, which the robot sent at another pose, arrive again among the current packets and are not
+    reported.
+    """
     declared(robot_client.numbered, "packets with a number or a time (RobotCase.numbered)")
 
     async def check(rig: RobotRig) -> None:
@@ -146,7 +153,7 @@ def test_stale_packet_is_no_new_report(robot_client: RobotCase) -> None:
                 except Finding as finding:
                     raise Finding(f"a stale packet was taken for a new report: {finding}") from None
                 if report.sequence <= newest:
-                    raise Finding("a stale packet was taken for a new report: its number was told before")
+                    raise Finding("a stale packet was taken for a new report: its number was reported before")
                 newest = report.sequence
             wire.alter = None
 
@@ -154,7 +161,9 @@ def test_stale_packet_is_no_new_report(robot_client: RobotCase) -> None:
 
 
 def test_stopped_robot_gets_no_orders(robot_client: RobotCase) -> None:
-    """A stop comes in mid-movement. It is told, orders are refused, and once it is lifted the robot stands."""
+    """A stop during a movement is reported, and orders are refused. When the stop is lifted, the robot remains
+    stationary.
+    """
     declared(robot_client.stop, "a fault that stops the robot (RobotCase.stop)")
     assert robot_client.stop is not None
     target, fault = robot_client.stop
@@ -165,27 +174,29 @@ def test_stopped_robot_gets_no_orders(robot_client: RobotCase) -> None:
                 async with link.motion(LIMITS) as motion:
                     await rig.within(motion.to(rig.place(25.0, 0.0, 0.0)), "to")
                     await rig.wait(0.2)
-                    assert rig.inject(target, fault), f"the emulator cannot have {target}: {fault}"
+                    assert rig.inject(target, fault), (
+                        f"the emulator does not support the fault {target}: {fault}"
+                    )
                     await rig.wait(0.5)
                     await _check_stop_is_told(rig, link)
                     await rig.refused(
                         motion.to(rig.place(20.0, 0.0, 0.0)),
                         "to",
-                        "an order is taken while the robot reports a stop; it must be refused",
+                        "an order is accepted while the robot reports a stop; it must be refused",
                     )
                     rig.mend()
                     await rig.wait(0.1)
-                    await rig.check_stands("orders were sent on after a protective stop; it was lifted, and")
-            await rig.check_stands("orders were sent on after a protective stop; the movement was left, and")
+                    await rig.check_stands("orders continued after a protective stop; it was lifted, and")
+            await rig.check_stands("orders continued after a protective stop; the movement was left, and")
 
     run_robot(robot_client, check)
 
 
 async def _check_stop_is_told(rig: RobotRig, link: object) -> None:
-    with suppress(BridgeError):  # a robot that says nothing more is told by an error
+    with suppress(BridgeError):  # a robot that stops sending is reported by an error
         report = await rig.within(link.report(), "report")  # type: ignore[attr-defined]
         if not report.fault:
-            raise Finding("a stop of the robot is not told: the report has no fault")
+            raise Finding("a stop of the robot is not reported: the report has no fault")
 
 
 def test_nothing_is_ordered_after_a_halt(robot_client: RobotCase) -> None:
@@ -197,22 +208,24 @@ def test_nothing_is_ordered_after_a_halt(robot_client: RobotCase) -> None:
                     if name == "halt":
                         await rig.within(motion.halt(), "halt")
                         await rig.wait(0.5)
-                        await rig.check_stands("a robot that was halted continues")
+                        await rig.check_stands("a halted robot continues to move")
                     else:
                         motion.abandon()
                     await rig.refused(
                         motion.to(rig.place(10.0, 0.0, 0.0)),
                         "to",
-                        f"an order is taken after `{name}`; it must be refused",
+                        f"an order is accepted after `{name}`; it must be refused",
                     )
                     await rig.wait(0.8)
-                await rig.check_stands(f"a movement that was ended by `{name}` continues")
+                await rig.check_stands(f"a movement continues after `{name}`")
 
     run_robot(robot_client, check)
 
 
 def test_leaving_a_movement_ends_it(robot_client: RobotCase) -> None:
-    """At the last point; also after an exception, and then nothing more may be ordered by the same movement."""
+    """Leaving a movement ends it at its last point, even after an exception. The movement then refuses further
+    orders.
+    """
 
     async def check(rig: RobotRig) -> None:
         async with rig.started() as link:
@@ -223,11 +236,11 @@ def test_leaving_a_movement_ends_it(robot_client: RobotCase) -> None:
                     await rig.within(broken.to(rig.place(10.0, 0.0, 0.0)), "to")
                     raise ZeroDivisionError
             await rig.wait(_SETTLE_S)
-            await rig.check_stands("a movement that was left continues")
+            await rig.check_stands("the robot continues to move after the movement was left")
             for motion in (left, broken):
                 with suppress(BridgeError):
                     await rig.within(motion.to(rig.place(-10.0, 0.0, 0.0)), "to")
-                await rig.check_stands("a movement that was left still gives orders")
+                await rig.check_stands("a movement still accepts orders after it was left")
 
     run_robot(robot_client, check)
 
@@ -245,7 +258,7 @@ def test_order_that_is_no_number_is_refused(robot_client: RobotCase) -> None:
                         await rig.refused(
                             motion.to(pose),
                             "to",
-                            f"an order that is not a number is taken: {pose}",
+                            f"an order with NaN is accepted: {pose}",
                             NOT_A_NUMBER,
                         )
                         motion.hold()
@@ -255,7 +268,9 @@ def test_order_that_is_no_number_is_refused(robot_client: RobotCase) -> None:
 
 
 def test_silent_robot_is_told(robot_client: RobotCase) -> None:
-    """The cable is pulled in mid-movement: each call fails in time. Later it is in again, and the robot stands."""
+    """While the cable is disconnected during a movement, each call fails before the timeout. After reconnection the
+    robot is stationary.
+    """
 
     async def check(rig: RobotRig) -> None:
         async with rig.started() as link:
@@ -277,16 +292,18 @@ def test_silent_robot_is_told(robot_client: RobotCase) -> None:
             for wire in rig.wires:
                 wire.cut = False
             await rig.wait(_SETTLE_S)
-            await rig.check_stands("the cable was pulled and is in again, no movement is under way, and")
+            await rig.check_stands(
+                "the cable was disconnected and reconnected without a movement in progress, and"
+            )
 
     run_robot(robot_client, check)
 
 
 @pytest.mark.parametrize("damage", ["flipped", "shortened", "lengthened", "doubled", "garbage"])
 def test_damaged_answers_are_not_believed(robot_client: RobotCase, damage: str) -> None:
-    """Every fifth arrival is damaged. Calls may fail with a BridgeError; nothing false may be reported."""
+    """Every fifth arrival is damaged. Calls may fail with a BridgeError, but no wrong value may be reported."""
     if damage == "flipped":
-        declared(robot_client.checked, "packets with a check (RobotCase.checked)")
+        declared(robot_client.checked, "packets with a checksum (RobotCase.checked)")
     alter: Callable[[Any, int], tuple[Any, ...]] = {
         "flipped": lambda data, count: (flipped(data, 37 * count),),
         "shortened": lambda data, count: (shortened(data),),
@@ -318,12 +335,12 @@ def test_damaged_answers_are_not_believed(robot_client: RobotCase, damage: str) 
 
 
 def test_pieces_of_answers_are_put_together(robot_client: RobotCase) -> None:
-    """A byte wire cuts anywhere: each byte comes alone, then all of 30 ms together."""
+    """A byte wire splits data anywhere: first the bytes arrive one by one, then all bytes of 30 ms arrive together."""
 
     async def check(rig: RobotRig) -> None:
         async with rig.started() as link:
             if not all(isinstance(data, (bytes, bytearray)) for wire in rig.wires for data in wire.arrivals):
-                pytest.skip("not a byte wire: what is sent as one arrives as one")
+                pytest.skip("not a byte wire: data are not split")
             for wire in rig.wires:
                 wire.alter = lambda data: [data[k : k + 1] for k in range(len(data))]
             for _ in range(5):
@@ -338,8 +355,9 @@ def test_pieces_of_answers_are_put_together(robot_client: RobotCase) -> None:
 
 
 def test_robot_client_cancelled_at_any_await_leaves_nothing(robot_client: RobotCase) -> None:
-    """A whole session is cancelled where it waits for the first time, the second time, and so on to its end. Then its
-    wires are closed, no task is left, and the robot stands.
+    """Cancel a session at its first await, its second, and so on to its end.
+
+    After each cancellation the wires must be closed, no task may remain, and the robot must be stationary.
     """
 
     async def check(rig: RobotRig) -> None:
@@ -357,7 +375,7 @@ def test_robot_client_cancelled_at_any_await_leaves_nothing(robot_client: RobotC
 
         async def stands(number: int, where: str) -> None:
             if number % 5 == 0:
-                await rig.check_stands(f"{where}, the client has gone, and")
+                await rig.check_stands(f"{where}, the client has ended, and")
 
         await rig.cancel_everywhere(session, stands)
 
@@ -366,17 +384,17 @@ def test_robot_client_cancelled_at_any_await_leaves_nothing(robot_client: RobotC
 
 @pytest.mark.parametrize("phase", ["idle", "moving"])
 def test_robot_client_stands_every_fault_in_every_phase(robot_client: RobotCase, phase: str) -> None:
-    """Each fault of the emulator: nothing but a BridgeError is raised, no call waits for ever, and the robot stands."""
+    """Under each fault of the emulator, calls raise only BridgeError, no call waits forever, and the robot stops."""
     assert robot_client.kind.emulation is not None
 
     def attempt(target: str, fault: str) -> None:
         async def check(rig: RobotRig) -> None:
             with suppress(BridgeError):
                 async with rig.started() as link:
-                    await _through(rig, link, (target, fault), phase)
+                    await _endure(rig, link, (target, fault), phase)
             rig.mend()
             await rig.wait(0.5)
-            await rig.check_stands("the client has gone, and")
+            await rig.check_stands("the client has ended, and")
 
         run_robot(robot_client, check)
 
@@ -388,32 +406,32 @@ def _check_numbers(report: RobotReport) -> None:
         raise Finding(f"a pose that is not a number is reported without a fault: {report.pose}")
 
 
-async def _through(rig: RobotRig, link: object, fault: tuple[str, str], phase: str) -> None:
-    """Let it happen, and continue as if nothing had."""
-    held: object = link
+async def _endure(rig: RobotRig, link: object, fault: tuple[str, str], phase: str) -> None:
+    """Inject a fault in one phase, and continue with the session as if nothing had happened."""
+    robot: object = link
     if phase == "idle":
         rig.inject(*fault)
         await rig.wait(0.15)
         for _ in range(3):
             with suppress(BridgeError):
-                _check_numbers(await rig.within(held.report(), "report"))  # type: ignore[attr-defined]
+                _check_numbers(await rig.within(robot.report(), "report"))  # type: ignore[attr-defined]
         return
-    async with held.motion(LIMITS) as motion:  # type: ignore[attr-defined]
+    async with robot.motion(LIMITS) as motion:  # type: ignore[attr-defined]
         await rig.within(motion.to(rig.place(4.0, 0.0, 0.0)), "to")
         rig.inject(*fault)
         await rig.wait(0.2)
         try:
-            _check_numbers(await rig.within(held.report(), "report"))  # type: ignore[attr-defined]
+            _check_numbers(await rig.within(robot.report(), "report"))  # type: ignore[attr-defined]
             await rig.within(motion.to(rig.place(0.0, 0.0, 0.0)), "to")
         except BridgeError:
             motion.abandon()
 
 
 def test_any_sequence_of_orders_holds_and_stops(robot_client: RobotCase) -> None:
-    """Orders, holds, halts, stops, cuts and pauses in any order, against a model of the robot."""
+    """Orders, holds, halts, stops, cuts and pauses in any order agree with a model of the robot."""
     check_any_order(robot_client)
 
 
 def test_live_robot_reports(robot_client: RobotCase, hil_live: list[str]) -> None:
-    """A real robot: reports come at its pace, are numbers, and tell that it stands. Nothing is ordered."""
+    """Reports of a real robot arrive at its rate, are finite, and show a stationary robot. No orders are sent."""
     check_live_robot(robot_client, hil_live)

@@ -1,4 +1,4 @@
-"""Tests that every emulated robot has to pass, for the test module of its author.
+"""Tests that every robot emulator must pass, for the author's test module.
 
     import pytest
     from hil_bridge.testing import RobotCase
@@ -9,7 +9,7 @@
     def robot_emulator():
         return RobotCase(ROBOT)
 
-They know it by `emulators.seams.EmulatedRobot`, and order it about through the client of the same kind.
+The tests use only the interface `emulators.seams.EmulatedRobot`, and send orders through the client of the same kind.
 """
 
 import math
@@ -40,11 +40,11 @@ __all__ = [
 ]
 
 _FASTEST_M_S = 3.0
-"""Chosen: no arm of the size that this is for goes faster."""
+"""Largest plausible speed of an arm of this size, m/s. Chosen."""
 
 
 async def _moved(rig: RobotRig) -> None:
-    """Make a short movement, there and back."""
+    """Make a short movement forth and back."""
     async with rig.started() as link, link.motion(LIMITS) as motion:
         await rig.within(motion.to(rig.place(6.0, 3.0, 0.0)), "to")
         await rig.within(motion.settled(), "settled")
@@ -63,11 +63,13 @@ def test_it_is_powered_up_where_it_is_told(robot_emulator: RobotCase) -> None:
     async def check(rig: RobotRig) -> None:
         true, start = rig.true_pose(), rig.case.start
         if math.dist(true.position, start.position) > 1e-6:
-            raise Finding(f"the robot is powered up at {true.position}, told was {start.position}")
+            raise Finding(f"the robot starts at {true.position}, not at the given position {start.position}")
         if angle_between(true.quaternion, start.quaternion) > 1e-6:
-            raise Finding(f"the robot is powered up as {true.quaternion}, told was {start.quaternion}")
+            raise Finding(
+                f"the robot starts with the orientation {true.quaternion}, not the given one {start.quaternion}"
+            )
         if abs(math.hypot(*true.quaternion) - 1.0) > 1e-6:
-            raise Finding(f"an orientation of the path is no unit quaternion: {true.quaternion}")
+            raise Finding(f"an orientation of the path is not a unit quaternion: {true.quaternion}")
 
     run_robot(robot_emulator, check)
 
@@ -83,7 +85,7 @@ def test_without_orders_it_stands(robot_emulator: RobotCase) -> None:
 
 
 def test_path_is_one_of_an_arm(robot_emulator: RobotCase) -> None:
-    """No jump, and the velocities are those of the positions."""
+    """The path of the tool has no jumps, and its velocities match its positions."""
 
     async def check(rig: RobotRig) -> None:
         begin = rig.clock.now()
@@ -91,20 +93,20 @@ def test_path_is_one_of_an_arm(robot_emulator: RobotCase) -> None:
         times = np.arange(begin, rig.clock.now(), 0.001)
         positions, velocities = rig.robot.path.trajectory(times)
         if not (np.isfinite(positions).all() and np.isfinite(velocities).all()):
-            raise Finding("the path is not a number somewhere")
+            raise Finding("the path contains NaN")
         steps = np.diff(positions, axis=0) / 0.001
         fastest = float(np.linalg.norm(steps, axis=1).max())
         if fastest > _FASTEST_M_S:
             raise Finding(f"the path jumps: {fastest:.1f} m/s from one millisecond to the next")
         between = (velocities[1:] + velocities[:-1]) / 2.0
         if float(np.abs(between - steps).mean()) > 0.05 * float(np.abs(steps).max()) + 1e-4:
-            raise Finding("the velocities of the path are not those of its positions")
+            raise Finding("the velocities of the path do not match its positions")
 
     run_robot(robot_emulator, check)
 
 
 def test_committed_path_never_changes(robot_emulator: RobotCase) -> None:
-    """Read as far as it is committed, then order something else: what was read stays."""
+    """Once the committed path has been read, a further order does not change the part that was read."""
 
     async def check(rig: RobotRig) -> None:
         path, now = rig.robot.path, rig.clock.now
@@ -114,13 +116,15 @@ def test_committed_path_never_changes(robot_emulator: RobotCase) -> None:
                 await rig.wait(0.25)
                 until = path.committed_until(now())
                 if until < now():
-                    raise Finding(f"the path is committed up to {until:g} s, and now is {now():g} s")
+                    raise Finding(
+                        f"the path is committed only up to {until:g} s, but the time is {now():g} s"
+                    )
                 times = np.linspace(now() - 0.05, until, 50, endpoint=False)
                 before = path.trajectory(times)[0].copy()
                 await rig.within(motion.to(rig.place(-x, 2.0, 0.0)), "to")
                 await rig.wait(0.2)
                 if np.abs(path.trajectory(times)[0] - before).max() > 1e-9:
-                    raise Finding("an order has changed the path where it was committed")
+                    raise Finding("an order changed the committed part of the path")
 
     run_robot(robot_emulator, check)
 
@@ -141,11 +145,11 @@ def _run_once(case: RobotCase, meddle: Callable[[RobotRig], None] = lambda rig: 
 def test_same_seed_does_the_same(robot_emulator: RobotCase) -> None:
     first, again = _run_once(robot_emulator), _run_once(robot_emulator)
     if first.shape != again.shape or not np.array_equal(first, again):
-        raise Finding("two robots of one seed that were ordered the same went different ways")
+        raise Finding("two robots with the same seed and orders took different paths")
 
 
 def test_reading_changes_nothing(robot_emulator: RobotCase) -> None:
-    """A robot whose path is read again and again goes as one that is not."""
+    """Reading the path repeatedly does not change the motion."""
 
     def read_often(rig: RobotRig) -> None:
         def read() -> None:
@@ -161,7 +165,7 @@ def test_reading_changes_nothing(robot_emulator: RobotCase) -> None:
 
     quiet, read = _run_once(robot_emulator), _run_once(robot_emulator, read_often)
     if quiet.shape != read.shape or np.abs(quiet - read).max() > 1e-9:
-        raise Finding("a robot whose path was read in between went another way")
+        raise Finding("reading the path changed the path of the robot")
 
 
 def test_targets_are_counted_and_begin_after_their_order(robot_emulator: RobotCase) -> None:
@@ -174,24 +178,22 @@ def test_targets_are_counted_and_begin_after_their_order(robot_emulator: RobotCa
             await rig.wait(1.0)
             robot.path.advance(rig.clock.now())
             if robot.accepted <= before:
-                raise Finding(f"an order was taken, and `accepted` stays at {robot.accepted}")
+                raise Finding(f"an order was accepted, but `accepted` stays at {robot.accepted}")
             begun = [robot.begun_at(number) for number in range(before + 1, robot.accepted + 1)]
             known = [at for at in begun if at is not None and not math.isnan(at)]
             if not known:
-                raise Finding(f"the robot has moved, and no target of {robot.accepted} has begun")
+                raise Finding(f"the robot has moved, but none of {robot.accepted} targets has begun")
             if min(known) < ordered_at or known != sorted(known):
-                raise Finding(
-                    "a target has begun before it was ordered, or before the one that was ordered earlier"
-                )
+                raise Finding("a target began before it was ordered, or before an earlier one")
             if robot.begun_at(robot.accepted + 1000) is not None:
-                raise Finding("a target that was never ordered has begun")
+                raise Finding("a target began that was never ordered")
 
     run_robot(robot_emulator, check)
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_hostile_bytes_neither_break_nor_move_it(robot_emulator: RobotCase, damage: str) -> None:
-    """The client's bytes arrive damaged. The emulator raises nothing, goes nowhere far, and stands in the end."""
+    """When the client sends damaged bytes, the emulator raises no error, does not move far, and finally stops."""
 
     async def check(rig: RobotRig) -> None:
         with suppress(BridgeError):
@@ -206,9 +208,9 @@ def test_hostile_bytes_neither_break_nor_move_it(robot_emulator: RobotCase, dama
             finally:
                 await link.aclose()
         await rig.wait(1.0)
-        await rig.check_stands("damaged orders came, then none, and")
+        await rig.check_stands("damaged orders arrived, then none, and")
         if not all(map(math.isfinite, rig.true_pose().position)):
-            raise Finding("the robot is nowhere: its position is not a number")
+            raise Finding("the position of the robot is not a number")
 
     run_robot(robot_emulator, check)
 

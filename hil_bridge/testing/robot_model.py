@@ -1,4 +1,4 @@
-"""Stateful model of a robot: after any sequence of orders, the client must report the same state."""
+"""Stateful model of a robot: after any sequence of orders, the client must report the same state as the model."""
 
 from collections.abc import Awaitable, Callable
 from contextlib import AsyncExitStack, suppress
@@ -16,15 +16,17 @@ from hil_bridge.testing.naming import Finding
 from hil_bridge.testing.robot_rig import LIMITS, SPEED_M_S, RobotRig, robot_rig
 
 EXAMPLES = 4
-"""Chosen: number of sequences tried, the same ones in each run."""
+"""Number of sequences to try. Every run tries the same sequences. Chosen."""
 STEPS = 10
-"""Chosen: most orders of a sequence."""
+"""Maximum number of orders in a sequence. Chosen."""
 _BOX_MM = 15
 _offsets = st.tuples(*[st.integers(-_BOX_MM, _BOX_MM)] * 3)
 
 
 class RobotModel(Model):
-    """The model is small: where the tool may be is the box of all orders, and it stands unless one is under way."""
+    """Simple model of a robot: the tool is within the bounding box of all orders, and stationary unless an order is
+    in progress.
+    """
 
     case: RobotCase
 
@@ -35,7 +37,9 @@ class RobotModel(Model):
         self.ended = False
         """Whether the motion was halted or abandoned."""
         self.stopped = self.troubled = False
-        """A stop holds; there was one, or the wire was cut, in this session."""
+        """Whether a stop is active (`stopped`), and whether a stop or a cut wire occurred in this session
+        (`troubled`).
+        """
         self.low: tuple[float, ...] = (0.0, 0.0, 0.0)
         self.high: tuple[float, ...] = (0.0, 0.0, 0.0)
         self.run(self._begin())
@@ -50,13 +54,15 @@ class RobotModel(Model):
         await self.rig.within(self.link.ready(), "ready")
         self.troubled = False
 
-    async def _tried(self, name: str, act: Callable[[], Awaitable[Any]], expected: bool) -> Any:
-        """Return the result of an action. A BridgeError is expected if and only if something is wrong."""
+    async def _attempt(self, name: str, act: Callable[[], Awaitable[Any]], expected: bool) -> Any:
+        """Return the result of an action, or None if it raised a BridgeError. Fails if the error has no cause: it
+        was not expected, and no stop or cut occurred.
+        """
         try:
             return await self.rig.within(act(), name)
         except BridgeError as error:
             if not (expected or self.troubled):
-                raise Finding(f"`{name}` fails though nothing is wrong: {error}") from error
+                raise Finding(f"`{name}` fails without a cause: {error}") from error
             return None
 
     # --- orders
@@ -67,7 +73,7 @@ class RobotModel(Model):
         self._moving, self.ended = AsyncExitStack(), False
         entering = self.link.motion(LIMITS)
         motion = self.run(
-            self._tried("motion", lambda: self._moving.enter_async_context(entering), self.stopped)
+            self._attempt("motion", lambda: self._moving.enter_async_context(entering), self.stopped)
         )
         self.motion = motion
 
@@ -78,11 +84,11 @@ class RobotModel(Model):
         assert motion is not None
         pose = self.rig.place(*offset, (float(turn), 0.0, 0.0))
         refused = self.ended or self.stopped
-        sent = self.run(self._tried("to", lambda: motion.to(pose), refused))
+        sent = self.run(self._attempt("to", lambda: motion.to(pose), refused))
         if sent is not None:
             if refused:
                 why = "after a halt" if self.ended else "while the robot reports a stop"
-                raise Finding(f"an order is taken {why}; it must be refused")
+                raise Finding(f"an order is accepted {why}; it must be refused")
             self.low = tuple(map(min, self.low, offset))
             self.high = tuple(map(max, self.high, offset))
         self._check()
@@ -100,18 +106,18 @@ class RobotModel(Model):
         motion = self.motion
         assert motion is not None
         self.ended = True
-        self.run(self._tried("halt", motion.halt, self.stopped))
+        self.run(self._attempt("halt", motion.halt, self.stopped))
         self.run(self.rig.wait(0.5))
-        self.run(self.rig.check_stands("a robot that was halted continues"))
+        self.run(self.rig.check_stands("a halted robot continues to move"))
 
     @precondition(lambda self: self.motion is not None)
     @rule()
     def leave(self) -> None:
         leaving = self._moving
         self.motion = None
-        self.run(self._tried("leaving the movement", leaving.aclose, self.stopped))
+        self.run(self._attempt("leaving the movement", leaving.aclose, self.stopped))
         self.run(self.rig.wait(0.7))
-        self.run(self.rig.check_stands("a movement that was left continues"))
+        self.run(self.rig.check_stands("the robot continues to move after the movement was left"))
         self._check()
 
     # --- the world
@@ -127,7 +133,7 @@ class RobotModel(Model):
         assert self.case.stop is not None
         self.stopped = self.troubled = self.rig.inject(*self.case.stop) or self.troubled
         self.run(self.rig.wait(0.5))
-        self.run(self.rig.check_stands("a stop holds, and"))
+        self.run(self.rig.check_stands("a stop is active, and"))
 
     @precondition(lambda self: self.stopped)
     @rule()
@@ -135,11 +141,11 @@ class RobotModel(Model):
         self.rig.mend()
         self.stopped = False
         self.run(self.rig.wait(0.5))
-        self.run(self.rig.check_stands("orders were sent on after a protective stop; it was lifted, and"))
+        self.run(self.rig.check_stands("orders continued after a protective stop; it was lifted, and"))
 
     @rule()
     def cut(self) -> None:
-        """Disconnect the cable for a while, then restart the session, as a run must."""
+        """Disconnect the cable temporarily, then restart the session, as a run must."""
         for wire in self.rig.wires:
             wire.cut = True
         self.troubled = True
@@ -147,11 +153,15 @@ class RobotModel(Model):
         if self.motion is not None:
             self.motion.abandon()
             leaving, self.motion = self._moving, None
-            self.run(self._tried("leaving the movement", leaving.aclose, True))
+            self.run(self._attempt("leaving the movement", leaving.aclose, True))
         for wire in self.rig.wires:
             wire.cut = False
         self.run(self.rig.wait(0.5))
-        self.run(self.rig.check_stands("the cable was pulled and is in again, no movement is under way, and"))
+        self.run(
+            self.rig.check_stands(
+                "the cable was disconnected and reconnected without a movement in progress, and"
+            )
+        )
         self.run(self._anew())
 
     async def _anew(self) -> None:
@@ -169,8 +179,8 @@ class RobotModel(Model):
     # --- what must hold
 
     def _check(self) -> None:
-        """Check that the report is true, and the tool is where orders sent it."""
-        report = self.run(self._tried("report", self.link.report, self.stopped))
+        """Check that the report matches the true pose, and that the tool is within the range of the orders."""
+        report = self.run(self._attempt("report", self.link.report, self.stopped))
         if report is not None:
             self.rig.check_report(report, SPEED_M_S)
         start = self.rig.case.start.position
@@ -180,9 +190,7 @@ class RobotModel(Model):
             for low, high, p, s in zip(self.low, self.high, place, start, strict=True)
         ]
         if max(beyond) > 2e-3:
-            raise Finding(
-                f"the robot is {max(beyond) * 1e3:.1f} mm beyond all that was ever ordered: {place}"
-            )
+            raise Finding(f"the robot is {max(beyond) * 1e3:.1f} mm beyond the range of all orders: {place}")
 
     def teardown(self) -> None:
         async def end() -> None:
@@ -197,5 +205,5 @@ class RobotModel(Model):
 
 
 def check_any_order(case: RobotCase) -> None:
-    """Try sequences of orders. A failing one is reported in its shortest form."""
+    """Try sequences of orders. A failing sequence is reported in its shortest form."""
     try_sequences(RobotModel, case, EXAMPLES, STEPS)

@@ -1,4 +1,4 @@
-"""Rig of an emulated robot in virtual time: its client, its true pose, and tampered transports."""
+"""Rig for an emulated robot in virtual time: its clients, its true pose, and tampered transports."""
 
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -19,17 +19,17 @@ from protocol.geometry import Pose, normalise, product
 from protocol.robot import RobotReport
 
 SPEED_M_S = 0.05
-"""Chosen: limits of all orders of the suites."""
+"""Speed limit of all orders in the suites, m/s. Chosen."""
 PATIENCE_S = 30.0
-"""Chosen: timeout, longer than any client may wait for its robot."""
+"""Longest wait for a call, s. Chosen: longer than any client may wait for its robot."""
 STILL_M = 0.2e-3
-"""Chosen: motion below which a robot is stationary."""
+"""Largest motion of a robot that counts as stationary, m. Chosen."""
 CHECKED_S = 0.3
-"""Chosen: observation time of a standstill."""
+"""Time for which a standstill is observed, s. Chosen."""
 
 
 class RobotRig(Rig):
-    """Rig of an emulated robot. `connect` creates any number of clients."""
+    """Rig for an emulated robot. `connect` creates any number of clients."""
 
     patience_s = PATIENCE_S
 
@@ -44,14 +44,14 @@ class RobotRig(Rig):
         """End the check."""
 
     async def connect(self) -> RobotLink:
-        """Return a client for the robot, not started yet."""
+        """Return a client for the robot that is not started yet."""
         wiring = Wiring("robot", self.clock, NullLog(), self.wrap)
         link: RobotLink = await self.case.kind.connect(self._url, self.case.given, wiring)
         return link
 
     @asynccontextmanager
     async def started(self) -> AsyncIterator[RobotLink]:
-        """Provide a client that is ready, and close it."""
+        """Provide a client that is ready, and close it on exit."""
         link = await self.connect()
         try:
             link.start()
@@ -64,47 +64,47 @@ class RobotRig(Rig):
         self,
         answer: Awaitable[Any],
         name: str,
-        words: str,
+        text: str,
         errors: type[Exception] | tuple[type[Exception], ...] = BridgeError,
     ) -> None:
-        """Fail with this text unless the answer is an error."""
+        """Fail with this text unless the call raises an error."""
         try:
             await self.within(answer, name)
         except errors:
             return
-        raise Finding(words)
+        raise Finding(text)
 
     # --- truth
 
     def true_pose(self, at: float | None = None) -> Pose:
-        """Return the true pose of the tool, now or at a time."""
+        """Return the true pose of the tool at a time, by default now."""
         times = np.array([self.clock.now() if at is None else at])
         x, y, z = self.robot.path.trajectory(times)[0][0].tolist()
         ((_, quaternion),) = self.robot.path.orientations(times)
         return Pose((x, y, z), quaternion)
 
-    async def check_stands(self, words: str) -> None:
+    async def check_stands(self, text: str) -> None:
         """Fail with this text if the robot moves."""
         before = self.true_pose().position
         await self.wait(CHECKED_S)
-        moved = math.dist(before, self.true_pose().position)
-        if moved > STILL_M:
-            raise Finding(f"{words}: the robot moved {moved * 1e3:.1f} mm within {CHECKED_S:g} s")
+        distance = math.dist(before, self.true_pose().position)
+        if distance > STILL_M:
+            raise Finding(f"{text}: the robot moved {distance * 1e3:.1f} mm within {CHECKED_S:g} s")
 
     def check_report(self, report: RobotReport, speed: float = 0.0) -> None:
-        """Fail, naming the mistake, if a report differs from the true pose at its time."""
+        """Fail, with a diagnosis, if a report differs from the true pose at its time."""
         case, true = self.case, self.true_pose(min(report.pose_at, self.clock.now()))
         allowed = case.tolerance_m + speed * case.lag_s
-        if words := position_mistake(report.pose.position, true.position, allowed):
-            raise Finding(words)
+        if mistake := position_mistake(report.pose.position, true.position, allowed):
+            raise Finding(mistake)
         turn_allowed = case.tolerance_rad + (0.05 if speed else 0.0)
-        if words := orientation_mistake(report.pose.quaternion, true.quaternion, turn_allowed):
-            raise Finding(words)
+        if mistake := orientation_mistake(report.pose.quaternion, true.quaternion, turn_allowed):
+            raise Finding(mistake)
 
     def place(
         self, dx_mm: float, dy_mm: float, dz_mm: float, turn: tuple[float, float, float] = (0.0,) * 3
     ) -> Pose:
-        """Return a pose near the start, offset by mm and rotated by degrees about base x, y, z."""
+        """Return a pose near the start, offset in mm and rotated in degrees about the base axes x, y, z."""
         x, y, z = self.case.start.position
         quaternion = normalise(self.case.start.quaternion)
         for axis, degrees in enumerate(turn if self.case.turns else ()):

@@ -1,4 +1,4 @@
-"""Tests that the client of every force sensor has to pass, for the test module of its author.
+"""Tests that every force sensor client must pass, for the author's test module.
 
     import pytest
     from hil_bridge.testing import SensorCase
@@ -9,8 +9,8 @@
     def sensor_client():
         return SensorCase(SENSOR, numbered=True)
 
-The client is the one that `SENSOR.connect` makes. It reads the emulated sensor of the same kind, in virtual time, on
-which the tests push. `--hil-live KIND+URL` runs `test_live_sensor_frames` on a real one.
+The client is the object that `SENSOR.connect` returns. In virtual time, it reads the emulated sensor of the same kind,
+to which the tests apply loads. `--hil-live KIND+URL` runs `test_live_sensor_frames` on a real sensor.
 """
 
 import itertools
@@ -48,7 +48,7 @@ __all__ = [
 ]
 
 _SHARES = (0.05, -0.08, 0.11, 0.06, -0.09, 0.12)
-"""Parts of each axis' range, different from axis to axis."""
+"""Share of each axis' range to be loaded, different for every axis."""
 
 
 def _allowed(rig: SensorRig, sensor: ForceSensor) -> list[float]:
@@ -61,7 +61,9 @@ async def _pushed(rig: SensorRig, sensor: ForceSensor, wrench: Sequence[float]) 
 
 
 def test_frames_tell_the_wrench_in_the_right_frame_sign_and_unit(sensor_client: SensorCase) -> None:
-    """A push along +x is told as +fx, a turn about +x as +mx, and so on, each alone and by the right amount."""
+    """A force along +x is reported as +fx, a moment about +x as +mx, and so on, each alone and with the right
+    magnitude.
+    """
 
     async def check(rig: SensorRig) -> None:
         async with rig.started() as sensor:
@@ -70,10 +72,10 @@ def test_frames_tell_the_wrench_in_the_right_frame_sign_and_unit(sensor_client: 
             for axis in range(6):
                 wrench = [0.0] * 6
                 wrench[axis] = 0.3 * full[axis]
-                told = await _pushed(rig, sensor, wrench)
-                change = [a - b for a, b in zip(told, before, strict=True)]
-                if words := wrench_mistake(change, wrench, [2.0 * one for one in allowed]):
-                    raise Finding(words)
+                reported = await _pushed(rig, sensor, wrench)
+                change = [a - b for a, b in zip(reported, before, strict=True)]
+                if mistake := wrench_mistake(change, wrench, [2.0 * one for one in allowed]):
+                    raise Finding(mistake)
 
     run_sensor(sensor_client, check)
 
@@ -85,33 +87,37 @@ def test_zero_is_taken_off_in_the_unit_of_the_frame(sensor_client: SensorCase) -
             first = [share * one for share, one in zip(_SHARES, full, strict=True)]
             raw = await _pushed(rig, sensor, first)
             await rig.within(sensor.tare(), "zero")
-            told = await rig.settled(sensor)
-            _check_zero(told, raw, allowed)
+            reported = await rig.settled(sensor)
+            _check_zero(reported, raw, allowed)
             after = await _pushed(rig, sensor, [1.5 * one for one in first])
             expected = [0.5 * one for one in first]
-            if words := wrench_mistake(after, expected, [2.0 * one for one in allowed]):
-                raise Finding(f"after a zero, {words}")
+            if mistake := wrench_mistake(after, expected, [2.0 * one for one in allowed]):
+                raise Finding(f"after a zero, {mistake}")
             await rig.within(sensor.tare(), "zero")
             _check_zero(await rig.settled(sensor), after, allowed)
 
     run_sensor(sensor_client, check)
 
 
-def _check_zero(told: Sequence[float], before: Sequence[float], allowed: Sequence[float]) -> None:
-    """Fail where a steady wrench is not 0 after a zero; name the unit where it was taken off by another factor."""
-    wrong = [k for k in range(6) if abs(told[k]) > 2.0 * allowed[k]]
+def _check_zero(after: Sequence[float], before: Sequence[float], allowed: Sequence[float]) -> None:
+    """Fail if a steady wrench does not read 0 after zeroing. The message names the unit if the zero was subtracted
+    with another scale factor.
+    """
+    wrong = [k for k in range(6) if abs(after[k]) > 2.0 * allowed[k]]
     if not wrong:
         return
     k = wrong[0]
-    words = f"the zero is wrong: {AXES[k]} was {before[k]:.4g}, and is {told[k]:.4g} after it"
-    if abs(told[k] - before[k]) <= 2.0 * allowed[k] and abs(before[k]) > 4.0 * allowed[k]:
-        raise Finding(f"{words}: it is not taken off, or not in the unit of the frame")
-    factor = (before[k] - told[k]) / before[k]
-    raise Finding(f"{words}: {factor:.4g} times of it was taken off, not in the unit of the frame")
+    text = f"the zero is wrong: {AXES[k]} was {before[k]:.4g}, and is {after[k]:.4g} after it"
+    if abs(after[k] - before[k]) <= 2.0 * allowed[k] and abs(before[k]) > 4.0 * allowed[k]:
+        raise Finding(f"{text}: it is not subtracted, or not in the unit of the frame")
+    factor = (before[k] - after[k]) / before[k]
+    raise Finding(f"{text}: {factor:.4g} times of it was subtracted, not in the unit of the frame")
 
 
 def test_every_frame_is_told_once(sensor_client: SensorCase) -> None:
-    """As many frames as the sensor sends in a time, each later than the one before; numbers rise evenly."""
+    """The client reports as many frames as the sensor sends. Each has a later time than the previous one and the
+    next number.
+    """
 
     async def check(rig: SensorRig) -> None:
         async with rig.started() as sensor:
@@ -122,18 +128,20 @@ def test_every_frame_is_told_once(sensor_client: SensorCase) -> None:
             await rig.wait(1.0)
             frames = list(rig.frames)
             if not frames:
-                raise Finding("the sensor sends, and no frame is told")
+                raise Finding("the sensor sends, but no frame is reported")
             _check_rising(frames)
             steps = {b.sequence - a.sequence for a, b in itertools.pairwise(frames)}
             if max(steps) > 1.5 * min(steps) and sensor.facts.period is not None:
-                raise Finding(f"frames are missing: their numbers rise by {sorted(steps)}")
+                raise Finding(f"frames are missing: their numbers increase by {sorted(steps)}")
             period = sensor.facts.period
             if period is not None and abs(len(frames) * period - 1.0) > 0.1:
-                raise Finding(f"{len(frames)} frames were told in 1 s, the sensor sends {1.0 / period:.0f}")
+                raise Finding(
+                    f"{len(frames)} frames were reported in 1 s, but the sensor sends {1.0 / period:.0f}"
+                )
             if any(not began <= frame.at <= rig.clock.now() for frame in frames):
-                raise Finding("a frame tells a time at which it was not complete")
+                raise Finding("a frame has a time before its completion")
             if sensor.lost:
-                raise Finding(f"{sensor.lost} frames are told as lost, and none was")
+                raise Finding(f"{sensor.lost} frames are reported as lost, but none was")
 
     run_sensor(sensor_client, check)
 
@@ -141,9 +149,9 @@ def test_every_frame_is_told_once(sensor_client: SensorCase) -> None:
 def _check_rising(frames: Sequence[WrenchFrame]) -> None:
     for a, b in itertools.pairwise(frames):
         if b.sequence <= a.sequence:
-            raise Finding(f"an old frame is told as a new one: number {b.sequence} after {a.sequence}")
+            raise Finding(f"an old frame is reported as a new one: number {b.sequence} after {a.sequence}")
         if b.at < a.at:
-            raise Finding(f"a frame is older than the one before: {b.at:.6f} s after {a.at:.6f} s")
+            raise Finding(f"a frame is older than the previous one: {b.at:.6f} s after {a.at:.6f} s")
 
 
 def test_nothing_is_told_while_the_sensor_is_silent(sensor_client: SensorCase) -> None:
@@ -156,19 +164,19 @@ def test_nothing_is_told_while_the_sensor_is_silent(sensor_client: SensorCase) -
                 await rig.wait(0.05)
                 rig.frames.clear()
                 await rig.wait(1.0)
-                told = len(rig.frames)
+                frames = len(rig.frames)
                 for wire in rig.wires:
                     wire.cut = False
-                if told:
+                if frames:
                     raise Finding(
-                        f"an old frame is told as a new one: {told} frames while the sensor was silent"
+                        f"an old frame is reported as a new one: {frames} frames while the sensor was silent"
                     )
 
     run_sensor(sensor_client, check)
 
 
 def test_frames_that_come_again_are_not_told_again(sensor_client: SensorCase) -> None:
-    """Each arrival is followed by a copy of one that came 20 before."""
+    """Each arrival is followed by a copy of the arrival 20 arrivals earlier; the copies are not reported."""
     declared(sensor_client.numbered, "frames with a counter (SensorCase.numbered)")
 
     async def check(rig: SensorRig) -> None:
@@ -187,7 +195,7 @@ def test_frames_that_come_again_are_not_told_again(sensor_client: SensorCase) ->
 
 
 def test_overload_is_told_axis_by_axis(sensor_client: SensorCase) -> None:
-    declared(sensor_client.overload, "an overload that can be told (SensorCase.overload)")
+    declared(sensor_client.overload, "a detectable overload (SensorCase.overload)")
 
     async def check(rig: SensorRig) -> None:
         async with rig.started() as sensor:
@@ -201,21 +209,23 @@ def test_overload_is_told_axis_by_axis(sensor_client: SensorCase) -> None:
                     await _pushed(rig, sensor, wrench)
                     if not all(frame.saturated >> axis & 1 for frame in rig.frames[-5:]):
                         raise Finding(
-                            f"an overload is not told: {AXES[axis]} is {wrench[axis]:.4g}, beyond its range of "
+                            f"an overload is not reported: {AXES[axis]} is {wrench[axis]:.4g}, beyond its range of "
                             f"{full[axis]:.4g}, and `saturated` has no bit for it"
                         )
             await _pushed(rig, sensor, NOTHING)
             if rig.frames[-1].saturated:
-                raise Finding(f"an overload is told where there is none: {rig.frames[-1].saturated:06b}")
+                raise Finding(f"an overload is reported without a cause: {rig.frames[-1].saturated:06b}")
 
     run_sensor(sensor_client, check)
 
 
-def _told_with(
+def _frames_with(
     case: SensorCase, alter: Callable[[Any, int], Sequence[Any]] | None
 ) -> list[tuple[float, ...]]:
-    """Values of the frames of half a second while arrivals are altered, N and N·m without a zero."""
-    told: list[tuple[float, ...]] = []
+    """Return the values of the frames that arrive in half a second while arrivals are altered, N and N·m, without
+    zeroing.
+    """
+    reported: list[tuple[float, ...]] = []
 
     async def check(rig: SensorRig) -> None:
         count = 0
@@ -237,19 +247,21 @@ def _told_with(
                     await rig.wait(0.5)
                     sensor.check()
                 _check_rising(rig.frames)
-                told.extend(frame.values for frame in rig.frames)
+                reported.extend(frame.values for frame in rig.frames)
                 for wire in rig.wires:
                     wire.alter = None
 
     run_sensor(case, check)
-    return told
+    return reported
 
 
 @pytest.mark.parametrize("damage", ["flipped", "shortened", "lengthened", "garbage"])
 def test_damaged_frames_are_not_believed(sensor_client: SensorCase, damage: str) -> None:
-    """Every third arrival is damaged. Frames may be missing; none may tell what no undamaged one has told."""
+    """Every third arrival is damaged. Frames may be missing, but none may contain a value that no undamaged frame
+    had.
+    """
     if damage == "flipped":
-        declared(sensor_client.checked, "frames with a check (SensorCase.checked)")
+        declared(sensor_client.checked, "frames with a checksum (SensorCase.checked)")
     alter: Callable[[Any], Sequence[Any]] = {
         "flipped": lambda data: (data,),
         "shortened": lambda data: (shortened(data),),
@@ -262,17 +274,17 @@ def test_damaged_frames_are_not_believed(sensor_client: SensorCase, damage: str)
             return (data,)
         return (flipped(data, 13 * count),) if damage == "flipped" else alter(data)
 
-    good = set(_told_with(sensor_client, None))
-    told = _told_with(sensor_client, every_third)
-    false = [values for values in told if values not in good]
+    good = set(_frames_with(sensor_client, None))
+    reported = _frames_with(sensor_client, every_third)
+    false = [values for values in reported if values not in good]
     if false:
         raise Finding(
-            f"a damaged frame ({damage}) is accepted, its check was not heeded: it tells {false[0]}"
+            f"a damaged frame ({damage}) is accepted, its checksum was ignored: it contains {false[0]}"
         )
 
 
 def test_pieces_of_frames_are_put_together(sensor_client: SensorCase) -> None:
-    """A byte wire cuts anywhere: bytes come one by one, in threes, and 50 together."""
+    """A byte wire splits data anywhere: data arrive in pieces of 1, 3, 7 and 50 bytes."""
     kept = b""
 
     _check_byte_wire(sensor_client)
@@ -282,37 +294,37 @@ def test_pieces_of_frames_are_put_together(sensor_client: SensorCase) -> None:
             nonlocal kept
             kept += data
             ready = len(kept) - len(kept) % size
-            whole, kept = kept[:ready], kept[ready:]
-            return [whole[k : k + size] for k in range(0, len(whole), size)]
+            complete, kept = kept[:ready], kept[ready:]
+            return [complete[k : k + size] for k in range(0, len(complete), size)]
 
         return cut
 
-    good = _told_with(sensor_client, None)
+    good = _frames_with(sensor_client, None)
     for size in (1, 3, 7, 50):
         kept = b""
-        told = _told_with(sensor_client, pieces(size))
-        # the last pieces may still be kept, and a client that asks may be answered later
-        if any(values not in good for values in told) or len(told) < 0.8 * len(good):
+        reported = _frames_with(sensor_client, pieces(size))
+        # the last pieces may not have arrived, and the answers to a polling client may be delayed
+        if any(values not in good for values in reported) or len(reported) < 0.8 * len(good):
             raise Finding(
-                f"a frame that came in pieces of {size} bytes is put together wrongly: {len(told)} of {len(good)} "
-                f"frames were told, {sum(values not in good for values in told)} of them false"
+                f"a frame in pieces of {size} bytes is reassembled incorrectly: {len(reported)} of {len(good)} "
+                f"frames were reported, {sum(values not in good for values in reported)} of them false"
             )
 
 
 def _check_byte_wire(case: SensorCase) -> None:
-    """Skip the test where the first arrival is not of bytes."""
+    """Skip the test if the first arrival does not consist of bytes."""
 
     async def check(rig: SensorRig) -> None:
         async with rig.started():
             if not isinstance(rig.wires[0].arrivals[0], (bytes, bytearray)):
-                pytest.skip("not a byte wire: what is sent as one arrives as one")
+                pytest.skip("not a byte wire: data are not split")
 
     run_sensor(case, check)
 
 
 def test_sensor_client_cancelled_at_any_await_leaves_nothing(sensor_client: SensorCase) -> None:
-    """A session is cancelled where it waits for the first time, the second time, and so on to its end. Then its wire is
-    closed and no task is left.
+    """Cancel a session at its first await, its second, and so on to its end. Its wire must be closed, and no task
+    may remain.
     """
 
     async def check(rig: SensorRig) -> None:
@@ -333,7 +345,7 @@ def test_sensor_client_cancelled_at_any_await_leaves_nothing(sensor_client: Sens
 
 @pytest.mark.parametrize("phase", ["start", "stream"])
 def test_sensor_client_stands_every_fault_in_every_phase(sensor_client: SensorCase, phase: str) -> None:
-    """Each fault of the emulator: nothing but a BridgeError is raised, no call waits for ever, frames are numbers."""
+    """Under each fault of the emulator, calls raise only BridgeError, no call waits forever, and frames are finite."""
     assert sensor_client.kind.emulation is not None
 
     def attempt(target: str, fault: str) -> None:
@@ -346,7 +358,7 @@ def test_sensor_client_stands_every_fault_in_every_phase(sensor_client: SensorCa
                     await rig.wait(0.15)
                     for frame in rig.frames:
                         if not all(map(math.isfinite, frame.values)):
-                            raise Finding(f"a frame tells {frame.values}, which is not a number")
+                            raise Finding(f"a frame contains {frame.values}, which is not a number")
                     sensor.check()
 
         run_sensor(sensor_client, check)
@@ -355,10 +367,10 @@ def test_sensor_client_stands_every_fault_in_every_phase(sensor_client: SensorCa
 
 
 def test_any_sequence_of_pushes_and_zeros(sensor_client: SensorCase) -> None:
-    """Pushes, zeros, cuts and pauses in any order, against a model of the sensor."""
+    """Loads, zeros, cuts and pauses in any order agree with a model of the sensor."""
     check_any_push(sensor_client)
 
 
 def test_live_sensor_frames(sensor_client: SensorCase, hil_live: list[str]) -> None:
-    """A real sensor: frames come at its rate and are numbers; after a zero they are about 0."""
+    """Frames of a real sensor arrive at its rate and are finite; after zeroing they are about 0."""
     check_live_sensor(sensor_client, hil_live)

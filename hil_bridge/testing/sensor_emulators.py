@@ -1,4 +1,4 @@
-"""Tests that every emulated force sensor has to pass, for the test module of its author.
+"""Tests that every force sensor emulator must pass, for the author's test module.
 
     import pytest
     from hil_bridge.testing import SensorCase
@@ -9,7 +9,7 @@
     def sensor_emulator():
         return SensorCase(SENSOR)
 
-They know it by `emulators.seams.EmulatedSensor`, and read it through the client of the same kind.
+The tests use only the interface `emulators.seams.EmulatedSensor`, and read frames through the client of the same kind.
 """
 
 from contextlib import suppress
@@ -34,28 +34,28 @@ __all__ = [
 ]
 
 
-def _told(case: SensorCase) -> list[tuple[float, ...]]:
-    told: list[tuple[float, ...]] = []
+def _reported_frames(case: SensorCase) -> list[tuple[float, ...]]:
+    reported: list[tuple[float, ...]] = []
 
     async def check(rig: SensorRig) -> None:
         async with rig.started() as sensor:
             await rig.within(sensor.frame(), "frame")
             rig.push([0.1 * one for one in full_scales(case, sensor.facts)])
             await rig.wait(0.3)
-            told.extend(frame.values for frame in rig.frames)
+            reported.extend(frame.values for frame in rig.frames)
 
     run_sensor(case, check)
-    return told
+    return reported
 
 
 def test_same_seed_tells_the_same(sensor_emulator: SensorCase) -> None:
-    first, again = _told(sensor_emulator), _told(sensor_emulator)
+    first, again = _reported_frames(sensor_emulator), _reported_frames(sensor_emulator)
     if first != again:
-        raise Finding("two sensors of one seed that felt the same have told different values")
+        raise Finding("two sensors with the same seed and load reported different values")
 
 
 def test_sample_has_a_time(sensor_emulator: SensorCase) -> None:
-    """`sampled_at` of what a frame tells is before it came, not long before, and grows."""
+    """`sampled_at` of each sample is shortly before the arrival of its frame, and increases."""
 
     async def check(rig: SensorRig) -> None:
         async with rig.started() as sensor:
@@ -66,12 +66,10 @@ def test_sample_has_a_time(sensor_emulator: SensorCase) -> None:
                 frame = rig.frames[-1]
                 at = rig.sensor.sampled_at(frame.counter)
                 if at is None:
-                    raise Finding(
-                        f"the sensor does not know when it measured the sample {frame.counter} that it told"
-                    )
+                    raise Finding(f"the sensor has no measurement time for its sample {frame.counter}")
                 if not frame.at - 1.0 < at <= frame.at + 1e-6:
                     raise Finding(
-                        f"sample {frame.counter} came at {frame.at:.4f} s, measured is told as {at:.4f} s"
+                        f"sample {frame.counter} arrived at {frame.at:.4f} s, but its measurement time is {at:.4f} s"
                     )
                 if at < newest:
                     raise Finding("a later sample was measured earlier")
@@ -81,7 +79,7 @@ def test_sample_has_a_time(sensor_emulator: SensorCase) -> None:
 
 
 def test_wrench_is_not_told_before_it_is_felt(sensor_emulator: SensorCase) -> None:
-    """Up to a step of the wrench every sample tells what was before it."""
+    """Until the time of a wrench step, every sample reports the previous wrench."""
 
     async def check(rig: SensorRig) -> None:
         async with rig.started() as sensor:
@@ -98,15 +96,15 @@ def test_wrench_is_not_told_before_it_is_felt(sensor_emulator: SensorCase) -> No
             ]
             allowed = [0.1 * one for one in full]
             for frame in early:
-                told = wrench_of(frame.values, sensor.facts.scales)
-                if words := wrench_mistake(told, before, allowed):
-                    raise Finding(f"a sample from before a step tells it: {words}")
+                reported = wrench_of(frame.values, sensor.facts.scales)
+                if mistake := wrench_mistake(reported, before, allowed):
+                    raise Finding(f"a sample from before a step already contains it: {mistake}")
 
     run_sensor(sensor_emulator, check)
 
 
 def test_change_that_was_read_ahead_is_heeded(sensor_emulator: SensorCase) -> None:
-    """The wrench may be read ahead; then it turns out otherwise, and the sensor is told since when."""
+    """If the wrench was read ahead and then changes, the sensor is notified of the time of the change."""
 
     async def check(rig: SensorRig) -> None:
         rig.source.predicted_until = lambda now: now + 0.05
@@ -115,17 +113,17 @@ def test_change_that_was_read_ahead_is_heeded(sensor_emulator: SensorCase) -> No
             for share in (0.2, -0.2, 0.1):
                 wrench = [share * one for one in full]
                 rig.push(wrench)
-                told = await rig.settled(sensor)
-                change = [a - b for a, b in zip(told, before, strict=True)]
+                reported = await rig.settled(sensor)
+                change = [a - b for a, b in zip(reported, before, strict=True)]
                 allowed = [2.0 * rig.case.noise * one for one in full]
-                if words := wrench_mistake(change, wrench, allowed):
-                    raise Finding(f"a change of the wrench was not heeded: {words}")
+                if mistake := wrench_mistake(change, wrench, allowed):
+                    raise Finding(f"a change of the wrench was ignored: {mistake}")
 
     run_sensor(sensor_emulator, check)
 
 
 def test_overload_stays_at_the_end_of_the_range(sensor_emulator: SensorCase) -> None:
-    """Far beyond its range an axis tells its end; it does not turn over, and comes back."""
+    """Far beyond its range, an axis reports the end of the range without wrapping around. It recovers afterwards."""
 
     async def check(rig: SensorRig) -> None:
         async with rig.started() as sensor:
@@ -135,23 +133,23 @@ def test_overload_stays_at_the_end_of_the_range(sensor_emulator: SensorCase) -> 
                     wrench = list(NOTHING)
                     wrench[axis] = sign * 50.0 * full[axis]
                     rig.push(wrench)
-                    told = (await rig.settled(sensor))[axis] - before[axis]
-                    if told * sign < 0.5 * full[axis]:
+                    reported = (await rig.settled(sensor))[axis] - before[axis]
+                    if reported * sign < 0.5 * full[axis]:
                         raise Finding(
-                            f"{AXES[axis]} is pushed far beyond its range of {full[axis]:g} and told as {told:.4g}: it "
-                            "must stay at its end"
+                            f"{AXES[axis]} is far beyond its range of {full[axis]:g} and reported as {reported:.4g}: "
+                            "it must saturate at full scale"
                         )
             rig.push(NOTHING)
             allowed = [2.0 * rig.case.noise * one for one in full]
-            if words := wrench_mistake(await rig.settled(sensor), before, allowed):
-                raise Finding(f"after an overload, {words}")
+            if mistake := wrench_mistake(await rig.settled(sensor), before, allowed):
+                raise Finding(f"after an overload, {mistake}")
 
     run_sensor(sensor_emulator, check)
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_hostile_bytes_do_not_break_it(sensor_emulator: SensorCase, damage: str) -> None:
-    """Each second thing that the client sends is damaged. The emulator raises nothing."""
+    """Every second piece of data from the client is damaged. The emulator raises no error."""
 
     async def check(rig: SensorRig) -> None:
         with suppress(BridgeError):

@@ -1,4 +1,6 @@
-"""Stateful model of a force sensor: after any sequence of loads and zeros, the client must report the same wrench."""
+"""Stateful model of a force sensor: after any sequence of loads and zeros, client and model must report the same
+wrench.
+"""
 
 from hypothesis import strategies as st
 from hypothesis.stateful import rule
@@ -10,15 +12,15 @@ from hil_bridge.testing.naming import Finding, wrench_mistake
 from hil_bridge.testing.sensor_rig import NOTHING, SensorRig, full_scales, sensor_rig
 
 EXAMPLES = 3
-"""Chosen: number of sequences tried, the same ones in each run."""
+"""Number of sequences to try. Every run tries the same sequences. Chosen."""
 STEPS = 8
-"""Chosen: most steps of a sequence."""
+"""Maximum number of steps in a sequence. Chosen."""
 _shares = st.tuples(*[st.integers(-30, 30)] * 6)
-"""Loads, percent of each axis' range."""
+"""Strategy for loads, in percent of the range of each axis."""
 
 
 class SensorModel(Model):
-    """Model: frames report the present load minus the load at the time of the zero."""
+    """Model of the sensor: frames report the present load minus the load at the time of zeroing."""
 
     case: SensorCase
 
@@ -61,13 +63,13 @@ class SensorModel(Model):
     def _check(self) -> None:
         reported = self.run(self.rig.settled(self.sensor))
         expected = [a - b for a, b in zip(self.pushed, self.zero, strict=True)]
-        if words := wrench_mistake(reported, expected, self.allowed):
-            raise Finding(words)
+        if mistake := wrench_mistake(reported, expected, self.allowed):
+            raise Finding(mistake)
 
     def teardown(self) -> None:
         self.end(self._stack.aclose())
 
 
 def check_any_push(case: SensorCase) -> None:
-    """Try sequences of loads. A failing one is reported in its shortest form."""
+    """Try sequences of loads. A failing sequence is reported in its shortest form."""
     try_sequences(SensorModel, case, EXAMPLES, STEPS)

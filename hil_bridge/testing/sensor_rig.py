@@ -1,4 +1,4 @@
-"""Rig of an emulated force sensor in virtual time: its load and its client."""
+"""Rig for an emulated force sensor in virtual time: its load and its clients."""
 
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
@@ -20,14 +20,14 @@ from protocol.geometry import Wrench
 from protocol.wrench import SensorFacts, WrenchFrame, wrench_of
 
 PATIENCE_S = 90.0
-"""Chosen: timeout, longer than any sensor takes to start, or its client to give up."""
+"""Longest wait for a call, s. Chosen: longer than any sensor takes to start, or its client to give up."""
 MEAN_OF = 20
-"""Chosen: number of frames whose mean is compared."""
+"""Number of frames that are averaged for a comparison. Chosen."""
 NOTHING: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class SensorRig(Rig):
-    """Rig of an emulated sensor. `connect` creates any number of clients."""
+    """Rig for an emulated sensor. `connect` creates any number of clients."""
 
     patience_s = PATIENCE_S
 
@@ -37,18 +37,18 @@ class SensorRig(Rig):
         self._times: list[float] = [-math.inf]
         self._wrenches: list[Wrench] = [NOTHING]
         self._rows = np.array(self._wrenches)
-        self.source = KnownWrench(self._felt)
+        self.source = KnownWrench(self._loads_at)
         self.frames: list[WrenchFrame] = []
         """Frames reported by the clients, oldest first."""
         self.sensor: Any = None
         self.url = ""
 
-    def _felt(self, times: Floats) -> Floats:
-        felt: Floats = self._rows[np.searchsorted(self._times, times, side="right") - 1]
-        return felt
+    def _loads_at(self, times: Floats) -> Floats:
+        wrenches: Floats = self._rows[np.searchsorted(self._times, times, side="right") - 1]
+        return wrenches
 
     def push(self, wrench: Sequence[float]) -> None:
-        """Apply a wrench to the sensor, N and N·m, in its own frame."""
+        """Apply a wrench to the sensor, N and N·m, sensor frame."""
         a, b, c, d, e, f = wrench
         now = self.clock.now()
         self._times.append(now)
@@ -57,7 +57,7 @@ class SensorRig(Rig):
         self.source.on_change(now)
 
     async def connect(self) -> ForceSensor:
-        """Return a client for the sensor as used in a run, not started yet."""
+        """Return a client for the sensor, as a run uses it, that is not started yet."""
         log = CallbackLog(frame=self.frames.append)
         wiring = Wiring("sensor", self.clock, log, self.wrap)
         wire, client = await self.case.kind.connect(self.url, self.case.given, wiring)
@@ -65,7 +65,7 @@ class SensorRig(Rig):
 
     @asynccontextmanager
     async def started(self) -> AsyncIterator[ForceSensor]:
-        """Provide a client that is ready, and close it."""
+        """Provide a client that is ready, and close it on exit."""
         sensor = await self.connect()
         try:
             sensor.start()
@@ -87,14 +87,14 @@ class SensorRig(Rig):
             if len(self.frames) >= MEAN_OF:
                 break
         else:
-            raise Finding(f"{len(self.frames)} frames came within {100 * MEAN_OF * period:g} s")
+            raise Finding(f"{len(self.frames)} frames arrived within {100 * MEAN_OF * period:g} s")
         newest = self.frames[-MEAN_OF:]
         wrenches = [wrench_of(frame.values, sensor.facts.scales) for frame in newest]
         return [math.fsum(one[k] for one in wrenches) / MEAN_OF for k in range(6)]
 
 
 def full_scales(case: SensorCase, facts: SensorFacts) -> Wrench:
-    """Return the range of each axis, N and N·m, from the case or the device; else a typical one."""
+    """Return the range of each axis, N and N·m: from the case, from the device, or else a typical range."""
     return case.full or facts.full_scales or facts.range or (200.0, 200.0, 200.0, 20.0, 20.0, 20.0)
 
 

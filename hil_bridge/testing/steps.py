@@ -1,4 +1,4 @@
-"""Tests that every step of a program has to pass, for the test module of its author.
+"""Tests that every step of a program must pass, for the author's test module.
 
     import pytest
     from hil_bridge.testing.steps import *
@@ -8,8 +8,8 @@
     def step():
         return MyStep()
 
-pytest then finds these tests in that module. They know a step only by `control.steps.seam.Step`. They take it through
-samples: those of a spring under the tool, and others that are drawn by seeds. Nothing of a guard is between.
+pytest then finds these tests in that module. They use only the interface `control.steps.seam.Step`. They pass samples
+of a spring under the tool, and random samples from seeds, to the step. No guard is involved.
 """
 
 import copy
@@ -40,7 +40,7 @@ from hil_bridge.control.steps.led import LedStep
 from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import Drawing, Step
 from hil_bridge.errors import StepError
-from hil_bridge.errors.failures import failure, place_of_method
+from hil_bridge.errors.failures import failure, method_location
 
 __all__ = [
     "test_a_contact_that_is_not_there_ends_in_order",
@@ -55,44 +55,44 @@ __all__ = [
 ]
 
 CYCLE = 0.18
-"""Time from one sample to the next, s: the cycle of the computer link at 9600 baud."""
+"""Time between samples, s, which is the cycle of the computer link at 9600 baud."""
 SAMPLES = 120
-"""Drawn samples of one walk, at most."""
+"""Maximum number of random samples of one walk."""
 SEEDS = (1, 2, 3)
 ROBOT_MM_S = 50.0
-"""Path velocity of the robot."""
+"""Path velocity of the robot, mm/s."""
 STIFFNESS, SURFACE = 5000.0, 2e-3
-"""The spring under the tool, N/m, and its depth, m."""
+"""Stiffness of the spring under the tool, N/m, and depth of its surface, m."""
 _DOWN = 0.0, 1.0, 0.0, 0.0
 _FRAME = WorkFrame(approach=(0.0, 0.0, -1.0), x=(1.0, 0.0, 0.0), y=(0.0, 1.0, 0.0))
 _FORCES = (0.0, 0.3, 2.0, 8.0, 10.0, 12.0, 25.0, 45.0)
 _MOMENTS = 0.2, 4.0
-"""Least and largest height of a drawn moment, N·m."""
+"""Smallest and largest magnitude of a random moment, N·m."""
 _TURNS = 4, 8
-"""Samples for which a drawn moment keeps its sign, at least and at most. A step of 2 s feels both signs."""
+"""Smallest and largest number of samples for which a random moment keeps its sign. A step of 2 s gets both signs."""
 _LONGEST_S = 600.0
-"""Time that a test waits at most for the end of a step, on the run's clock, s."""
+"""Longest wait of a test for the end of a step, s on the run's clock."""
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 _WORD = re.compile(r"[a-z][a-z0-9-]*")
 
 
-class Felt3(NamedTuple):
-    """Force and place of the tool at one sample."""
+class ToolContact(NamedTuple):
+    """Force and position of the tool at one sample."""
 
     force: tuple[float, float, float]
-    """Along the approach, x and y, N."""
+    """Force along the approach, x and y, N."""
     aside: tuple[float, float] = (0.0, 0.0)
-    """Reported place beside the commanded one, m."""
+    """Deviation of the reported position from the commanded one, m."""
     moment: tuple[float, float, float] | None = (0.4, -0.3, 0.1)
-    """Of the tool frame, N·m; None where the sensor tells none."""
+    """Moment in the tool frame, N·m; None if the sensor reports none."""
 
 
-Feel = Callable[[float], Felt3]
-"""Force and place of the tool by its depth, m."""
+ContactModel = Callable[[float], ToolContact]
+"""Function that returns the force and position of the tool at its depth, m."""
 
 
-class Walked(NamedTuple):
-    """One sample of the step, as the program took it."""
+class StepSample(NamedTuple):
+    """One sample of the step, as the program processed it."""
 
     before: ProgramState
     contact: ContactSample
@@ -102,32 +102,32 @@ class Walked(NamedTuple):
 
 def test_same_samples_give_the_same_orders(step: Step) -> None:
     for seed in SEEDS:
-        program, taken = _walk(step, _drawn(seed))
-        # a name of its own: pytest takes a minute to lay two long walks side by side where CI is set
-        same = taken == _walk(step, _drawn(seed))[1]
+        program, walked = _walk(step, _drawn(seed))
+        # a separate variable, because pytest takes a minute to compare two long walks if CI is set
+        same = walked == _walk(step, _drawn(seed))[1]
         assert same, (
-            "the step reads a clock or chance, or keeps state in itself: a second run over the same samples differs "
-            "from the first"
+            "the step reads a clock or random numbers, or keeps internal state: a second run over the same "
+            "samples differs from the first"
         )
-        for each in reversed(taken):
+        for each in reversed(walked):
             same = program.step(each.before, each.contact) == (each.after, each.intent)
             assert same, (
-                "the step keeps state in itself: asked again out of order, it answers otherwise to "
+                "the step keeps internal state: repeated out of order, it gives another result for "
                 f"{each.contact.sample}"
             )
 
 
 def test_the_state_of_a_step_is_not_changed_in_place(step: Step) -> None:
-    program, taken = _walk(step, _drawn(SEEDS[0]))
-    for each in taken:
+    program, walked = _walk(step, _drawn(SEEDS[0]))
+    for each in walked:
         before = copy.deepcopy(each.before)
         program.step(before, each.contact)
-        assert before == each.before, f"the state that was given was changed by {each.contact.sample}"
-    kept = [copy.deepcopy(each.after.step.memory) for each in taken]
-    for each in taken:
+        assert before == each.before, f"the input state was modified by {each.contact.sample}"
+    kept = [copy.deepcopy(each.after.step.memory) for each in walked]
+    for each in walked:
         program.step(each.before, each.contact)
-    same = kept == [each.after.step.memory for each in taken]
-    assert same, "a state that was answered was changed later"
+    same = kept == [each.after.step.memory for each in walked]
+    assert same, "a returned state was modified later"
 
 
 def test_places_and_forces_stay_in_bounds(step: Step) -> None:
@@ -137,35 +137,37 @@ def test_places_and_forces_stay_in_bounds(step: Step) -> None:
         for each in _walk(step, _drawn(seed))[1]:
             target, reference = each.intent.target, each.intent.reference
             place = target.depth, target.travel, target.across
-            assert all(map(math.isfinite, place)), f"it leads to {place} m, by {each.contact.sample}"
+            assert all(map(math.isfinite, place)), f"it moves to {place} m, for {each.contact.sample}"
             deeper = target.depth - each.contact.measurement.commanded
             assert each.intent.phase is not Phase.RETRACT or deeper <= 1e-9, (
-                f"it calls an order a retraction that goes {deeper * 1e3:g} mm deeper, by {each.contact.sample}"
+                f"it declares an order a retraction that moves {deeper * 1e3:g} mm deeper, for {each.contact.sample}"
             )
-            moved = math.dist(each.before.step.at, each.after.step.at)
-            assert moved <= fastest * 1e-3 * CYCLE + 1e-9, (
-                f"one sample leads the tool {moved * 1e3:g} mm along the surface: faster than {fastest:g} mm/s"
+            distance = math.dist(each.before.step.at, each.after.step.at)
+            assert distance <= fastest * 1e-3 * CYCLE + 1e-9, (
+                f"one sample moves the tool {distance * 1e3:g} mm along the surface: faster than {fastest:g} mm/s"
             )
             assert reference is None or 0.0 < reference < limits.force_limit_n, (
-                f"it asks for a force of {reference} N, by {each.contact.sample}"
+                f"it requests a force of {reference} N, for {each.contact.sample}"
             )
 
 
 def test_a_contact_that_is_not_there_ends_in_order(step: Step) -> None:
-    """Without contact the step ends, or the run does; it never fails."""
-    _walk(step, lambda depth: Felt3((0.0, 0.0, 0.0), moment=None))
-    _walk(step, lambda depth: Felt3((-3.0, 0.0, 0.0)))
+    """Without contact, the step or the run ends in an orderly manner; it never fails."""
+    _walk(step, lambda depth: ToolContact((0.0, 0.0, 0.0), moment=None))
+    _walk(step, lambda depth: ToolContact((-3.0, 0.0, 0.0)))
 
 
 def test_a_force_far_off_is_survived(step: Step) -> None:
     for force in (1e3, -1e3, 1e6):
-        _walk(step, lambda depth, force=force: Felt3((force, -force, force), (0.05, -0.05), None))  # type: ignore[misc]
+        _walk(step, lambda depth, force=force: ToolContact((force, -force, force), (0.05, -0.05), None))  # type: ignore[misc]
 
 
 def test_it_ends_by_its_own_time(step: Step) -> None:
-    """By `for_s` where it has one; else it tells about how long it takes. A led step needs `for_s`."""
+    """The step ends after `for_s` if this setting has a value; otherwise the step states its approximate duration.
+    A led step needs `for_s`.
+    """
     assert not (isinstance(step, LedStep) and step.for_s is None), (
-        "a led step needs for_s: without, it may last for ever"
+        "a led step needs for_s: without it, the step may never end"
     )
     row = _row(step)
     assert sum(seconds(row)) < math.inf
@@ -175,9 +177,9 @@ def test_it_ends_by_its_own_time(step: Step) -> None:
         f"for_s is {step.for_s} s; give the test a step of at most {_LONGEST_S:g} s"
     )
     most = round(step.for_s / CYCLE) + 4
-    for feel in (_spring, lambda depth: Felt3((8.0, 0.0, 0.0))):
-        _, taken = _walk(step, feel, most)
-        assert len(taken) < most, f"it continues after its {step.for_s:g} s"
+    for feel in (_spring, lambda depth: ToolContact((8.0, 0.0, 0.0))):
+        _, walked = _walk(step, feel, most)
+        assert len(walked) < most, f"it continues after its {step.for_s:g} s"
 
 
 def test_a_setting_that_is_not_a_number_is_refused(step: Step) -> None:
@@ -192,36 +194,38 @@ def test_a_setting_that_is_not_a_number_is_refused(step: Step) -> None:
                 type(step)(**settings | {field.name: math.nan})
             except ValueError:
                 continue
-            pytest.fail(f"the setting {field.name} takes NaN: it must raise ValueError", pytrace=False)
+            pytest.fail(f"the setting {field.name} accepts NaN: it must raise ValueError", pytrace=False)
 
 
 def test_its_settings_survive_a_recording(step: Step) -> None:
     adapter: TypeAdapter[Any] = TypeAdapter(type(step))
     again = adapter.validate_json(adapter.dump_json(step))
-    assert again == step, f"read again from a recording, it is {again}, and was {step}"
-    told = adapter.dump_python(step, mode="json")
+    assert again == step, f"read back from a recording, it is {again}, not {step}"
+    encoded = adapter.dump_python(step, mode="json")
     with pytest.raises(ValidationError):
-        adapter.validate_python({**told, "no_such_setting_mm": 1.0})
+        adapter.validate_python({**encoded, "no_such_setting_mm": 1.0})
 
 
 def test_it_describes_itself(step: Step) -> None:
     kind = type(step)
-    assert _WORD.fullmatch(step.do), f"its word {step.do!r} must be small letters, digits and hyphens"
-    said = inspect_doc(kind)
-    assert said, f"{kind.__name__} has no docstring: `hil-bridge list plugins` shows its first line"
+    assert _WORD.fullmatch(step.do), (
+        f"its word {step.do!r} must consist of lower-case letters, digits and hyphens"
+    )
+    summary = inspect_doc(kind)
+    assert summary, f"{kind.__name__} has no docstring: `hil-bridge list plugins` shows its first line"
     (leg,) = (leg for leg in _row(step).legs if leg.step is step)
-    words = [*step.describe(leg.stroke.parameters)]
-    for text in words:
-        assert isinstance(text, str), f"describe tells {text!r}, which is no text"
-        assert [text.strip()] == text.splitlines(), f"describe must tell one line each, got {text!r}"
+    texts = [*step.describe(leg.stroke.parameters)]
+    for text in texts:
+        assert isinstance(text, str), f"describe returns {text!r}, which is not a text"
+        assert [text.strip()] == text.splitlines(), f"describe must return single lines, got {text!r}"
     assert step.drawing is None or isinstance(step.drawing, Drawing)
     for colour in (step.band, *(() if step.drawing is None else (step.drawing.colour,))):
-        assert _COLOUR.fullmatch(colour), f"{colour!r} is no colour as #d3e9c9"
+        assert _COLOUR.fullmatch(colour), f"{colour!r} is not a colour such as #d3e9c9"
     assert all(math.isfinite(part) for place in step.sketch_mm for part in place)
 
 
 def inspect_doc(kind: type) -> str:
-    """Return the first line of a class's own docstring; empty for what dataclasses write."""
+    """Return the first line of a class's own docstring; empty for the docstring that dataclasses generate."""
     text = " ".join((vars(kind).get("__doc__") or "").split("\n\n")[0].split())
     return "" if text.startswith(f"{kind.__name__}(") else text
 
@@ -229,27 +233,28 @@ def inspect_doc(kind: type) -> str:
 # --- samples
 
 
-def _drawn(seed: int) -> Feel:
-    """Draw forces, places and moments by chance, the same for the same seed.
+def _drawn(seed: int) -> ContactModel:
+    """Return random forces, positions and moments, reproducible by seed.
 
-    An even seed has the moments of the odd one before it with the other sign: a step begins with either.
+    The moments of an even seed have the opposite sign to the moments of the preceding odd seed, so that steps begin
+    with either sign.
     """
     chance = random.Random(seed)
     pair, even = divmod(seed + 1, 2)
     x, y, z = (_turning(random.Random(f"{pair} {axis}"), -1.0 if even else 1.0) for axis in "xyz")
 
-    def feel(depth: float) -> Felt3:
+    def feel(depth: float) -> ToolContact:
         aside = chance.uniform(-20.0, 20.0), chance.uniform(-20.0, 20.0)
         place = chance.gauss(0.0, 2e-4), chance.gauss(0.0, 2e-4)
         moment = next(x), next(y), next(z)
         force = chance.choice(_FORCES)
-        return Felt3((force, *aside), place, moment if chance.random() < 0.8 else None)
+        return ToolContact((force, *aside), place, moment if chance.random() < 0.8 else None)
 
     return feel
 
 
 def _turning(chance: random.Random, sign: float) -> Iterator[float]:
-    """Moments about an axis, N·m: waves of either sign by turns, each of another height and length.
+    """Return moments about an axis, N·m: waves of alternating sign, each with a different amplitude and length.
 
     The moment is zero between two waves.
     """
@@ -262,8 +267,8 @@ def _turning(chance: random.Random, sign: float) -> Iterator[float]:
         sign = -sign
 
 
-def _spring(depth: float) -> Felt3:
-    return Felt3((STIFFNESS * max(depth - SURFACE, 0.0), 0.0, 0.0))
+def _spring(depth: float) -> ToolContact:
+    return ToolContact((STIFFNESS * max(depth - SURFACE, 0.0), 0.0, 0.0))
 
 
 def _settings(step: Step) -> dict[str, Any]:
@@ -275,13 +280,15 @@ def _settings(step: Step) -> dict[str, Any]:
 
 
 def _stroke() -> Stroke:
-    # a retract goes back by more than an approach goes by default
+    # a retract moves back farther than an approach moves by default
     parameters = TaskParameters(approach_depth_limit_mm=40.0)
     return Stroke(parameters, make_controller("predictive"), Limits().force_limit_n)
 
 
 def _row(step: Step) -> Row:
-    """Make a short program with the step in an allowed place. Fails with its last refusal if there is none."""
+    """Return a short program with the step at an index where the step is allowed. Fails with the last refusal if
+    there is no such index.
+    """
     refused = ""
     for steps in _programs(step):
         try:
@@ -300,49 +307,51 @@ def _programs(step: Step) -> Iterator[tuple[Step, ...]]:
     yield Approach(), step, Retract()
 
 
-def _walk(step: Step, feel: Feel, most: int = SAMPLES) -> tuple[Program, list[Walked]]:
-    """Run the step from its first sample on. Before that the tool presses on a spring, with the same moments."""
+def _walk(step: Step, feel: ContactModel, most: int = SAMPLES) -> tuple[Program, list[StepSample]]:
+    """Run the step from its first sample, after the tool has pressed on a spring with the same moments."""
     row, stroke = _row(step), _stroke()
     program = Program(row, stroke, _FRAME)
     own = next(number for number, leg in enumerate(row.legs) if leg.step is step)
     state, depth, place = program.initial(), 0.0, (0.0, 0.0)
-    taken: list[Walked] = []
+    walked: list[StepSample] = []
     for number in range(most + SAMPLES):
-        begun, felt3 = state.course.leg == own and state.course.began is not None, feel(depth)
+        begun, measured = state.course.leg == own and state.course.began is not None, feel(depth)
         if not begun:
-            felt3 = _spring(depth)._replace(moment=felt3.moment)
-        sample = _sample(number * CYCLE, depth, place, felt3)
+            measured = _spring(depth)._replace(moment=measured.moment)
+        sample = _sample(number * CYCLE, depth, place, measured)
         before, contact = program.sense(state, sample, (0.0, 0.0, 0.0), depth, CYCLE)
         try:
             state, intent = program.step(before, contact)
         except StepFailed as error:
             raised = error.__cause__ or error
-            said = failure(raised, place_of_method(step, "steer"))
-            pytest.fail(f"it fails: {said}; it felt {felt3}, in contact: {before.in_contact}", pytrace=False)
+            reason = failure(raised, method_location(step, "steer"))
+            pytest.fail(
+                f"it fails: {reason}; measured: {measured}, in contact: {before.in_contact}", pytrace=False
+            )
         depth, place = intent.target.depth, (intent.target.travel, intent.target.across)
         if state.course.leg == own or begun:
-            taken.append(Walked(before, contact, state, intent))
-        if taken and (_is_left(state, own) or len(taken) >= most):
+            walked.append(StepSample(before, contact, state, intent))
+        if walked and (_is_left(state, own) or len(walked) >= most):
             break
-    assert taken, f"the step {step.do} never began"
-    return program, taken
+    assert walked, f"the step {step.do} never began"
+    return program, walked
 
 
 def _is_left(state: ProgramState, own: int) -> bool:
-    """Whether the leg of this number is over, or the run retracts."""
+    """Return whether the leg with this number has ended, or the run retracts."""
     return state.course.leg != own or state.course.began is None or state.course.reason is not None
 
 
-def _sample(now: float, depth: float, place: tuple[float, float], felt: Felt3) -> Sample:
-    """Return the sample of a tool that is nearly where it was ordered to."""
-    force, x, y = felt.force
-    wrench = () if felt.moment is None else (-x, y, -force, *felt.moment)
-    at = place[0] + felt.aside[0], place[1] + felt.aside[1]
+def _sample(now: float, depth: float, place: tuple[float, float], contact: ToolContact) -> Sample:
+    """Return the sample of a tool that is close to the commanded position."""
+    force, x, y = contact.force
+    wrench = () if contact.moment is None else (-x, y, -force, *contact.moment)
+    at = place[0] + contact.aside[0], place[1] + contact.aside[1]
     return Sample(
         now,
         (*at, -depth),
         force,
-        math.hypot(*felt.force),
+        math.hypot(*contact.force),
         now,
         round(now / CYCLE),
         force_travel=x,

@@ -1,4 +1,4 @@
-"""The contract of reliable, ordered wires: bytes or CAN frames arrive once and in order.
+"""Contract of reliable, ordered wires: bytes or CAN frames arrive exactly once and in order.
 
 import pytest
 from hil_bridge.testing.streams import *
@@ -23,7 +23,7 @@ __all__ = ["StreamCase", "TestStreamWire"]
 
 
 async def send_all(case: StreamCase, end: Transport[Any], data: bytes) -> None:
-    """Send more than a queue holds: wait whenever it is full."""
+    """Send more data than a queue holds; wait whenever the queue is full."""
     for at in range(0, len(data), 2048):
         while True:
             try:
@@ -116,8 +116,8 @@ async def check_peer_closes(
         return
     await ear.until(lambda: bool(ear.ends))
     assert [type(error) for error in ear.ends] == [expected]
-    said = str(ear.ends[0])
-    assert end.name in said or "pty" in said
+    reason = str(ear.ends[0])
+    assert end.name in reason or "pty" in reason
     with pytest.raises(expected):
         end.send(case.pack(b"late"))
     await end.aclose()
@@ -139,7 +139,7 @@ def _stream(
 
 
 class TestStreamWire:
-    """The contract of reliable, ordered wires, for the fixture `stream_case`."""
+    """Contract of reliable, ordered wires, which tests the fixture `stream_case`."""
 
     test_order_both_ways = _stream(check_order_both_ways)
     test_big_transfer_both_ways = _stream(check_big_transfer_both_ways)

@@ -1,4 +1,6 @@
-"""Tampered transport of the suites: it can be cut, alter data in both directions, and knows whether it was closed."""
+"""Tampered transport of the suites, which can be cut, alters data in both directions, and records whether it was
+closed.
+"""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -7,7 +9,7 @@ from hil_bridge.errors import TransportError
 from hil_bridge.transports import Transport
 
 Alter = Callable[[Any], Sequence[Any]]
-"""Replacement of an arrival by none, another or several ones."""
+"""Function that replaces an arrival by none, one or several other arrivals."""
 
 
 class TamperedTransport:
@@ -17,17 +19,17 @@ class TamperedTransport:
         self._inner = inner
         self.name = inner.name
         self.closed = False
-        """Whether its user closed it."""
+        """Whether the client has closed the transport."""
         self.cut = False
-        """Whether nothing passes in either direction, without notice to either side."""
+        """Whether the cable is cut: nothing passes in either direction, and neither side is notified."""
         self.alter: Alter | None = None
-        """Alters data from the device."""
+        """Function that alters data from the device."""
         self.alter_sent: Alter | None = None
-        """Alters data to the device."""
+        """Function that alters data to the device."""
         self.arrivals: list[Any] = []
-        """All arrivals, unaltered."""
+        """All arrivals from the device, unaltered."""
         self.deliver: Callable[[Any], None] = lambda data: None
-        """Delivers data to the client as if it had arrived."""
+        """Function that delivers data to the client as if it had arrived."""
 
     def start(self, on_data: Callable[[Any], None], on_end: Callable[[TransportError], None]) -> None:
         self.deliver = on_data
@@ -54,7 +56,7 @@ class TamperedTransport:
 
 
 def flipped(data: Any, bit: int) -> Any:
-    """Flip one bit of bytes, or of the first datagram; CAN frames are unchanged."""
+    """Flip one bit of the bytes, or of the first datagram; CAN frames are unchanged."""
     if isinstance(data, (bytes, bytearray)):
         changed = bytearray(data)
         changed[bit // 8 % len(changed)] ^= 1 << bit % 8
@@ -72,7 +74,7 @@ def shortened(data: Any) -> Any:
 
 
 def garbage(data: Any) -> Any:
-    """Return meaningless bytes, or a meaningless datagram; nothing for CAN frames."""
+    """Return meaningless bytes or a meaningless datagram; for CAN frames return nothing."""
     noise = bytes(range(7, 250, 9))
     if isinstance(data, (bytes, bytearray)):
         return noise

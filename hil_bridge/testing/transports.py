@@ -1,4 +1,4 @@
-"""Tests that every wire has to pass, for the test module of its author.
+"""Tests that every wire must pass, for the author's test module.
 
     import pytest
     from hil_bridge.testing.transports import StreamCase, TestStreamWire
@@ -10,11 +10,10 @@
 pytest then finds the tests of the class in that module. There are two contracts:
 
 - `TestStreamWire`, fixture `stream_case`: bytes or CAN frames that arrive once and in order.
-- `TestDatagramWire`, fixture `datagram_case`: datagrams that arrive whole or not at all. Their order may differ, and
-  what is lost is counted.
+- `TestDatagramWire`, fixture `datagram_case`: datagrams that arrive complete or not at all. Their order may differ, and
+  lost datagrams are counted.
 
-A case opens two ends that are connected. The left end is the one that a client opens, and on a datagram wire it is
-the one that speaks first.
+A case opens two connected ends. A client opens the left end. On a datagram wire, the left end sends first.
 """
 
 from hil_bridge.testing.datagrams import TestDatagramWire

@@ -1,4 +1,4 @@
-"""Faulty transports between a transport and its client in a test: latency, losses, flipped bits, a cut cable."""
+"""Faulty transports between a transport and its client in a test: latency, losses, flipped bits, and a cut cable."""
 
 import random
 from collections.abc import Callable, Sized
@@ -16,7 +16,7 @@ Data = TypeVar("Data", bound=Sized)
 
 
 class Delayed(Around[Data]):
-    """Everything, the end too, takes `latency_s` longer, in both directions."""
+    """Transport that delays all data, and its end, by `latency_s` in both directions."""
 
     __slots__ = ("_in", "_latency", "_out")
 
@@ -29,7 +29,7 @@ class Delayed(Around[Data]):
     def send(self, data: Data) -> None:
         self._delivery.check()
         if self._out.weight + len(data) > QUEUE_BYTES:
-            raise TransportError(f"{self.name}: more than {QUEUE_BYTES} bytes or frames are under way")
+            raise TransportError(f"{self.name}: more than {QUEUE_BYTES} bytes or frames are in transit")
         self._out.put(partial(self._leave, data), len(data), self._latency)
 
     async def aclose(self) -> None:
@@ -47,17 +47,19 @@ class Delayed(Around[Data]):
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """Fault probabilities of each byte, in both directions, 0 to 1."""
+    """Fault probabilities per byte, in both directions, 0 to 1."""
 
     loss: float = 0.0
     corruption: float = 0.0
-    """Probability of a flipped bit."""
+    """Probability of a flipped bit, per byte."""
     duplication: float = 0.0
 
 
 class Faulty:
-    """A byte wire with faults that repeat with the seed. Each direction draws its own numbers, so that what
-    happens to one does not depend on the traffic of the other.
+    """Byte wire with faults that are reproducible by seed.
+
+    Each direction draws its own random numbers, so the faults of one direction do not depend on the traffic of the
+    other.
     """
 
     __slots__ = ("_delivery", "_in", "_inner", "_out", "faults")
@@ -65,7 +67,9 @@ class Faulty:
     def __init__(self, transport: Transport[bytes], faults: Faults, seed: int = 0) -> None:
         self._inner = transport
         self.faults = faults
-        """Fault probabilities; may be replaced while running. A loss of 1 is a silent transport."""
+        """Fault probabilities, which may be replaced while the wire is running. A loss of 1 makes the transport
+        silent.
+        """
         self._in = random.Random(f"{seed} in")
         self._out = random.Random(f"{seed} out")
         self._delivery: Delivery[bytes] = Delivery(transport.name, QUEUE_BYTES)
@@ -85,7 +89,7 @@ class Faulty:
             self._inner.send(damaged)
 
     def cut(self) -> None:
-        """Cut the cable: this side ends with TransportBroken, the other side receives nothing more."""
+        """Cut the cable: this side ends with TransportBroken, and the other side receives no further data."""
         self._delivery.end(TransportBroken(f"{self.name}: the cable was cut"))
 
     async def aclose(self) -> None:
@@ -102,7 +106,7 @@ class Faulty:
             return data
         out = bytearray()
         for byte in data:
-            # all three are drawn for every byte, so that one probability does not shift the others' draws
+            # all three are drawn for every byte, so that one probability does not affect the other draws
             lost, corrupted, doubled = draw.random(), draw.random(), draw.random()
             bit = draw.randrange(8)
             if lost < faults.loss:

@@ -1,1 +1,1 @@
-"""Figures summed up from a recording: the summary, the times of a cycle, the latencies of a cell."""
+"""Results computed from a recording: summary, cycle times, latencies."""

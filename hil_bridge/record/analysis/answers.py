@@ -1,4 +1,4 @@
-"""Answers to a robot that drives the cycle: how soon they were given, and how many came late."""
+"""Response times to a robot that drives the cycle, and the number of late responses."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,20 +10,20 @@ from hil_bridge.record.records import CycleRecord
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """Answers of a run."""
+    """Response times of a run, with the cycle time and the reaction of the robot."""
 
     times: Times
-    """From the arrival of a packet to its answer, of one packet a control cycle."""
+    """Time from the arrival of a packet to the response to it, s; one packet per control cycle."""
     cycle_s: float
-    """Cycle of the robot; an answer that takes longer is late."""
+    """Cycle time of the robot, s; a response that takes longer is late."""
     late: int
     packets: int
     consequence: str
-    """Reaction of the robot to late answers, in words."""
+    """Description of how the robot reacts to late responses."""
 
     @property
     def sentence(self) -> str:
-        """The whole in one line."""
+        """One-line description of the response times."""
         p50, p99, longest = (s * 1e3 for s in (self.times.p50_s, self.times.p99_s, self.times.max_s))
         return (
             f"{p50:.2f} ms p50, {p99:.2f} ms p99, {longest:.2f} ms max; {self.late} of {self.packets} later than "
@@ -32,7 +32,7 @@ class Answers:
 
 
 def answers_of(cycles: Sequence[CycleRecord], robot: RobotFacts, link: Mapping[str, float]) -> Answers | None:
-    """Return the answers of these cycles, with the counters of the link; None for a robot that is polled."""
+    """Return the response times of these cycles with the counters of the link; None for a polled robot."""
     times = times_of(cycle.answer_s for cycle in cycles)
     if times is None or robot.cycle_s is None:
         return None

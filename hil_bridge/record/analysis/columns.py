@@ -1,9 +1,9 @@
-"""Records as NumPy arrays: a row a record, an array by the name of each field. The names of columns are made here.
+"""Records as NumPy arrays: one array per field, one row per record. This module also defines the column names.
 
-Numbers become an array of their type, with NaN for a number that is not known. Vectors, quaternions and wrenches become
-an array with a column for each part. Values by name (`explanation`) become a mapping from the name to an array. What is
-no number becomes an array of objects. The fields of a cycle's sample are among those of the cycle; `sample_` stands
-before the name of one that the cycle has too.
+Numbers become an array of their type, and an unknown number becomes NaN. Vectors, quaternions and wrenches become
+an array with one column per component. Values by name (`explanation`) become a mapping from name to array. Other
+values become an array of objects. The fields of a cycle's sample are listed with the fields of the cycle. A sample
+field that has the same name as a field of the cycle gets the prefix `sample_`.
 """
 
 import math
@@ -21,12 +21,12 @@ from hil_bridge.errors import ConfigError
 from protocol.wrench import AXES
 
 Column: TypeAlias = Any
-"""NDArray, or a mapping from names to NDArray."""
+"""Values of a field: an array, or a mapping from name to array."""
 _NAN = float("nan")
 _HTML_ROWS, _HTML_COLUMNS = 4, 10
-"""Chosen: rows at each end, and columns, that a notebook has room for."""
+"""Maximum number of rows at each end and of columns in the table of a notebook. Chosen."""
 _PARTS: Mapping[int, Sequence[str]] = {3: ("x", "y", "z"), 4: ("w", "x", "y", "z"), 6: AXES}
-"""Names of the parts of a vector, a quaternion and a wrench, by their number."""
+"""Component names of a vector, a quaternion and a wrench, by number of components."""
 _UNITS: Mapping[str, str] = {
     **dict.fromkeys(("force", "force_reference", "paired_force", "witness", "hidden", "resultant"), "N"),
     **dict.fromkeys(("force_travel", "force_across", "peak_force", "peak_resultant"), "N"),
@@ -38,38 +38,40 @@ _UNITS: Mapping[str, str] = {
     "joints_deg": "deg",
     "tilt": "rad",
 }
-"""Unit of a field, as its docstring tells."""
-_ENDING_UNITS: Mapping[str, str] = {"n": "N", "nm": "N·m", "m": "m", "at": "s", "s": "s", "deg": "deg"}
-"""Unit of another column by the end of its name."""
+"""Unit of each field, as stated in the docstring of the field."""
+_UNITS_BY_SUFFIX: Mapping[str, str] = {"n": "N", "nm": "N·m", "m": "m", "at": "s", "s": "s", "deg": "deg"}
+"""Unit of every other column, by the suffix of its name."""
 
 
 def column_names(field: str, parts: int) -> Sequence[str]:
-    """Names of the columns of an array with so many parts: by axes, and of joints by number, from 1."""
+    """Return the column names of an array with this number of components: axes, or joint numbers from 1."""
     ends = range(1, parts + 1) if field.startswith("joints") else _PARTS.get(parts, range(parts))
     return [f"{field}_{end}" for end in ends]
 
 
 def unit_of(column: str) -> str:
-    """Return the unit of a column; empty if it has none."""
+    """Return the unit of a column; empty if the column has no unit."""
     column = column.removeprefix("sample_")
     field, _, part = column.rpartition("_")
     if field == "wrench":
         return "N" if part.startswith("f") else "N·m"
-    return _UNITS.get(column) or _UNITS.get(field) or _ENDING_UNITS.get(part, "")
+    return _UNITS.get(column) or _UNITS.get(field) or _UNITS_BY_SUFFIX.get(part, "")
 
 
 class Columns(Mapping[str, Column]):
-    """Arrays of records of one type, by the names of their fields; each is made when it is asked for first.
+    """Arrays of records of one type, by field name. Each array is built on first access.
 
-    They may not be written to. `count` is the number of records, `len` that of the arrays.
+    The arrays are read-only. `count` is the number of records, and `len` is the number of arrays.
     """
 
     def __init__(self, records: Sequence[Struct], kind: type[Struct]) -> None:
         self._records = records
         self._widths: dict[str, int] = {}
-        """Columns of each field: of a vector, its parts; 0 for one that is no row of numbers."""
+        """Number of columns of each field, which is the number of its components; 0 for a field that is not a row
+        of numbers.
+        """
         self._paths: dict[str, str] = {}
-        """Where each field is in its record."""
+        """Path of each field in its record, such as `sample.now`."""
         for name, path, field in _fields(inspect.type_info(kind)):
             self._widths[name], self._paths[name] = _width(field.type), path
         self._made: dict[str, Column] = {}
@@ -87,25 +89,28 @@ class Columns(Mapping[str, Column]):
         return f"<{type(self).__name__}: {self.count} records of {', '.join(self)}>"
 
     def _repr_html_(self) -> str:
-        """Return the first and the last records as a table, for a notebook; of as many columns as have room."""
+        """Return the first and last records as an HTML table for a notebook, limited to the columns that fit."""
         flat = list(self.flat().items())
-        shown, rows = flat[:_HTML_COLUMNS], range(self.count)
+        visible, rows = flat[:_HTML_COLUMNS], range(self.count)
         picked = [*rows[:_HTML_ROWS], *rows[max(_HTML_ROWS, self.count - _HTML_ROWS) :]]
-        head = "".join(f"<th>{escape(name)}</th>" for name, _ in shown)
+        head = "".join(f"<th>{escape(name)}</th>" for name, _ in visible)
         body = "".join(
-            f"<tr><th>{row}</th>{''.join(f'<td>{escape(_cell(array[row]))}</td>' for _, array in shown)}</tr>"
+            f"<tr><th>{row}</th>{''.join(f'<td>{escape(_cell(array[row]))}</td>' for _, array in visible)}</tr>"
             for row in picked
         )
-        left = f", of {len(flat)} columns the first {len(shown)}" if len(flat) > len(shown) else ""
+        left = f", of {len(flat)} columns the first {len(visible)}" if len(flat) > len(visible) else ""
         table = f"<table><thead><tr><th></th>{head}</tr></thead><tbody>{body}</tbody></table>"
         return f"{table}<p>{self.count} records{left}</p>"
 
     def flat(self) -> dict[str, NDArray[Any]]:
-        """One array (n,) a column: `position` becomes `position_x` and so on, a value by name `explanation_NAME`."""
+        """Columns of the records, one array (n,) per column.
+
+        `position` becomes `position_x` and so on; a named value becomes `explanation_NAME`.
+        """
         return {name: values for _, name, values in self.named()}
 
     def named(self) -> Iterator[tuple[str, str, NDArray[Any]]]:
-        """Field, name and values of each column."""
+        """Field, name and values of each column, in order."""
         for field, column in self.items():
             if isinstance(column, Mapping):
                 yield from ((field, f"{field}_{key}", values) for key, values in column.items())
@@ -116,7 +121,7 @@ class Columns(Mapping[str, Column]):
                 yield field, field, column
 
     def path(self, name: str) -> str:
-        """Where a field is in its record, as `sample.now`."""
+        """Return the path of a field in its record, such as `sample.now`."""
         return self._paths[name]
 
     def to_pandas(self) -> Any:
@@ -124,16 +129,16 @@ class Columns(Mapping[str, Column]):
         return _library("pandas").DataFrame(self.flat())
 
     def to_polars(self) -> Any:
-        """Return a polars DataFrame of `flat`; values other than numbers and text become text.
+        """Return a polars DataFrame of `flat`; values other than numbers and text are converted to text.
 
-        Raises ConfigError where polars is not installed.
+        Raises ConfigError if polars is not installed.
         """
         return _library("polars").DataFrame(
             {name: plain(values.tolist()) for name, values in self.flat().items()}, strict=False
         )
 
     def __iter__(self) -> Iterator[str]:
-        """Names of the arrays."""
+        """Iterate over the names of the arrays."""
         return iter(self._widths)
 
     def __dir__(self) -> list[str]:
@@ -142,7 +147,7 @@ class Columns(Mapping[str, Column]):
     def __getitem__(self, name: str) -> Column:
         """Return the array of a field. Raises KeyError for an unknown name."""
         if name not in self._widths:
-            raise KeyError(f"no field is called {name!r}; there are {', '.join(self._widths)}")
+            raise KeyError(f"unknown field {name!r}; known: {', '.join(self._widths)}")
         if name not in self._made:
             read = attrgetter(self._paths[name])
             self._made[name] = _column([read(record) for record in self._records], self._widths[name])
@@ -150,7 +155,7 @@ class Columns(Mapping[str, Column]):
 
     def __getattr__(self, name: str) -> Column:
         """Return the array of a field. Raises AttributeError for an unknown name."""
-        if name.startswith("_"):  # as of an object that is being copied
+        if name.startswith("_"):  # for example on an object that is being copied
             raise AttributeError(name)
         try:
             return self[name]
@@ -162,11 +167,11 @@ def _library(name: str) -> Any:
     try:
         return import_module(name)
     except ImportError:
-        raise ConfigError(f"{name} is not installed here: pip install {name}") from None
+        raise ConfigError(f"{name} is not installed; run: pip install {name}") from None
 
 
 def plain(column: Sequence[Any]) -> list[Any]:
-    """Return the values of a column as numbers, texts, and None for unknown ones."""
+    """Return the values of a column as numbers and texts; unknown values become None."""
     return [_plain(value) for value in column]
 
 
@@ -183,7 +188,7 @@ def _plain(value: Any) -> Any:
 
 
 def _fields(kind: Any) -> Iterator[tuple[str, str, inspect.Field]]:
-    """Name, place and field of each column of a record; the fields of its sample in their place."""
+    """Return name, path and field of each column of a record. The fields of the sample replace the sample itself."""
     own = {field.name for field in kind.fields}
     for field in kind.fields:
         if field.name != "sample":
@@ -214,14 +219,14 @@ def _column(values: list[Any], width: int) -> Column:
 
 
 def _numbers(values: list[Any]) -> NDArray[Any]:
-    """One number a record; NaN for None."""
+    """Return one number per record; None becomes NaN."""
     if any(value is None for value in values):
         return _read_only(np.array([_NAN if value is None else value for value in values], dtype=float))
     return _read_only(np.array(values))
 
 
 def _width(kind: inspect.Type) -> int:
-    """Numbers in each value of a field; 0 where it is no row of so many numbers."""
+    """Return how many numbers each value of a field has; 0 if it is not a fixed-length row of numbers."""
     match kind:
         case inspect.TupleType(item_types=parts):
             width = len(parts)

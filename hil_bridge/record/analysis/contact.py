@@ -1,4 +1,7 @@
-"""Figures of a contact: of the force while the tool touches, whatever was wanted. Every recording has them."""
+"""Contact figures: force statistics while the tool is in contact.
+
+They need no target force, so every recording has them.
+"""
 
 from collections.abc import Mapping
 
@@ -10,18 +13,18 @@ from hil_bridge.record.reader import Recording
 
 
 def contact_figures(recording: Recording) -> Mapping[str, float | None]:
-    """Figures by the keys of `analysis.figures`, over the samples whose force is above the threshold of the contact.
-    None where there is no such sample, or where the quantity is not known.
+    """Return the contact figures of the samples in contact, by the keys of `analysis.figures`.
 
-    The time of a sample is the arrival of its sensor frame; of a recording of another program, its stamp.
+    A figure is None if there is no such sample or if the quantity is unknown. The time of a sample is the arrival
+    of its sensor frame; in a recording of another program, it is the time stamp of the sample.
     """
-    foreign, cycles = recording.foreign, recording.cycles
-    threshold = CONTACT_N if foreign is None else foreign.choices.contact_n
+    origin, cycles = recording.foreign, recording.cycles
+    threshold = CONTACT_N if origin is None else origin.choices.contact_n
     forces = np.array([cycle.force for cycle in cycles])
     touches = forces > threshold
     if not touches.any():
         return dict.fromkeys(one.key for one in CONTACT) | {"contacts": 0.0, "contact_s": 0.0}
-    at = np.array([cycle.controlled_at if foreign else cycle.sample.sensor_at for cycle in cycles])
+    at = np.array([cycle.controlled_at if origin else cycle.sample.sensor_at for cycle in cycles])
     wrenches = np.array([cycle.sample.wrench for cycle in cycles])[touches]
     pressed = forces[touches]
     resultants = np.linalg.norm(wrenches[:, :3], axis=1)

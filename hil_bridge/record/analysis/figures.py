@@ -1,6 +1,7 @@
-"""The table of figures: what a run is judged by, once for summary, report, criteria, tuning, pages and documents.
+"""Table of figures: the results by which a run is judged, shared by summary, report, criteria, tuning and pages.
 
-A figure has one key, which tells its unit, and one set of words. What reads figures takes both from here.
+Each figure has one key, which includes its unit, and one description. All code that uses figures reads both from
+here.
 """
 
 from collections.abc import Iterable, Mapping
@@ -8,68 +9,70 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 UNKNOWN = "–"
-"""Stands for a figure that a run did not show."""
+"""Placeholder for a figure without a value."""
 
 
 class Good(StrEnum):
-    """The direction in which a figure gets better."""
+    """Direction in which a figure improves."""
 
     LESS = "less"
     NEAR_ZERO = "near 0"
     NONE = ""
-    """It tells no merit, or is a word."""
+    """The figure has no preferred direction, or is text."""
 
 
 class Group(StrEnum):
-    """Owners of a figure."""
+    """Group of figures."""
 
     MERIT = "figures of merit"
-    """Of the tracked force: `Summary.figures`, and the fields of `FiguresOfMerit`."""
+    """Figures of the tracked force: `Summary.figures` and the fields of `FiguresOfMerit`."""
     RUN = "run"
-    """Other facts of a run: fields of `Summary`."""
+    """Other results of a run, which are fields of `Summary`."""
     CONTACT = "contact"
-    """Of the force while the tool touches, whatever was wanted: `Summary.contact`."""
+    """Force statistics while the tool is in contact, with or without a target force: `Summary.contact`."""
     CAMPAIGN = "campaign"
-    """Figures that a campaign adds from the truth of an emulated cell."""
+    """Figures that a campaign adds from the ground truth of an emulated cell."""
 
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """One figure."""
+    """Definition of a figure."""
 
     key: str
     words: str
     unit: str
     how: str
-    """How it is computed."""
+    """Description of how the figure is computed."""
     group: Group = Group.MERIT
     good: Good = Good.LESS
     form: str = ".2f"
-    """Format of its number; empty for a word."""
+    """Format of the number; empty for text."""
     least: float | None = None
-    """Difference that does not matter, in its unit: the least scale of a search. None: no search is for it. Chosen."""
+    """Smallest relevant difference, in the unit of the figure, which is the smallest scale of a search. None if a
+    search cannot use the figure. Chosen.
+    """
     of_several: str = ""
-    """How it is computed of a program with several strokes, where that is another way."""
+    """Description of how the figure is computed for a program with several strokes, if different."""
     scale: float = 1.0
-    """From the value of a summary to the unit that is shown."""
+    """Factor from the value in a summary to the displayed unit."""
 
     @property
     def title(self) -> str:
-        """Words and unit, as above a column."""
+        """Label and unit of the figure, as a column heading."""
         return f"{self.words}, {self.unit}" if self.unit else self.words
 
     @property
     def meaning(self) -> str:
-        """How it is computed, with its unit, in a line."""
+        """Description of how the figure is computed, with its unit, in one line."""
         return f"{self.how}, {self.unit}" if self.unit else self.how
 
     def text(self, value: float | None) -> str:
-        """Format a value with its unit, or a dash."""
+        """Format a value with its unit; return a dash if it is unknown."""
         return quantity(value, self.scale, self.form, self.unit)
 
 
 def quantity(value: float | None, scale: float, form: str, unit: str) -> str:
-    """Format a value with its unit, or a dash."""
+    """Format a value with its unit; return a dash if it is unknown."""
     return UNKNOWN if value is None else f"{value * scale:{form}} {unit}".rstrip().replace("-", "−")
 
 
@@ -97,7 +100,7 @@ _TABLE = (
         "force_true_max_n",
         "largest true force",
         "N",
-        "largest true contact force, looked at every 10 ms",
+        "largest true contact force, sampled every 10 ms",
         _CAMPAIGN,
         least=0.1,
     ),
@@ -114,7 +117,7 @@ _TABLE = (
         "force_beyond_n",
         "true force beyond its bound",
         "N",
-        "largest true force less that bound and what the faults add to it; left out where that is infinite",
+        "largest true force minus that bound and the increase due to faults; omitted if infinite",
         _CAMPAIGN,
     ),
     Definition(
@@ -125,9 +128,9 @@ _TABLE = (
         _CAMPAIGN,
         form=".0f",
     ),
-    Definition("promises", "broken promises", "", "the same in words", _CAMPAIGN, Good.NONE, ""),
+    Definition("promises", "broken promises", "", "the same as text", _CAMPAIGN, Good.NONE, ""),
     Definition(
-        "duration_s", "duration", "s", "duration of the run by its own time", _CAMPAIGN, Good.NONE, ".1f"
+        "duration_s", "duration", "s", "duration of the run on its own clock", _CAMPAIGN, Good.NONE, ".1f"
     ),
     Definition("cycles", "cycles", "", "control cycles", _RUN, Good.NONE, ".0f"),
     Definition("struck", "faults struck", "", "times that faults had an effect", _CAMPAIGN, Good.NONE, ".0f"),
@@ -153,7 +156,7 @@ _TABLE = (
         "recovery_s",
         "recovery",
         "s",
-        "time from the end of the last fault until the true force stays within 20 % of the wanted one",
+        "time from the end of the last fault until the true force stays within 20 % of the target",
         _CAMPAIGN,
     ),
     Definition(
@@ -232,7 +235,7 @@ _TABLE = (
         least=0.1,
     ),
     Definition(
-        "force_reference_n", "target force", "N", "wanted force, positive while pressing", _RUN, Good.NONE
+        "force_reference_n", "target force", "N", "target force, positive while pressing", _RUN, Good.NONE
     ),
     Definition(
         "force_mean_steady_n", "mean steady force", "N", "mean force, last 40 samples", _RUN, Good.NONE
@@ -308,31 +311,31 @@ _TABLE = (
     Definition("contacts", "contacts", "", "times that the force rose above it", _CONTACT, Good.NONE, ".0f"),
 )
 FIGURES: Mapping[str, Definition] = {one.key: one for one in _TABLE}
-"""Every figure by its key."""
+"""All figures, by key."""
 MERIT = tuple(one for one in _TABLE if one.group is Group.MERIT)
-"""Figures of merit, in the order in which they are shown."""
+"""Figures of merit, in display order."""
 CONTACT = tuple(one for one in _TABLE if one.group is Group.CONTACT)
-"""Figures of a contact, in the order in which they are shown."""
+"""Contact figures, in display order."""
 TUNED = tuple(dict.fromkeys(one.key for one in (*MERIT, *_TABLE) if one.least is not None))
-"""Figures that a search may make small."""
+"""Figures that a search can minimise."""
 JUDGED = tuple(one.key for one in _TABLE[: _TABLE.index(MERIT[-1]) + 1])
-"""Figures of a campaign's run, which a criterion may name."""
+"""Figures of a run in a campaign that a criterion can refer to."""
 COUNTED = ("faults_struck", "causes")
-"""Figures that are counts by name."""
+"""Figures that are mappings from a name to a count."""
 WORDS = ("outcome", "retracted", "promises", *COUNTED)
-"""Figures that are not numbers."""
+"""Figures that are text."""
 
 
 def title_of(column: str) -> str:
-    """Words above a column that holds a figure, its deviation as `…_sd`, or something else."""
+    """Return the column heading of a figure, of its standard deviation (`…_sd`), or of any other value."""
     key = column.removesuffix("_sd")
     if key not in FIGURES:
         return column.replace("_", " ")
-    words = FIGURES[key].title
-    return words if key == column else f"{words}, deviation"
+    title = FIGURES[key].title
+    return title if key == column else f"{title}, deviation"
 
 
 def meaning_rows(keys: Iterable[str] = JUDGED) -> list[tuple[str, str, str, str]]:
-    """Key, words, meaning and good direction of figures, for a document."""
+    """Return key, label, meaning and preferred direction of each figure, for a document."""
     chosen = (FIGURES[key] for key in keys)
     return [(f"`{one.key}`", one.words, one.meaning, one.good.value or UNKNOWN) for one in chosen]

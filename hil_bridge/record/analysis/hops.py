@@ -1,6 +1,6 @@
-"""The hops of a cycle that are the same with every robot: from the force's sample to the hand-over of the order.
+"""Hops of a cycle that all robots share: from the force sample to the hand-over of the order.
 
-Those behind them are in the robot's facts, see `hil_bridge.devices.facts`.
+The subsequent hops are part of the robot's facts; see `hil_bridge.devices.facts`.
 """
 
 from hil_bridge.devices.facts import Hop, Owner

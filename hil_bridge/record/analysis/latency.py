@@ -1,4 +1,4 @@
-"""The hops of the time between a force and the motion that answers it, from a record alone."""
+"""Latency from a force to the motion in response, hop by hop, computed only from a recording."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -23,12 +23,12 @@ STAMPS: Mapping[str, Callable[[CycleRecord], float]] = {
     "status_at": attrgetter("sample.now"),
     "sensor_at": attrgetter("sample.sensor_at"),
 }
-"""Moments of a cycle by the names that a recording's facts may use."""
+"""Time stamps of a cycle, by the names that the facts in a recording may use."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A hop and its duration."""
+    """Hop with its distribution of durations."""
 
     hop: Hop
     times: Times
@@ -36,66 +36,66 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """A delay without a stamp in the record."""
+    """Delay for which the recording has no time stamp."""
 
     words: str
     seconds: float
-    """s"""
+    """Delay, s."""
     source: str
-    """Origin of the number, in words."""
+    """Description of the origin of the value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """A run's time from the force's sample to the motion that answers it."""
+    """Latency of a run, from the force sample to the motion in response."""
 
     chain: tuple[Part, ...]
-    """The hops in their order; the next begins where one ends."""
+    """Hops in order; each hop begins where the previous hop ends."""
     beside: tuple[Part, ...]
     """Hops of the cycle that the sample does not wait for."""
     name: str
-    """Begin and end of the chain, in words."""
+    """Description of the start and the end of the chain."""
     total: Times
-    """Time from the begin of the chain to its end, s."""
+    """Time from the start of the chain to its end, s."""
     to_motion: bool
-    """The chain ends with the robot's motion; otherwise with its answer."""
+    """Whether the chain ends with the robot's motion. If not, it ends with the robot's response."""
     constants: tuple[Constant, ...] = ()
 
     @property
     def largest(self) -> Part:
-        """The hop with the largest median."""
+        """Hop with the largest median."""
         return max(self.chain, key=lambda part: part.times.p50_s)
 
     @property
-    def largest_words(self) -> str:
-        """The largest hop with its share of the whole, by the medians."""
+    def largest_text(self) -> str:
+        """Description of the hop with the largest median, with its share of the median total."""
         part = self.largest
-        whole = self.total.p50_s
-        share = f", {100.0 * part.times.p50_s / whole:.0f} %" if whole > 0.0 else ""
+        total_s = self.total.p50_s
+        share = f", {100.0 * part.times.p50_s / total_s:.0f} %" if total_s > 0.0 else ""
         return f"{part.hop.words} ({in_ms(part.times.p50_s)} ms{share})"
 
     @property
     def sentence(self) -> str:
-        """The whole in one line."""
+        """One-line description of the latency."""
         total = self.total
         p50, p99 = in_ms(total.p50_s), in_ms(total.p99_s)
-        return f"{self.name} {p50} ms p50, {p99} ms p99; largest: {self.largest_words}"
+        return f"{self.name} {p50} ms p50, {p99} ms p99; largest: {self.largest_text}"
 
     def as_ms(self) -> dict[str, Mapping[str, float]]:
-        """Every distribution by the name of its hop, and `total`; for a summary."""
+        """Return the distribution of every hop by name, and of `total`, in ms, for a summary."""
         parts = {part.hop.name: part.times.as_ms() for part in (*self.chain, *self.beside)}
         return {**parts, "total": self.total.as_ms()}
 
 
 def latency_of(recording: Recording) -> Latency | None:
-    """Return the latency of a recorded run; None if its cycles were not stamped or its robot's hops are not known."""
+    """Return the latency of a recorded run; None if its cycles have no time stamps or the robot's hops are unknown."""
     devices = devices_of(recording)
     if devices.robot.hops is None:
         return None
     known = any(math.isfinite(truth.sampled_at) for truth in recording.truths)
     earliest = {} if known else earliest_arrivals(recording.sensors)
-    found = latency_budget(recording.cycles, devices.robot.hops, recording.truths, earliest)
-    return None if found is None else replace(found, constants=_constants(devices, found))
+    latency = latency_budget(recording.cycles, devices.robot.hops, recording.truths, earliest)
+    return None if latency is None else replace(latency, constants=_constants(devices, latency))
 
 
 def latency_budget(
@@ -104,9 +104,10 @@ def latency_budget(
     truths: Sequence[TruthRecord] = (),
     earliest: Mapping[int, float] | None = None,
 ) -> Latency | None:
-    """Return the latency of these cycles, without its constants; None if they were not stamped.
+    """Return the latency of these cycles, excluding constant delays; None if they have no time stamps.
 
-    `robot` are the hops behind the hand-over, `earliest` the earliest arrivals by the frame's sequence.
+    `robot` holds the hops after the hand-over. `earliest` holds the earliest arrivals by the sequence number of the
+    frame.
     """
     moment = timestamps(cycles, robot, truths, earliest)
 
@@ -118,42 +119,46 @@ def latency_budget(
 
     first, begin = next(
         (
-            (hop, words)
-            for hop, words in ((SENSOR, "sample"), (JITTER, "sample's earliest arrival"))
+            (hop, text)
+            for hop, text in ((SENSOR, "sample"), (JITTER, "sample's earliest arrival"))
             if known(hop.begin)
         ),
         (None, "sample's arrival"),
     )
     last = robot.to_answer
     if moving := bool(robot.to_motion) and known("motion_at"):
-        last = next((way for way in robot.to_motion if not _ends_early(way, moment)), robot.to_motion[-1])
+        last = next(
+            (hops_to_motion for hops_to_motion in robot.to_motion if not _ends_early(hops_to_motion, moment)),
+            robot.to_motion[-1],
+        )
     hops = (*((first,) if first else ()), *MIDDLE, *last)
     chain = tuple(Part(hop, times) for hop in hops if (times := took(hop)) is not None)
     total = times_of((moment(hops[-1].end) - moment(hops[0].begin)).tolist())
     if len(chain) < len(hops) or total is None:
         return None
-    beside = tuple(
+    parallel = tuple(
         Part(hop, times)
         for hop in (*robot.beside, *robot.to_answer)
         if hop not in hops and (times := took(hop)) is not None
     )
-    return Latency(chain, beside, f"{begin} to {'motion' if moving else 'answer'}", total, moving)
+    return Latency(chain, parallel, f"{begin} to {'motion' if moving else 'answer'}", total, moving)
 
 
-def _ends_early(way: Sequence[Hop], moment: Callable[[str], Floats]) -> bool:
-    """Whether its last hop ends before it begins in any cycle."""
-    if not way:
+def _ends_early(hops: Sequence[Hop], moment: Callable[[str], Floats]) -> bool:
+    """Return whether the last hop ends before its start in any cycle."""
+    if not hops:
         return True
-    took = moment(way[-1].end) - moment(way[-1].begin)
+    took = moment(hops[-1].end) - moment(hops[-1].begin)
     return bool((took < 0.0).any())
 
 
 def earliest_arrivals(frames: Sequence[SensorRecord]) -> dict[int, float]:
-    """Arrival times with the smallest delay, s, by the frame's sequence; empty for too few frames.
+    """Return the arrival times that frames with the smallest delay would have, s, by sequence number.
 
-    The result comes from the straight line that lies nowhere above the arrivals and nearest to them on the mean. It
-    carries an edge of their lower convex hull, so drift between the two clocks does not count as delay. The lateness of
-    an arrival is jitter alone: the smallest delay itself is known only from the cell's truth.
+    The result is empty if there are too few frames. It is the straight line that is never above the arrivals and is
+    nearest to them on average. The line contains an edge of their lower convex hull, so drift between the two
+    clocks does not count as delay. The lateness of an arrival is therefore jitter only: the smallest delay itself
+    is known only from the ground truth of the cell.
     """
     points = sorted((frame.sequence, frame.at) for frame in frames if math.isfinite(frame.at))
     if len(points) < 2 or points[0][0] == points[-1][0]:
@@ -173,7 +178,7 @@ def earliest_arrivals(frames: Sequence[SensorRecord]) -> dict[int, float]:
 
 
 def _falls_below(a: tuple[int, float], b: tuple[int, float], c: tuple[int, float]) -> bool:
-    """Whether b lies on or above the line from a to c."""
+    """Return whether b is on or above the line from a to c."""
     return (b[1] - a[1]) * (c[0] - a[0]) >= (c[1] - a[1]) * (b[0] - a[0])
 
 
@@ -183,9 +188,10 @@ def timestamps(
     truths: Sequence[TruthRecord] = (),
     earliest: Mapping[int, float] | None = None,
 ) -> Callable[[str], Floats]:
-    """Look up a moment (see `hil_bridge.devices.facts`) of every cycle by its name, s; NaN if it is not known.
+    """Return a function that maps the name of a time stamp to its value in every cycle, s.
 
-    `earliest` are the earliest arrivals by the frame's sequence.
+    The value is NaN if it is unknown. `hil_bridge.devices.facts` defines the names. `earliest` holds the earliest
+    arrivals by the sequence number of the frame.
     """
     arrivals = earliest or {}
     of_cycle = {truth.cycle: truth for truth in truths}
@@ -213,7 +219,7 @@ def timestamps(
     return moment
 
 
-def _constants(devices: Devices, found: Latency) -> tuple[Constant, ...]:
+def _constants(devices: Devices, latency: Latency) -> tuple[Constant, ...]:
     """Return the constant delays before the sample and after the motion."""
     constants = []
     if delay := devices.sensor.delay_s:
@@ -222,11 +228,11 @@ def _constants(devices: Devices, found: Latency) -> tuple[Constant, ...]:
         return tuple(constants)
     source = devices.robot.servo_source
     response = 2.0 * servo.damping_ratio / servo.natural_frequency_rad_s
-    if not found.to_motion:
-        words = f"half a tick, {source('interpolation_s')}"
-        constants.append(Constant("the wait for the robot's interpolator", servo.wait_s, words))
-        words = source("transport_delay_s")
-        constants.append(Constant("the servo's transport delay", servo.transport_delay_s, words))
-    words = f"2ζ/ω, {source('natural_frequency_rad_s', 'damping_ratio')}"
-    constants.append(Constant("the servo's response", response, words))
+    if not latency.to_motion:
+        wait_source = f"half a tick, {source('interpolation_s')}"
+        constants.append(Constant("the wait for the robot's interpolator", servo.wait_s, wait_source))
+        wait_source = source("transport_delay_s")
+        constants.append(Constant("the servo's transport delay", servo.transport_delay_s, wait_source))
+    wait_source = f"2ζ/ω, {source('natural_frequency_rad_s', 'damping_ratio')}"
+    constants.append(Constant("the servo's response", response, wait_source))
     return tuple(constants)

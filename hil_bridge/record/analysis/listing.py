@@ -1,4 +1,4 @@
-"""The runs of a folder, by the summaries that they left."""
+"""Runs of a folder, listed by their summaries."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,20 +11,20 @@ from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN
 
 _SUMMARY, _RECORDING = "summary.json", "*.mcap"
 _LARGEST = 1_000_000
-"""Chosen: bytes of a summary that are read; ours have a few thousand."""
+"""Maximum number of bytes that are read from a summary. Chosen: a normal summary has a few thousand."""
 _SHOWN = ("rms_error_n", "largest_force_n")
 
 
 class ListedRun(NamedTuple):
-    """A folder with a run."""
+    """Folder that holds a run."""
 
     path: Path
     summary: Mapping[str, Any]
-    """Empty where the run left none that can be read."""
+    """Contents of the run's summary; empty if the run has no readable summary."""
 
     @property
     def values(self) -> Mapping[str, Any]:
-        """The columns of the list, by name."""
+        """Values of the columns of the list, by name."""
         figures = self.summary.get("figures")
         known = figures if isinstance(figures, dict) else {}
         return {
@@ -35,21 +35,24 @@ class ListedRun(NamedTuple):
 
 
 def list_runs(folder: Path, last: int) -> Sequence[ListedRun]:
-    """Return the newest runs of a folder, oldest first: their names begin with their times. Raises ConfigError."""
+    """Return the newest runs of a folder, oldest first.
+
+    Folder names begin with the date and time. Raises ConfigError.
+    """
     try:
         there = sorted(path for path in folder.iterdir() if path.is_dir())
     except OSError as error:
         raise ConfigError(
-            f"{folder}: {error.strerror or error}; name the folder in which runs lie"
+            f"{folder}: {error.strerror or error}; name the folder that contains the runs"
         ) from error
-    found = [path for path in there if (path / _SUMMARY).is_file() or any(path.glob(_RECORDING))]
-    return [ListedRun(path, _read(path / _SUMMARY)) for path in found[-last:]]
+    run_folders = [path for path in there if (path / _SUMMARY).is_file() or any(path.glob(_RECORDING))]
+    return [ListedRun(path, _read(path / _SUMMARY)) for path in run_folders[-last:]]
 
 
 def run_lines(runs: Sequence[ListedRun]) -> Iterator[str]:
-    """Return a table for people to read."""
+    """Return the runs as the lines of a table."""
     if not runs:
-        yield "no runs: each is a folder with the summary.json that `hil-bridge run` writes"
+        yield "no runs: a run is a folder with the summary.json that `hil-bridge run` writes"
         return
     rows = [("run", "outcome", "controller", *(FIGURES[key].title for key in _SHOWN), "cause")]
     rows += [_row(run.values) for run in runs]
@@ -61,15 +64,15 @@ def run_lines(runs: Sequence[ListedRun]) -> Iterator[str]:
 def _row(values: Mapping[str, Any]) -> tuple[str, ...]:
     figures = [values[key] for key in _SHOWN]
     numbers = [f"{one:.2f}" if isinstance(one, int | float) else UNKNOWN for one in figures]
-    words = [str(values[key] or UNKNOWN) for key in ("run", "outcome", "controller")]
-    return tuple(map(harmless, (*words, *numbers, str(values["text"] or ""))))
+    texts = [str(values[key] or UNKNOWN) for key in ("run", "outcome", "controller")]
+    return tuple(map(harmless, (*texts, *numbers, str(values["text"] or ""))))
 
 
 def _read(path: Path) -> Mapping[str, Any]:
-    """Read a summary; empty for one that cannot be read: another program may have written it."""
+    """Read a summary; return an empty mapping if it is unreadable, because another program may have written it."""
     try:
         with path.open("rb") as file:
-            found = json.loads(file.read(_LARGEST))
+            summary = json.loads(file.read(_LARGEST))
     except (OSError, ValueError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return summary if isinstance(summary, dict) else {}

@@ -1,6 +1,6 @@
-"""A site's measured latency as quantiles that an emulation draws from, and as a configuration file of them.
+"""Measured latency of a site: quantiles for an emulation to draw from, and a configuration file that contains them.
 
-Which settings take them is the devices' own affair: see the modules `latency` of their rooms.
+The module `latency` of each device defines which of the device's settings accept quantiles.
 """
 
 import math
@@ -16,22 +16,24 @@ from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.reader import Recording
 
 FEWEST_QUANTILES, MOST_QUANTILES = 21, 201
-"""Quantiles of each distribution, ends included: one for every value, within these limits. Fewer values are no
-distribution; more make a file that nobody can read. Chosen: the rare late values among many must stay rare. Lines
-between quantiles 0.5 % apart keep them so.
+"""Minimum and maximum number of quantiles of a distribution, including both ends. Within these limits, there is one
+quantile per value.
+
+Chosen: fewer values do not define a distribution, and more quantiles make the file hard to read. With lines between
+quantiles 0.5 % apart, the few late values among many stay rare.
 """
 _DIGITS = 4
-"""Decimals of a value in ms: a tenth of a microsecond."""
+"""Decimal places of a value in ms, which correspond to 0.1 µs."""
 
 
 def robot_quantiles_ms(recording: Recording) -> dict[str, list[float]]:
-    """Return the times of the robot's own hops up to its answer, by name, as evenly spaced quantiles.
+    """Return the durations of the robot's own hops up to its response, by name, as evenly spaced quantiles, ms.
 
-    Raises ConfigError for a recording that is too short, was not stamped, or does not tell the robot's hops.
+    Raises ConfigError for a recording that is too short, has no time stamps, or does not contain the robot's hops.
     """
     hops = devices_of(recording).robot.hops
     if hops is None:
-        raise ConfigError("the recording does not tell its link's settings: its latency cannot be reckoned")
+        raise ConfigError("the recording lacks the settings of its link: cannot compute its latency")
     moment = timestamps(recording.cycles, hops)
     return {
         hop.name: _quantiles_ms((moment(hop.end) - moment(hop.begin)).tolist(), "cycles")
@@ -41,14 +43,14 @@ def robot_quantiles_ms(recording: Recording) -> dict[str, list[float]]:
 
 
 def frame_quantiles_ms(recording: Recording) -> list[float]:
-    """Delay of the sensor's frames above the smallest one, likewise."""
+    """Return the delay of each sensor frame in excess of the smallest delay, as evenly spaced quantiles, ms."""
     earliest = earliest_arrivals(recording.sensors)
     late = [frame.at - earliest.get(frame.sequence, math.nan) for frame in recording.sensors]
     return _quantiles_ms(late, "sensor frames")
 
 
 def as_configuration(notes: Sequence[str], sections: Mapping[str, Mapping[str, object]]) -> str:
-    """Return a configuration file: notes as comments, then the sections that set something."""
+    """Return the text of a configuration file: the notes as comments, followed by the sections that are not empty."""
     lines = [f"# {note}" for note in notes]
     for section, values in sections.items():
         if values:
@@ -61,8 +63,8 @@ def _quantiles_ms(values: Sequence[float], what: str) -> list[float]:
     known = [max(value, 0.0) * 1e3 for value in values if math.isfinite(value)]
     if len(known) < FEWEST_QUANTILES:
         raise ConfigError(
-            f"the recording holds {len(known)} stamped {what}, a distribution needs {FEWEST_QUANTILES}: "
+            f"the recording holds {len(known)} time-stamped {what}; a distribution needs at least {FEWEST_QUANTILES}: "
             "record a longer run"
         )
-    found = np.quantile(known, np.linspace(0.0, 1.0, min(len(known), MOST_QUANTILES)))
-    return [round(float(value), _DIGITS) for value in found]
+    quantiles = np.quantile(known, np.linspace(0.0, 1.0, min(len(known), MOST_QUANTILES)))
+    return [round(float(value), _DIGITS) for value in quantiles]

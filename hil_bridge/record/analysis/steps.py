@@ -1,4 +1,4 @@
-"""The steps of a program in a summary, and in the lines that an operator reads at the end of a run."""
+"""Steps of a program in a summary and in the output at the end of a run."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,46 +6,46 @@ from itertools import groupby
 
 from hil_bridge.record.records import StepRecord
 
-WHOLE_REPEAT = 6
-"""Chosen: a repeat with no more steps than this, passes counted, is told whole."""
-FAILED_SHOWN = 10
-"""Chosen: most failed steps of one repeat that get a line each."""
+REPEAT_LISTED_MAX = 6
+"""Maximum number of steps of a repeat, counting every pass, that are all listed. Chosen."""
+FAILURES_LISTED_MAX = 10
+"""Maximum number of failed steps of one repeat that are listed on a line each. Chosen."""
 CUT = "CUT"
-"""Verdict on a step that did not end as it was meant to."""
+"""Verdict on a step that did not end as planned."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepOutcome:
-    """One step of a program, in figures. None stands for what it does not have."""
+    """Result of one step of a program. None means that the value is unknown."""
 
     number: int
-    """Its number, passes counted, from 1."""
+    """Number of the step, counting every pass, from 1."""
     label: str
-    """Its number as it stands in the program, and its word."""
+    """Number of the step in the program, and its keyword."""
     seconds: float
     way_mm: float
-    """Way along its path."""
+    """Distance travelled along the path of the step, mm."""
     force_mean_n: float | None
     within: float | None
-    """Share of the way for which the force was as near as its criterion wants."""
+    """Share of the distance over which the force met the step's criterion."""
     wanted: float | None
-    """Share that its criterion wants; None where it has no criterion."""
+    """Share that the criterion requires; None without a criterion."""
     passed: bool
-    """It ended as it was meant to, and met its criterion if it has one."""
+    """Whether the step ended as planned and met its criterion, if it has one."""
     name: str
-    """Name of the place that it found; empty for none."""
+    """Name of the position that the step detected; empty if it detected none."""
     found_mm: tuple[float, ...] | None
-    """That place, base frame."""
+    """Position that the step detected, base frame, mm."""
     text: str
-    """How it ended, in words."""
+    """Description of how the step ended."""
     repeat: int = 0
-    """Number of the repeat that it belongs to; 0 for none."""
+    """Number of the repeat in the program that contains the step; 0 if the step is not in a repeat."""
     turn: int = 0
-    """Its pass in that repeat, from 1; 0 for none."""
+    """Number of the pass of that repeat, from 1; 0 if the step is not in a repeat."""
 
     @property
     def criterion_failed(self) -> bool:
-        """Whether it has a criterion that was not met; a step that was cut may have met its own until then."""
+        """Whether the step failed its criterion. A step that was cut short may have met it until then."""
         met = self.within is not None and self.wanted is not None and self.within >= self.wanted
         return not self.passed and self.wanted is not None and not met
 
@@ -73,30 +73,30 @@ def step_outcomes(records: Sequence[StepRecord]) -> tuple[StepOutcome, ...]:
 
 
 def failed_criteria(steps: Sequence[StepOutcome]) -> str:
-    """Which criteria were not met, in one line; empty where all were."""
+    """Return the criteria that were not met, in one line; empty if all criteria were met."""
     failed = [step for step in steps if step.criterion_failed]
     if not failed:
         return ""
     if len(failed) == 1:
         return f"criterion failed in step {failed[0].label}: {failed[0].text}"
-    named = ", ".join(step.label for step in failed[:FAILED_SHOWN])
-    more = len(failed) - FAILED_SHOWN
+    named = ", ".join(step.label for step in failed[:FAILURES_LISTED_MAX])
+    more = len(failed) - FAILURES_LISTED_MAX
     return f"criterion failed in {len(failed)} steps: {named}{f' and {more} more' if more > 0 else ''}"
 
 
 def step_lines(steps: Sequence[StepOutcome]) -> list[str]:
-    """Return a line for each step; of a repeat with many, for its first pass, its last and what failed."""
+    """Return one line per step. For a long repeat, return only its first pass, its last pass and its failures."""
     width = max((len(step.label) for step in steps), default=0)
-    shown = _choose_rows(steps)
+    rows = _choose_rows(steps)
     lines = []
-    for told, places in groupby(range(len(steps)), key=shown.__contains__):
+    for is_listed, places in groupby(range(len(steps)), key=rows.__contains__):
         some = [steps[place] for place in places]
-        if told or len(some) == 1:
+        if is_listed or len(some) == 1:
             lines += [f"  step {step.label:<{width}}  {step_text(step)}" for step in some]
         else:
             failed = sum(not step.passed for step in some)
             lines.append(
-                f"  … {len(some)} steps more, {f'{failed} of them FAILED' if failed else 'all done'}"
+                f"  … {len(some)} more steps, {f'{failed} of them FAILED' if failed else 'all done'}"
             )
     return lines
 
@@ -112,30 +112,30 @@ def step_text(step: StepOutcome) -> str:
         x, y, z = step.found_mm
         parts.append(f"{step.name} at {x:.2f} {y:.2f} {z:.2f} mm")
     verdict = verdict_of(step)
-    if step.text and verdict != CUT:  # why it was cut is told as the cause of the stop
+    if step.text and verdict != CUT:  # for a cut step, the cause of the stop states the reason
         verdict = f"{verdict}: {step.text}" if verdict else step.text
     return ", ".join([*parts, verdict] if verdict else parts)
 
 
 def verdict_of(step: StepOutcome) -> str:
-    """Return the result of a step; empty for one that ended as intended and has no criterion."""
+    """Return the result of a step; empty for a step that ended as planned and has no criterion."""
     if step.passed:
         return "criterion passed" if step.wanted is not None else ""
     return "criterion FAILED" if step.criterion_failed else CUT
 
 
 def _choose_rows(steps: Sequence[StepOutcome]) -> set[int]:
-    """Places of the steps that get a line."""
-    shown: set[int] = set()
+    """Return the indices of the steps that are listed."""
+    rows: set[int] = set()
     repeats: dict[int, list[tuple[int, int]]] = {}
     for place, step in enumerate(steps):
         if step.repeat:
             repeats.setdefault(step.repeat, []).append((place, step.turn))
         else:
-            shown.add(place)
+            rows.add(place)
     for places in repeats.values():
         ends = places[0][1], places[-1][1]
         failed = [place for place, _ in places if not steps[place].passed]
-        shown.update(place for place, turn in places if len(places) <= WHOLE_REPEAT or turn in ends)
-        shown.update(failed[:FAILED_SHOWN])
-    return shown
+        rows.update(place for place, turn in places if len(places) <= REPEAT_LISTED_MAX or turn in ends)
+        rows.update(failed[:FAILURES_LISTED_MAX])
+    return rows

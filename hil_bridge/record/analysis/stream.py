@@ -1,4 +1,4 @@
-"""Full sensor stream as the controlled force, in addition to the cycles that use some of its frames."""
+"""Controlled force computed from the full sensor stream, not only from the frames that the cycles used."""
 
 import math
 import statistics
@@ -20,11 +20,13 @@ Floats: TypeAlias = NDArray[np.float64]
 _BINS = 3000
 _FEWEST_CYCLES = 8
 _TOLERANCE = 0.02
-"""Largest deviation from the cycle samples for which the stream is drawn, as a share of the force range. Chosen."""
+"""Largest deviation from the cycle samples at which the stream is still drawn, as a share of the force range.
+Chosen.
+"""
 
 
 class _Mounting(Struct):
-    """Place of the sensor on the tool, as configured."""
+    """Configured position of the sensor on the tool."""
 
     quaternion: Quaternion
     mounting_deg: float
@@ -32,24 +34,25 @@ class _Mounting(Struct):
 
 
 class _Frame(Struct):
-    """Where the surface is, as configured."""
+    """Configured orientation of the surface."""
 
     approach: Vector
 
 
 class _Configured(Struct):
-    """Fields of a recorded configuration that say how the sensor lies to the approach direction."""
+    """Configuration fields that relate the axes of the sensor to the approach direction."""
 
     sensor: _Mounting
     frame: _Frame
 
 
 def stream_force(recording: Recording) -> tuple[Floats, Floats, Floats] | None:
-    """Return the sensor's whole stream in N: time, lowest and highest force of each of at most some thousand bins.
+    """Return the complete sensor stream, N, as time, lowest and highest force of at most a few thousand bins.
 
-    The stream is kept as the device counts. The sensor's facts scale it, and the configuration tells its direction.
-    Weight and bias are what the forces of the cycles are beside the frames that they used. Where that does not
-    reproduce their force (the tool turned, the bridge filtered), the answer is None.
+    The stream is recorded in device counts. The facts of the sensor scale it, and the configuration gives its
+    direction. Weight and bias are the differences between the forces of the cycles and the forces of the frames
+    that the cycles used. The result is None if it does not reproduce the force of the cycles, for example because
+    the tool turned or a filter was active.
     """
     along = _along(recording) if recording.cycles else None
     used = {sensor.sequence: sensor.counts[:3] for sensor in recording.sensors}
@@ -72,17 +75,17 @@ def stream_force(recording: Recording) -> tuple[Floats, Floats, Floats] | None:
 
 
 def _along(recording: Recording) -> Floats | None:
-    """Force along the approach, N, for one of the values of each force axis, (3,); None where that is not known."""
+    """Return the force along the approach direction per count of each force axis, N, (3,); None if it is unknown."""
     facts = devices_of(recording).sensor.facts
     try:
-        told: Any = msgspec.convert(recorded_configuration(recording), _Configured)
+        configured: Any = msgspec.convert(recorded_configuration(recording), _Configured)
     except ValueError:
         return None
     if facts is None:
         return None
-    sensor = told.sensor
+    sensor = configured.sensor
     turned = turn_about((0.0, 0.0, 1.0), math.radians(sensor.mounting_deg))
     wrist = Wrist(product(sensor.quaternion, turned), flip=sensor.flip_fx_mx)
-    seen = wrist.in_sensor_axes(told.frame.approach, recording.cycles[0].sample.quaternion)
-    along: Floats = -seen * np.array(facts.scales[:3])
+    direction = wrist.in_sensor_axes(configured.frame.approach, recording.cycles[0].sample.quaternion)
+    along: Floats = -direction * np.array(facts.scales[:3])
     return along

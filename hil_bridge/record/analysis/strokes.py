@@ -1,4 +1,4 @@
-"""Strokes of a run: the intervals with force control, and the figures of merit over all of them."""
+"""Strokes of a run: the intervals under force control, and the figures of merit over all of them."""
 
 import math
 from collections.abc import Sequence
@@ -8,19 +8,19 @@ from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import CycleRecord
 
 TRACK = "track"
-"""The phase in which the force is controlled."""
+"""Phase in which the force is controlled."""
 _SEEK = "seek"
-"""Keyword of a step that searches for the edge of a surface, where the loss of force is intended."""
+"""Keyword of a step that searches for the edge of a surface and loses contact on purpose."""
 
 
 def strokes_of(recording: Recording) -> list[list[CycleRecord]]:
-    """Return the cycles of each stroke, from contact to retraction. A run without a program has at most one."""
+    """Return the cycles of each stroke, from contact to retraction. A run without a program has at most one stroke."""
     seeks = {step.step for step in recording.steps if step.word == _SEEK}
     strokes: list[list[CycleRecord]] = []
     going = False
     for cycle in recording.cycles:
         if cycle.phase != TRACK or (cycle.step and cycle.step in seeks):
-            # a tool that lost the surface and looks for it is in the same stroke
+            # a tool that lost the surface and searches for it is in the same stroke
             going = going and cycle.step == strokes[-1][-1].step
         elif math.isfinite(cycle.force):
             if not going:
@@ -31,8 +31,9 @@ def strokes_of(recording: Recording) -> list[list[CycleRecord]]:
 
 
 def merit_of(strokes: Sequence[Sequence[CycleRecord]], step_m: float | None) -> FiguresOfMerit:
-    """Figures over all strokes: the slowest rise, and the steady state of the last one. `step_m` is the resolution of
-    the position, m. Raises ValueError where there is no stroke.
+    """Return the figures over all strokes: the slowest rise, and the steady state of the last stroke.
+
+    `step_m` is the resolution of the position, m. Raises ValueError without a stroke.
     """
     each = [_merit(stroke, step_m) for stroke in strokes]
     if len(each) == 1:

@@ -1,4 +1,4 @@
-"""Summary of a run, from its record alone: figures of merit, durations, times and counters."""
+"""Summary of a run, computed only from its recording: figures of merit, durations, times and counters."""
 
 import math
 import statistics
@@ -21,21 +21,21 @@ from hil_bridge.record.analysis.strokes import TRACK, merit_of, strokes_of
 from hil_bridge.record.analysis.times import Times, times_of
 from hil_bridge.record.device_facts import devices_of, json_or_none
 from hil_bridge.record.ending import Outcome, RunEnd, followed_of, reason_of
-from hil_bridge.record.files import write_whole
+from hil_bridge.record.files import write_atomically
 from hil_bridge.record.reader import Recording
 from hil_bridge.record.recorder import DROPPED_PREFIX
 from hil_bridge.record.records import CycleRecord
 from hil_bridge.record.topics import SENSOR, TOPICS
 
 RETRACT = "retract"
-"""The phase in which the tool is pulled back."""
-UNTOLD = "not told"
-"""Outcome of a recording that tells none, as a bag of ROS 2."""
+"""Name of the phase in which the tool is retracted."""
+UNKNOWN_OUTCOME = "not told"
+"""Outcome of a recording that does not state one, such as a ROS 2 bag."""
 
 
 @dataclass(frozen=True, slots=True)
 class PhaseSpan:
-    """A stretch of a run; times in s on the run's clock."""
+    """Interval of a run in one phase, with times in s on the run's clock."""
 
     name: str
     begin: float
@@ -44,106 +44,113 @@ class PhaseSpan:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """A run in figures. None stands for what the run did not show."""
+    """Results of a run. None means that the run did not provide the value."""
 
     outcome: str
     cause: str
-    """Row of the table of causes; empty for a run that went to its end."""
+    """Row of the table of causes; empty for a completed run."""
     text: str
-    """The cause in words."""
+    """Description of the cause."""
     late_s: float
-    """Longest time by which the computer was late in the second before the cause, s; 0 where it was in time."""
+    """Largest delay of the computer in the last second before the cause, s; 0 if the computer was on time."""
     followed: tuple[str, ...]
     """Events after the cause, in order."""
     left: str
-    """Place at which the tool was left, in words; empty when it never moved or the record was cut off before."""
+    """Description of the final position of the tool; empty if the tool never moved or the recording was cut off
+    earlier.
+    """
     truncated: bool
-    """The record ends early: the figures cover what is there."""
+    """Whether the recording ends early; the figures then cover the part that was read."""
     checks: tuple[str, ...]
-    """Findings about the sensor before the touch, in words, and the reading that was taken for zero."""
+    """Findings about the sensor before contact, as text, and the reading used as zero."""
     controller: str
     seed: str
     force_reference_n: float | None
-    """None where it varied."""
+    """Target force, N; None if it varied."""
     force_references_n: tuple[float, float] | None
-    """The least and the largest."""
+    """Smallest and largest target force, N."""
     force_mean_steady_n: float | None
-    """Mean force over the last 40 samples of tracking; None when there are fewer since the rise, and where the wanted
-    force varied in them.
+    """Mean force over the last 40 samples of tracking, N; None with fewer samples since the rise, or if the target
+    force varied.
     """
     strokes: int
-    """Stretches of tracking, each from a touch until the tool is taken away."""
+    """Number of tracking intervals; each lasts from contact to retraction."""
     figures: Mapping[str, float | None]
-    """Figures of merit of the tracking phase, by the keys of `analysis.figures`. The sample that stopped it counts for
-    the largest force and the overshoot. Of several strokes: the slowest rise, the steady state of the last, else over
-    all.
+    """Figures of merit of the tracking phase, by the keys of `analysis.figures`.
+
+    The largest force and the overshoot include the sample that ended the phase. A run with several strokes has the
+    slowest rise, the steady state of the last stroke, and all other figures over all strokes.
     """
     contact: Mapping[str, float | None]
-    """Figures of the contact, by the keys of `analysis.figures`: of the samples whose force is above 1 N, or above the
-    threshold with which a bag was read.
+    """Contact figures of the samples whose force is above the contact threshold, by the keys of `analysis.figures`.
+
+    The threshold is 1 N. For a bag, it is the value given when the bag is read.
     """
     phases_s: Mapping[str, float]
-    """Duration by phase, in order of first appearance."""
+    """Duration of each phase, s, in order of first appearance."""
     cycles: int
     cycles_clamped: int
     cycles_held: int
     cycle_rate_hz: float | None
     cycle_time: Times | None
-    """Time of a cycle: from its begin until the robot has taken the order."""
+    """Duration of a cycle, from its start until the robot has accepted the order."""
     line_floor_s: float | None
     sensor_frames_received: int
     sensor_frames_lost: int | None
-    """Frames that never came; None when the record was cut off before its end."""
+    """Number of sensor frames that were never received; None if the recording was cut off."""
     recorder_dropped: Mapping[str, int]
-    """Records that did not reach the file, by topic."""
+    """Number of records missing from the file, by topic."""
     link: Mapping[str, float]
     """Counters of the links."""
     latency: Mapping[str, Mapping[str, float]]
-    """Distribution of each hop between a force and the motion that answers it, ms; empty when it was not stamped."""
+    """Distribution of each hop between a force and the motion in response, ms; empty without time stamps."""
     latency_largest: str
-    """Which hop takes most of it, in words."""
+    """Description of the largest hop."""
     latency_sentence: str
-    """The whole of it in one line."""
+    """One-line description of the latency."""
     answers: Mapping[str, float]
-    """Time of the answers to a robot that drives the cycle, ms; empty for one that is asked."""
+    """Response times to a robot that drives the cycle, ms; empty for a polled robot."""
     answers_sentence: str
-    """The same in one line, with the number of those that came late."""
+    """One-line description of the response times, with the number of late responses."""
     steps: tuple[StepOutcome, ...] = ()
-    """Steps of a program that have ended, oldest first."""
+    """Completed steps of a program, oldest first."""
     criteria_failed: tuple[str, ...] = ()
     """Labels of the steps whose criterion was not met."""
 
     def as_json(self) -> str:
-        """Return the summary as JSON, strict and in the order of the fields."""
+        """Return the summary as strict JSON, in the order of the fields."""
         return msgspec.json.format(msgspec.json.encode(self), indent=2).decode() + "\n"
 
     def write_json(self, path: Path, overwrite: bool = False) -> None:
-        """Write the file at once, so that a reader never sees half of it. Raises ConfigError as `write_whole`."""
-        write_whole(path, self.as_json().encode(), overwrite)
+        """Write the file atomically, so that a reader never sees an incomplete file.
+
+        Raises ConfigError as `write_atomically` does.
+        """
+        write_atomically(path, self.as_json().encode(), overwrite)
 
 
 def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
-    """Return the figures of a run. `end` is read from the record if it is not given."""
+    """Return the summary of a run. If `end` is omitted, it is read from the recording."""
     end = end or end_of(recording)
     cycles = recording.cycles
     strokes = strokes_of(recording)
     dropped = _read_dropped(recording)
     robot = devices_of(recording).robot
     figures = _figures(
-        strokes, _stopping(cycles) if end.outcome is Outcome.STOPPED else None, robot.position_step_m
+        strokes,
+        _find_stopping_cycle(cycles) if end.outcome is Outcome.STOPPED else None,
+        robot.position_step_m,
     )
     steady = figures.get("steady_mean_error_n") is not None
     tracked = [cycle for stroke in strokes for cycle in stroke]
-    references = [
-        cycle.force_reference for cycle in tracked or cycles if not math.isnan(cycle.force_reference)
-    ]
+    references = [c.force_reference for c in tracked or cycles if not math.isnan(c.force_reference)]
     tail = strokes[-1][-STEADY_SAMPLES:] if strokes else []
     steady = steady and len({cycle.force_reference for cycle in tail}) == 1
     spans = phases(recording)
     latency, answers = latency_of(recording), answers_of(cycles, robot, end.link)
     steps = step_outcomes(recording.steps)
     return Summary(
-        outcome=end.outcome.value if recording.foreign is None else UNTOLD,
+        outcome=end.outcome.value if recording.foreign is None else UNKNOWN_OUTCOME,
         cause="" if recording.foreign else end.cause or "",
         text="" if recording.foreign else end.text,
         late_s=end.reason.late_s if end.reason else 0.0,
@@ -174,7 +181,7 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
         recorder_dropped=dropped,
         link=dict(end.link),
         latency=latency.as_ms() if latency else {},
-        latency_largest=latency.largest_words if latency else "",
+        latency_largest=latency.largest_text if latency else "",
         latency_sentence=latency.sentence if latency else "",
         answers=answers.times.as_ms() if answers else {},
         answers_sentence=answers.sentence if answers else "",
@@ -183,8 +190,8 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
     )
 
 
-def wanted_force(summary: Summary) -> str:
-    """Describe the target force; empty if there was none."""
+def target_force_text(summary: Summary) -> str:
+    """Describe the target force; return an empty text if there is none."""
     if summary.force_references_n is None:
         return ""
     least, most = summary.force_references_n
@@ -192,13 +199,13 @@ def wanted_force(summary: Summary) -> str:
 
 
 def end_of(recording: Recording) -> RunEnd:
-    """Return the recorded end; a record without one was cut off, which counts as interrupted."""
-    told = recording.end
-    outcome = told.get("outcome", "")
-    floor, link = json_or_none(told.get("line_floor_s")), json_or_none(told.get("link"))
-    lost, delay = json_or_none(told.get("sensor_lost")), json_or_none(told.get("sensor_delay_s"))
-    reason = reason_of(told) if told else Reason(Cause.CUT, "the recording ends before the run does")
-    rest = json_or_none(told.get("rest"))
+    """Return the recorded end. A recording without an end was cut off and counts as interrupted."""
+    metadata = recording.end
+    outcome = metadata.get("outcome", "")
+    floor, link = json_or_none(metadata.get("line_floor_s")), json_or_none(metadata.get("link"))
+    lost, delay = json_or_none(metadata.get("sensor_lost")), json_or_none(metadata.get("sensor_delay_s"))
+    reason = reason_of(metadata) if metadata else Reason(Cause.CUT, "the recording ends before the run does")
+    rest = json_or_none(metadata.get("rest"))
     return RunEnd(
         Outcome(outcome) if outcome in set(Outcome) else Outcome.INTERRUPTED,
         reason,
@@ -206,15 +213,15 @@ def end_of(recording: Recording) -> RunEnd:
         {str(k): v for k, v in link.items() if isinstance(v, (int, float))} if isinstance(link, dict) else {},
         lost if isinstance(lost, int) else None,
         float(delay) if isinstance(delay, (int, float)) else None,
-        told.get("left", ""),
-        followed_of(told),
+        metadata.get("left", ""),
+        followed_of(metadata),
         rest if isinstance(rest, dict) else {},
-        told.get("place", ""),
+        metadata.get("place", ""),
     )
 
 
 def phases(recording: Recording) -> tuple[PhaseSpan, ...]:
-    """Return the phases in order, from the events that begin them, or else from the cycles."""
+    """Return the phases in order, from the events that begin them; without such events, from the cycles."""
     begins = [(event.at, event.text) for event in recording.events if event.kind == EventKind.PHASE]
     if not begins:
         before = ""
@@ -230,8 +237,11 @@ def phases(recording: Recording) -> tuple[PhaseSpan, ...]:
     )
 
 
-def _stopping(cycles: Sequence[CycleRecord]) -> CycleRecord | None:
-    """Return the cycle whose sample ended the tracking by itself: its answer was to retract already."""
+def _find_stopping_cycle(cycles: Sequence[CycleRecord]) -> CycleRecord | None:
+    """Return the cycle whose sample ended the tracking.
+
+    In this cycle, the controller already ordered the retraction.
+    """
     last = max((place for place, cycle in enumerate(cycles) if cycle.phase == TRACK), default=len(cycles))
     if last + 1 >= len(cycles):
         return None
@@ -243,9 +253,10 @@ def _stopping(cycles: Sequence[CycleRecord]) -> CycleRecord | None:
 def _figures(
     strokes: list[list[CycleRecord]], stopping: CycleRecord | None, step_m: float | None
 ) -> dict[str, float | None]:
-    """Figures of merit by name with unit; empty when nothing was tracked. The largest force and the overshoot count
-    the sample that stopped the run, the others what was tracked. `step_m` is the resolution of the position; no steps
-    are counted where it is not known.
+    """Return the figures of merit by name with unit; empty if no force was tracked.
+
+    The largest force and the overshoot include the sample that ended the run; the other figures cover tracked
+    samples only. `step_m` is the resolution of the position; steps are not counted if it is unknown.
     """
     if not strokes:
         return {}
@@ -260,7 +271,10 @@ def _figures(
 
 
 def cycle_times(cycles: Sequence[CycleRecord], driven_by_robot: bool) -> list[float]:
-    """Time from the begin of each cycle to its answer, s; to the next begin for a robot that drives the cycle."""
+    """Return the time from the start of each cycle to its response, s.
+
+    If the robot drives the cycle, it is the time to the start of the next cycle.
+    """
     if driven_by_robot:
         return [after.started_at - before.started_at for before, after in pairwise(cycles)]
     return [cycle.answered_at - cycle.started_at for cycle in cycles]
@@ -274,6 +288,6 @@ def _rate(cycles: Sequence[CycleRecord]) -> float | None:
 def _read_dropped(recording: Recording) -> dict[str, int]:
     counts = {}
     for topic in TOPICS:
-        told = recording.end.get(DROPPED_PREFIX + topic.name, "0")
-        counts[topic.name] = int(told) if told.isdecimal() else 0
+        count = recording.end.get(DROPPED_PREFIX + topic.name, "0")
+        counts[topic.name] = int(count) if count.isdecimal() else 0
     return counts

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """A distribution of durations, s."""
+    """Distribution of durations, s."""
 
     mean_s: float
     p50_s: float
@@ -17,7 +17,7 @@ class Times:
     max_s: float
 
     def as_ms(self) -> Mapping[str, float]:
-        """Percentiles and largest in ms, for a summary. Times are stamped no finer than a nanosecond."""
+        """Return percentiles and largest value in ms, for a summary. The resolution of time stamps is 1 ns."""
         named = {"p50_ms": self.p50_s, "p90_ms": self.p90_s, "p99_ms": self.p99_s, "max_ms": self.max_s}
         return {name: round(value * 1e3, 6) for name, value in named.items()}
 
@@ -29,7 +29,7 @@ def in_ms(seconds: float) -> str:
 
 
 def times_of(durations: Iterable[float]) -> Times | None:
-    """Return the distribution of the numbers among these values; None if there is none."""
+    """Return the distribution of these values, ignoring NaN; None if no value remains."""
     known = sorted([duration for duration in durations if math.isfinite(duration)])
     if not known:
         return None
@@ -38,7 +38,7 @@ def times_of(durations: Iterable[float]) -> Times | None:
 
 
 def _quantile(ascending: Sequence[float], share: float) -> float:
-    """Linear between two values, to the last bit as `numpy.quantile`, which imports masked arrays for it."""
+    """Interpolate linearly, bit for bit like `numpy.quantile`, which would import masked arrays."""
     place = (len(ascending) - 1) * share
     number = math.floor(place)
     low, high = ascending[number], ascending[min(number + 1, len(ascending) - 1)]

@@ -1,4 +1,4 @@
-"""Why a run ended, in one paragraph of plain words, from its recording alone."""
+"""Explanation of why a run ended, as one paragraph, computed only from its recording."""
 
 import math
 from collections.abc import Iterator
@@ -21,15 +21,17 @@ from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import CycleRecord, EventRecord, FaultNote, SensorRecord
 
 CALM_S = 3.0
-"""Events before the last good cycle, and before so long a calm, belong to no trouble of the end, s. Chosen: a
-line of 9600 baud waits 2 s for an answer before it tells that none came.
+"""Length of the quiet interval that separates the events of the end from earlier events, s.
+
+It lies before the last good cycle. Chosen: a link at 9600 baud waits 2 s for a response before it reports a
+timeout.
 """
 SILENT_FRAMES = 20
-"""Frames that did not come, or did not change, before a sensor counts as silent or as stuck. Chosen: one or two are
-lost on a wire now and then.
+"""Number of missing or unchanged frames after which a sensor counts as silent or stuck. Chosen: one or two frames
+may get lost on a wire.
 """
 _MISLED_BY_LATENESS = frozenset((Part.ROBOT, Part.ROBOT_LINK, Part.POSE, Part.SENSOR))
-"""Parts that look at fault where the computer was late: their orders, reports and samples came late."""
+"""Parts that appear to be at fault when the computer was late, because their orders, reports and samples came late."""
 _SYMPTOM_FREE = frozenset(
     (
         EventKind.PHASE,
@@ -44,17 +46,17 @@ _SYMPTOM_FREE = frozenset(
         EventKind.STEP,
     )
 )
-"""Kinds of events that tell of the course or of the end, not of trouble before it."""
+"""Kinds of events that report the progress or the end of a run, not trouble before the end."""
 
 
 def why(recording: Recording, file: object = "FILE") -> str:
-    """How the run ended: last good cycle, first symptom, cause, what followed, where the tool is, what to look at.
+    """Explain how the run ended: last good cycle, first symptom, cause, consequences, tool position, what to check.
 
-    One sentence for a run that completed. `file` names the recording for commands to give next. Times count from the
+    Returns one sentence for a completed run. `file` names the recording in suggested commands. Times count from the
     start of the recording.
     """
     if recording.foreign is not None:
-        return "It is a bag of ROS 2: no end and no cause is told in it."
+        return "It is a ROS 2 bag: it contains neither an end nor a cause."
     end = end_of(recording)
     if end.outcome is Outcome.COMPLETED:
         return _describe_completed(recording, end)
@@ -62,51 +64,54 @@ def why(recording: Recording, file: object = "FILE") -> str:
 
 
 class LastCycle(Struct, frozen=True):
-    """The last good cycle of a run."""
+    """Last good cycle of a run."""
 
     cycle: int
     before_s: float
-    """Time before the end, s."""
+    """Time from the cycle to the end of the run, s."""
     force_n: float
     depth_mm: float
 
 
 class Symptom(Struct, frozen=True):
-    """The first symptom of the trouble that ended a run."""
+    """First symptom of the trouble that ended a run."""
 
     kind: str
     text: str
     before_s: float
-    """Time before the end, s."""
+    """Time from the symptom to the end of the run, s."""
 
 
 class Why(Struct, frozen=True):
-    """How a run ended, as values; those of the end have the names of the recording's metadata."""
+    """Values that describe how a run ended.
+
+    The values of the end have the same names as in the recording's metadata.
+    """
 
     outcome: Outcome
     text: str
-    """The paragraph."""
+    """Complete paragraph of the explanation."""
     after_s: float
-    """Time of the end from the start of the recording, s."""
+    """Time from the start of the recording to the end of the run, s."""
     phase: str
-    """Phase in which it ended; empty before the first."""
+    """Phase in which the run ended; empty before the first phase."""
     step: str
-    """Label of the program's step in which it ended; empty without one."""
+    """Label of the program step in which the run ended; empty without a program."""
     cycles: int
     cause: Cause | None
     """Row of the table of causes."""
     fact: str
-    """The cause in words; empty without one."""
+    """Description of the cause; empty without a cause."""
     remedy: str
     last_good: LastCycle | None
     first_symptom: Symptom | None
     followed: tuple[str, ...]
-    """Causes after the first one, in words."""
+    """Descriptions of the causes after the first one."""
     left: str
-    """Place at which the tool was left, in words."""
+    """Description of the final position of the tool."""
     retracted: bool | None
     truncated: bool
-    """The recording is cut short or damaged."""
+    """Whether the recording is cut short or damaged."""
     tracebacks: tuple[str, ...]
 
 
@@ -137,7 +142,7 @@ def why_values(recording: Recording, file: object = "FILE") -> Why:
 
 
 def tracebacks(recording: Recording) -> tuple[str, ...]:
-    """Tracebacks of code that failed in a run, oldest first."""
+    """Return the tracebacks of all code that failed in a run, oldest first."""
     return tuple(
         event.text for event in recording.events if event.kind in (EventKind.TRACEBACK, EventKind.BUG)
     )
@@ -146,14 +151,14 @@ def tracebacks(recording: Recording) -> tuple[str, ...]:
 def _describe_completed(recording: Recording, end: RunEnd) -> str:
     seconds = sum(span.end - span.begin for span in phases(recording))
     text = f"The run completed after {seconds:.1f} s and {len(recording.cycles)} cycles"
-    text += f", ended by its task: {end.text}" if end.text else ", as it was meant to"
+    text += f", ended by its task: {end.text}" if end.text else ", as planned"
     unmet = failed_criteria(step_outcomes(recording.steps))
     left = f"; the tool was left {end.left}" if end.left else ""
     return f"{text}{left}{unmet and f'; but {unmet}'}."
 
 
 class _Ending:
-    """The end of a run that did not complete, sentence by sentence."""
+    """End of a run that did not complete, with a description of one sentence per aspect."""
 
     def __init__(self, recording: Recording, end: RunEnd, file: object) -> None:
         self._recording, self._file = recording, file
@@ -162,11 +167,14 @@ class _Ending:
         times = [event.at for event in recording.events] + [cycle.started_at for cycle in self._cycles[:1]]
         self._zero = min(times, default=0.0)
         self._at = self._find_end()
-        """When the reason of the end came up, s on the run's clock."""
+        """Time at which the cause of the end occurred, s on the run's clock."""
         self.symptom = _first_symptom(recording, self._at)
 
     def _find_end(self) -> float:
-        """When the run was stopped or asked to end; the last time of the recording where that is not told."""
+        """Return the time at which the run was stopped or requested to end.
+
+        If that is unknown, it is the last time of the recording.
+        """
         events, cause = self._recording.events, self._end.cause
         moments = [event.at for event in events if event.kind == EventKind.STOP]
         if not self._is_cut:
@@ -178,56 +186,62 @@ class _Ending:
 
     @property
     def _is_cut(self) -> bool:
-        """Whether the recording ends before the run does."""
+        """Return whether the recording ends before the end of the run."""
         return self._recording.truncated or not self._recording.end
 
     @property
     def text(self) -> str:
-        """The paragraph."""
+        """Complete paragraph of the explanation."""
         sentences = [
-            self._how(),
+            self._course(),
             self._last_good(),
             self._first_symptom(),
             self._cause(),
             *self._beside(),
             self._left(),
-            self._look(),
+            self._advice(),
         ]
         return " ".join(sentence for sentence in sentences if sentence)
 
     @property
     def after_s(self) -> float:
-        """Time of the end from the start of the recording, s."""
+        """Time from the start of the recording to the end of the run, s."""
         return self._at - self._zero
 
     @property
     def phase(self) -> str:
-        """Phase in which it ended; empty before the first. The retraction that the end began does not count."""
+        """Phase in which the run ended; empty before the first phase.
+
+        A retraction that the end itself started does not count.
+        """
         spans = [span for span in phases(self._recording) if span.begin < self._at]
-        if spans and spans[-1].name == RETRACT and not self._went_back(spans[-1].begin):
+        if spans and spans[-1].name == RETRACT and not self._has_retracted(spans[-1].begin):
             spans.pop()
         return spans[-1].name if spans else ""
 
-    def _went_back(self, begin: float) -> bool:
-        """Whether a cycle of the retraction that began at this time was over before the end, s on the run's clock."""
+    def _has_retracted(self, begin: float) -> bool:
+        """Return whether a cycle of the retraction completed before the end.
+
+        `begin` is the start of the retraction, s on the run's clock.
+        """
         return any(
             cycle.phase == RETRACT and begin <= cycle.answered_at <= self._at for cycle in self._cycles
         )
 
     @property
     def step(self) -> str:
-        """Label of the program's step in which it ended; empty without one."""
+        """Label of the program step in which the run ended; empty without a program."""
         if self._end.reason is not None and self._end.reason.step:
             return self._end.reason.step
         numbers = [cycle.step for cycle in self._cycles if cycle.asked]
         return next((step.label for step in self._recording.steps if step.step in numbers[:1]), "")
 
     def before_s(self, at: float) -> float:
-        """Time of a moment before the end, s."""
+        """Return the duration from this time to the end, s."""
         return self._at - at
 
     def last_good(self) -> CycleRecord | None:
-        """Return the last cycle before the end and its first symptom; None if there is none."""
+        """Return the last good cycle before the end; None if there is no such cycle."""
         limit = self._at if self.symptom is None else min(self._at, self.symptom.at)
         good = [
             cycle
@@ -236,7 +250,7 @@ class _Ending:
         ]
         return good[-1] if good else None
 
-    def _how(self) -> str:
+    def _course(self) -> str:
         phase = f", in the phase {self.phase}" if self.phase else ""
         when = f"{self.after_s:.2f} s after its start{phase}"
         if self._is_cut:
@@ -250,10 +264,10 @@ class _Ending:
 
     def _last_good(self) -> str:
         if not self._cycles:
-            return "It had no control cycle: the tool had not gone towards the surface."
+            return "There was no control cycle: the tool had not moved towards the surface."
         last = self.last_good()
         if last is None:
-            return "No cycle of it was good."
+            return "It had no good cycle."
         return (
             f"The last good cycle was number {last.cycle}, {_before(self._at - last.answered_at)}: "
             f"{last.force:.1f} N at a depth of {last.depth * 1e3:.1f} mm."
@@ -269,19 +283,19 @@ class _Ending:
         if self._recording.truncated:
             return ""
         if reason is None:
-            return "The recording tells no cause."
+            return "The recording contains no cause."
         if self._end.outcome is Outcome.INTERRUPTED:
-            asked = _ASKED.get(reason.cause, "").format(by=self._by(reason.cause))
-            return f"It was ended by {asked}." if asked else _sentence(reason.text)
+            request = _REQUESTS.get(reason.cause, "").format(by=self._operator_input(reason.cause))
+            return f"It was ended by {request}." if request else _sentence(reason.text)
         row = ROWS[reason.cause]
-        blamed = self._named(row.blames)
+        blamed = self._fill_names(row.blames)
         if reason.late_s and row.part in _MISLED_BY_LATENESS:
             late = describe_lateness(reason.late_s)
             return f"{_sentence(late)[:-1]} just before. That, or {blamed}, ended it: {reason.fact}."
-        return f"What ended it was {blamed}: {reason.fact}."
+        return f"The cause was {blamed}: {reason.fact}."
 
-    def _by(self, cause: Cause) -> str:
-        """Return the key, or the signal, that the operator used."""
+    def _operator_input(self, cause: Cause) -> str:
+        """Return the key or signal that the operator used."""
         return next((event.by for event in self._recording.events if event.cause is cause), "")
 
     def _beside(self) -> Iterator[str]:
@@ -293,7 +307,7 @@ class _Ending:
         for event in reversed(self._recording.events):
             if event.fault is not None and event.fault.is_injected and event.at <= self._at:
                 when = _before(self._at - event.at)
-                yield f"A fault had been injected on purpose {when}: {_fault_words(event.fault)}."
+                yield f"A fault had been injected on purpose {when}: {_describe_fault(event.fault)}."
                 break
 
     def _left(self) -> str:
@@ -301,33 +315,33 @@ class _Ending:
             return "" if self._recording.truncated else "The tool had not been moved."
         return f"The tool was left {self._end.place}."
 
-    def _look(self) -> str:
+    def _advice(self) -> str:
         reason = self._end.reason
         if reason is None or self._end.outcome is not Outcome.STOPPED:
-            looks = []
+            checks = []
         else:
-            looks = [self._named(ROWS[reason.cause].look)]
+            checks = [self._fill_names(ROWS[reason.cause].look)]
             if reason.late_s:
-                looks.insert(0, LOOK[Part.COMPUTER])
+                checks.insert(0, LOOK[Part.COMPUTER])
         if self._end.retracted is False:
-            looks.append("lift the tool off with `hil-bridge free`")
+            checks.append("lift the tool off with `hil-bridge free`")
         remedy = f"The message continues: {reason.remedy}. " if reason is not None and reason.remedy else ""
-        return remedy + (f"Look at: {'; '.join(looks)}." if looks else "")
+        return remedy + (f"Check: {'; '.join(checks)}." if checks else "")
 
-    def _named(self, words: str) -> str:
-        """Words of the table with the kinds of robot and sensor of this run, and the name of its recording."""
+    def _fill_names(self, text: str) -> str:
+        """Insert the kinds of robot and sensor of this run, and the name of its recording."""
         devices = devices_of(self._recording)
         robot, sensor = devices.robot.kind, devices.sensor.kind
-        return words.format(
+        return text.format(
             robot=robot and f" ({robot})", sensor=sensor and f" ({sensor})", recording=self._file
         )
 
 
-_ASKED = {Cause.KEY: "the key {by}", Cause.PAGE: "the page in the browser", Cause.SIGNAL: "{by}"}
-"""How an operator asked for the end, in words."""
+_REQUESTS = {Cause.KEY: "the key {by}", Cause.PAGE: "the page in the browser", Cause.SIGNAL: "{by}"}
+"""Descriptions of how an operator requested the end."""
 
 
-def _fault_words(fault: FaultNote) -> str:
+def _describe_fault(fault: FaultNote) -> str:
     """Describe a fault and its parameters."""
     values = [f"{name} {value:g}" for name, value in fault.values.items()]
     values += [f"{name} {word}" for name, word in fault.words.items()]
@@ -335,18 +349,22 @@ def _fault_words(fault: FaultNote) -> str:
 
 
 def _first_symptom(recording: Recording, stopped_at: float) -> EventRecord | None:
-    """Return the earliest fault of the row that led to the stop; None if only the stop itself is known."""
-    found: list[EventRecord] = []
-    told = [event for event in recording.events if event.kind not in _SYMPTOM_FREE and event.at <= stopped_at]
+    """Return the earliest event of the trouble that led to the stop; None if only the stop itself is known."""
+    linked: list[EventRecord] = []
+    candidates = [
+        event for event in recording.events if event.kind not in _SYMPTOM_FREE and event.at <= stopped_at
+    ]
     since = stopped_at
     last = max((c.answered_at for c in recording.cycles if c.answered_at <= stopped_at), default=-math.inf)
-    for event in reversed(told):
+    for event in reversed(candidates):
         if event.at < last and since - event.at > CALM_S:
             break
         since = event.at
-        found.append(event)
+        linked.append(event)
     first = (
-        [EventRecord(found[-1].at, found[-1].kind, f"{found[-1].kind}: {found[-1].text}")] if found else []
+        [EventRecord(linked[-1].at, linked[-1].kind, f"{linked[-1].kind}: {linked[-1].text}")]
+        if linked
+        else []
     )
     first += _quiet_sensor(recording.sensors, stopped_at)
     first += _find_clamped(recording.cycles, stopped_at)
@@ -354,7 +372,7 @@ def _first_symptom(recording: Recording, stopped_at: float) -> EventRecord | Non
 
 
 def _quiet_sensor(sensors: tuple[SensorRecord, ...], stopped_at: float) -> Iterator[EventRecord]:
-    """Report that the sensor had fallen silent, or repeated its values."""
+    """Return an event for a sensor that became silent or repeated its values."""
     before = [frame for frame in sensors if frame.at <= stopped_at]
     if len(before) <= SILENT_FRAMES:
         return
@@ -368,12 +386,12 @@ def _quiet_sensor(sensors: tuple[SensorRecord, ...], stopped_at: float) -> Itera
         place -= 1
     if len(before) - place > SILENT_FRAMES:
         yield EventRecord(
-            before[place].at, EventKind.SENSOR, "from here on the force sensor told the same values"
+            before[place].at, EventKind.SENSOR, "from here on the force sensor repeated the same values"
         )
 
 
 def _find_clamped(cycles: tuple[CycleRecord, ...], stopped_at: float) -> Iterator[EventRecord]:
-    """Report that the guard had clamped every order up to the stop."""
+    """Return an event if the supervisor clamped every order up to the stop."""
     first = None
     for cycle in reversed(cycles):
         if cycle.controlled_at >= stopped_at or cycle.verdict == "stop":

@@ -1,4 +1,4 @@
-"""A recording in the formats of other programs: CAN logs, text captures, tables, bags of ROS 2."""
+"""Export of a recording to other formats: CAN logs, text captures, tables, ROS 2 bags."""
 
 from hil_bridge.record.export.files import FORMATS, Choices, export
 

@@ -1,10 +1,10 @@
-"""CAN frames as the log files of CAN tools; BLF and ASC are written by python-can. Times are UNIX time.
+"""CAN frames as log files of CAN tools; python-can writes BLF and ASC. Times are UNIX time.
 
-| format | time of a frame | besides |
+| format | time of a frame | notes |
 | --- | --- | --- |
-| candump | UNIX time, 1 µs | no direction: Wireshark reads no line that has a letter behind its frame |
-| BLF | UNIX time, about 1 µs | the first frame's time lies at a whole millisecond before it |
-| ASC | since the first frame, 1 µs | that frame's time is in the header: local, 1 ms; an error tells no details |
+| candump | UNIX time, 1 µs | no direction: Wireshark rejects a line with a letter after the frame |
+| BLF | UNIX time, about 1 µs | the start time is the first frame's, rounded down to a whole millisecond |
+| ASC | since the first frame, 1 µs | that frame's time is in the header: local, 1 ms; an error has no details |
 """
 
 import io
@@ -18,26 +18,29 @@ from hil_bridge.transports.can.message import to_message
 from protocol.can.frame import CanFrame
 
 _ERROR_FLAG = 0x20000000
-"""In an identifier of candump. Source: CAN_ERR_FLAG of linux/can.h."""
+"""Flag of an error frame in the identifier that candump writes. Source: CAN_ERR_FLAG of linux/can.h."""
 _BEGIN = "Begin Triggerblock "
 
 
 class _Text(io.StringIO):
-    """Stays readable when its writer closes it."""
+    """Text buffer that stays readable after its writer closes it."""
 
     def close(self) -> None:
-        """Keep it."""
+        """Do nothing, to keep the contents."""
 
 
 class _Bytes(io.BytesIO):
-    """Stays readable when its writer closes it."""
+    """Byte buffer that stays readable after its writer closes it."""
 
     def close(self) -> None:
-        """Keep it."""
+        """Do nothing, to keep the contents."""
 
 
 def candump(frames: Sequence[WireFrame], unix_zero_ns: int, channel: str) -> bytes:
-    """As `candump -l` writes it and `canplayer`, `log2asc` and Wireshark read it, on a channel of this name."""
+    """Return the frames on this channel in the format of `candump -l`.
+
+    The programs `canplayer`, `log2asc` and Wireshark read this format.
+    """
     return "".join(_candump_lines(frames, unix_zero_ns, channel)).encode()
 
 
@@ -51,7 +54,7 @@ def _candump_lines(frames: Sequence[WireFrame], unix_zero_ns: int, channel: str)
 
 
 def blf(frames: Sequence[WireFrame], unix_zero_ns: int) -> bytes:
-    """As the tools of Vector write it."""
+    """Return the frames as a BLF file in the format of Vector's tools."""
     file = _Bytes()
     with can.BLFWriter(file) as writer:
         for message in _messages(frames, unix_zero_ns):
@@ -60,12 +63,12 @@ def blf(frames: Sequence[WireFrame], unix_zero_ns: int) -> bytes:
 
 
 def asc(frames: Sequence[WireFrame], unix_zero_ns: int) -> bytes:
-    """As the tools of Vector write it, in text."""
+    """Return the frames as an ASC file in the format of Vector's tools."""
     file = _Text()
     with can.ASCWriter(file) as writer:
         for message in _messages(frames, unix_zero_ns):
             writer.on_message_received(message)
-    # its first line tells when the file was written; the same recording shall give the same file
+    # the first line is the write time; equal recordings must give equal files
     head, *lines = file.getvalue().splitlines()
     begun = next((line.removeprefix(_BEGIN) for line in lines if line.startswith(_BEGIN)), None)
     return "\n".join([f"date {begun}" if begun else head, *lines, ""]).encode()

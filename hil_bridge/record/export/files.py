@@ -1,4 +1,4 @@
-"""Files of an export, and the part of a recording that each of them holds."""
+"""Files of an export and their contents."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,26 +15,26 @@ from hil_bridge.record.export.measurement import measurement
 from hil_bridge.record.export.ros_bag import bag_files
 from hil_bridge.record.export.tables import TIME, Table, as_csv, as_parquet, cycle_table, sensor_table
 from hil_bridge.record.export.traffic import WireFrame, can_frames, is_can, wire_text
-from hil_bridge.record.files import check_place, write_whole
+from hil_bridge.record.files import check_place, write_atomically
 from protocol.can.dbc import database
 
 CHANNEL = "can0"
-"""Chosen: what a single interface is called nearly everywhere."""
+"""Default name of the CAN interface. Chosen: the usual name if there is only one interface."""
 
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """Choices of an operator about an export."""
+    """Options of an export."""
 
     channel: str = CHANNEL
-    """CAN interface in candump's text."""
+    """Name of the CAN interface in candump's text."""
     epoch_s: float | None = None
-    """Stamp of the run's zero in a bag of ROS 2, s; None for the UNIX time that the recording tells."""
+    """Time stamp of the run's zero in a ROS 2 bag, s; None to use the recorded UNIX time."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A recording and what is drawn from it."""
+    """Recording and the data derived from it."""
 
     name: str
     recording: Recording
@@ -43,54 +43,54 @@ class Source:
 
     @cached_property
     def has_can(self) -> bool:
-        """The sensor's wire carried CAN frames."""
+        """Whether the wire of the sensor carried CAN frames."""
         return is_can(self.traffic)
 
     @cached_property
     def frames(self) -> Sequence[WireFrame]:
-        """CAN frames of the sensor. Raises ConfigError that says why there are none."""
+        """Return the CAN frames of the sensor. Raises ConfigError with the reason if there are no CAN frames."""
         if self.has_can:
             return can_frames(self.traffic.sensor)
         kind = devices_of(self.recording).sensor.kind
         sensor = f"its sensor ({kind})" if kind else "its sensor"
         if self.traffic.sensor:
-            raise ConfigError(f"it holds no CAN frames, for {sensor} is not on CAN; give --to bytes or csv")
-        raise ConfigError(f"it holds nothing of the wire of {sensor}; record the run again, or give --to csv")
+            raise ConfigError(f"it has no CAN frames, because {sensor} is not on CAN; give --to bytes or csv")
+        raise ConfigError(f"it has no traffic of {sensor}; record the run again, or give --to csv")
 
     @cached_property
     def tables(self) -> Mapping[str, Table]:
-        """Tables by name. Raises ConfigError where there is nothing to show."""
+        """Return the tables by name. Raises ConfigError if all tables are empty."""
         facts = devices_of(self.recording).sensor.facts
-        found = {
+        tables = {
             "cycle": cycle_table(self.recording.cycles),
             "sensor": sensor_table(self.recording.sensors, None if facts is None else facts.scales),
         }
-        if not (filled := {name: table for name, table in found.items() if table[TIME]}):
-            raise ConfigError("it holds neither control cycles nor frames of the sensor; give --to bytes")
+        if not (filled := {name: table for name, table in tables.items() if table[TIME]}):
+            raise ConfigError("it has neither control cycles nor sensor frames; give --to bytes")
         return filled
 
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """A file to be."""
+    """File of an export."""
 
     suffix: str
-    """End of its name."""
+    """Suffix of the file name."""
     data: bytes
     what: str
-    """Its content and its clock, for people."""
+    """Description of the contents and of their clock."""
 
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A format that a recording can be exported to."""
+    """Export format."""
 
     summary: str
-    """For a list."""
+    """One-line description for a list."""
     make: Callable[[Source], Sequence[Export]]
-    """Raises ConfigError for a recording that has nothing for it."""
+    """Function that builds the files. Raises ConfigError if the recording has no data for this format."""
     fits: Callable[[Source], bool] = field(default=lambda source: True)
-    """Whether it is made of a recording when an operator has named no format."""
+    """Whether the format is written by default, that is, if the operator does not name any format."""
 
 
 def _candump(source: Source) -> Sequence[Export]:
@@ -118,26 +118,26 @@ def _dbc(source: Source) -> Sequence[Export]:
 
 
 def _bytes(source: Source) -> Sequence[Export]:
-    traffic, found = source.traffic, []
+    traffic, exports = source.traffic, []
     texts = {"robot": wire_text(traffic.robot, f"the robot's wire in {source.name}")}
     if not source.has_can:
         texts["sensor"] = wire_text(traffic.sensor, f"the sensor's wire in {source.name}")
-    for device, told in texts.items():
-        if told.pieces:
-            what = f"{told.pieces} pieces of the {device}'s wire, the run's clock"
-            found.append(Export(f".{device}.txt", told.text.encode(errors="backslashreplace"), what))
-    if not found:
+    for device, wire in texts.items():
+        if wire.pieces:
+            what = f"{wire.pieces} pieces of the {device}'s wire, the run's clock"
+            exports.append(Export(f".{device}.txt", wire.text.encode(errors="backslashreplace"), what))
+    if not exports:
         raise ConfigError("it holds no bytes of a wire; record the run again, or give --to csv")
-    return found
+    return exports
 
 
 def _tables(source: Source, suffix: str, encode: Callable[[Table], bytes]) -> Sequence[Export]:
-    words = {"cycle": "control cycles", "sensor": "frames of the sensor"}
+    labels = {"cycle": "control cycles", "sensor": "frames of the sensor"}
     return [
         Export(
             f".{name}.{suffix}",
             encode(table),
-            f"{len(table[TIME])} {words[name]}, the run's clock{_raw(table)}",
+            f"{len(table[TIME])} {labels[name]}, the run's clock{_raw(table)}",
         )
         for name, table in source.tables.items()
     ]
@@ -145,7 +145,7 @@ def _tables(source: Source, suffix: str, encode: Callable[[Table], bytes]) -> Se
 
 def _raw(table: Table) -> str:
     without_scales = "counts_fx" in table and "wrench_fx" not in table
-    return "; as the device counts, for its scales are not known" if without_scales else ""
+    return "; in device counts, as the scales are unknown" if without_scales else ""
 
 
 def _ros_bag(source: Source) -> Sequence[Export]:
@@ -153,9 +153,9 @@ def _ros_bag(source: Source) -> Sequence[Export]:
     zero_ns = source.recording.unix_zero_ns if epoch_s is None else round(epoch_s * 1e9)
     files, count = bag_files(source.recording, zero_ns)
     clock = "UNIX time" if epoch_s is None else f"the run's clock from {epoch_s:g} s"
-    words = {"metadata.yaml": "topics and their QoS"}
+    descriptions = {"metadata.yaml": "topics and their QoS"}
     return [
-        Export(f".rosbag2/{name}", data, words.get(name, f"{count} messages of ROS 2, {clock}"))
+        Export(f".rosbag2/{name}", data, descriptions.get(name, f"{count} messages of ROS 2, {clock}"))
         for name, data in files.items()
     ]
 
@@ -177,12 +177,12 @@ FORMATS: Mapping[str, Format] = {
     "bytes": Format("bytes of the other wires, as text", _bytes, lambda source: bool(source.traffic.robot)),
     "csv": Format("cycles and sensor as tables", lambda source: _tables(source, "csv", as_csv)),
     "parquet": Format(
-        "the same for pandas and the like; needs pyarrow",
+        "the same for pandas and similar; needs pyarrow",
         lambda source: _tables(source, "parquet", as_parquet),
         lambda source: False,
     ),
-    "rosbag2": Format("a bag of ROS 2, a folder; needs rosbags", _ros_bag, lambda source: False),
-    "mf4": Format("a measurement of ASAM; needs asammdf", _mf4, lambda source: False),
+    "rosbag2": Format("ROS 2 bag (a folder); needs rosbags", _ros_bag, lambda source: False),
+    "mf4": Format("ASAM MDF measurement; needs asammdf", _mf4, lambda source: False),
     "layouts": Format("panels for Foxglove and PlotJuggler", _layouts, lambda source: False),
 }
 
@@ -190,10 +190,11 @@ FORMATS: Mapping[str, Format] = {
 def export(
     path: Path, formats: Sequence[str], folder: Path, overwrite: bool = False, choices: Choices | None = None
 ) -> list[str]:
-    """Write a recording in these formats, or in all that it has something for, into a folder: a line for each file.
+    """Write a recording to a folder in these formats and return one line per file.
 
-    All is made, and every place is looked at, before the first file is written. Raises ConfigError for a recording
-    that cannot be read or has nothing for a format, and for a place that cannot be written.
+    The default is all formats for which the recording has data. All contents are built and all paths are checked
+    before the first file is written. Raises ConfigError for a recording that is unreadable or has no data for a
+    format, and for a path that is not writable.
     """
     recording, traffic = read_with_traffic(path)
     source = Source(path.name, recording, traffic, choices or Choices())
@@ -202,7 +203,7 @@ def export(
         made = [one for name in dict.fromkeys(chosen) for one in FORMATS[name].make(source)]
     except ConfigError as error:
         raise ConfigError(f"cannot export {path}: {error}") from error
-    except OverflowError as error:  # JSON has whole numbers of any length
+    except OverflowError as error:  # JSON allows integers of any length
         raise ConfigError(
             f"cannot export {path}: it holds a number that is out of range; is it damaged?"
         ) from error
@@ -212,7 +213,7 @@ def export(
     for place in places:
         check_place(place, overwrite)
     for place, one in zip(places, made, strict=True):
-        write_whole(place, one.data, overwrite)
+        write_atomically(place, one.data, overwrite)
     lines = [f"{place}: {one.what}" for place, one in zip(places, made, strict=True)]
     if recording.truncated:
         lines.append(f"{path} ends early or is damaged: what came before is exported")

@@ -1,7 +1,8 @@
-"""A recording as a measurement, MDF 4.10 of ASAM, for the tools of test benches.
+"""Recording as a measurement file, MDF 4.10 of ASAM, for test bench tools.
 
-A group holds the channels of one rate: `sensor`, `cycle`, `truth`, and `event` with texts. Times are seconds since the
-run's clock was 0, and the file's start time is the UTC time of that moment. Events stand in the file's own table too.
+A group holds the channels of one rate: `sensor`, `cycle`, `truth`, and `event` with texts. Times are seconds since
+the zero of the run's clock. The start time of the file is the UTC time of that zero. Events are also written as MDF
+event blocks.
 """
 
 import tempfile
@@ -22,20 +23,20 @@ from hil_bridge.record.analysis.columns import Columns, unit_of
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.export.tables import COLUMNS_MAX, TIME, sensor_table
 from hil_bridge.record.field_docstrings import field_docstrings
-from hil_bridge.record.scenes import whole_text
+from hil_bridge.record.scenes import escape_surrogates
 
 _ENCODINGS: Mapping[str, str] = {"S": "utf-8"}
-"""Encoding of values, by the kind of NumPy's type."""
+"""MDF encoding of values, by the kind of the NumPy type."""
 _NS = 1e-9
-"""Step of an event's time, s. Chosen."""
+"""Resolution of an event's time, s. Chosen."""
 _TIME_MAX_NS = 1 << 63
-"""A time lies below this, ns. Source: the event block of MDF 4 has 64 bits with a sign."""
+"""Upper bound of a time, ns. Source: the event block of MDF 4 uses signed 64-bit times."""
 
 
 def measurement(recording: Recording) -> tuple[bytes, int]:
-    """Return the file, and the number of its channels, times left out.
+    """Return the file, and the number of its channels, excluding the time channels.
 
-    Raises ConfigError where asammdf is not installed, and for a recording without anything to measure.
+    Raises ConfigError if asammdf is not installed, and for a recording without any measured data.
     """
     try:
         from asammdf import MDF, Signal
@@ -45,11 +46,13 @@ def measurement(recording: Recording) -> tuple[bytes, int]:
         raise ConfigError(f"a measurement needs the package asammdf; {install_command('mdf')}") from error
     groups = dict(_groups(recording))
     if not 0 <= recording.unix_zero_ns < _TIME_MAX_NS:
-        raise ConfigError("a measurement cannot hold its time; give --to csv")
+        raise ConfigError("its time is out of range for MDF; give --to csv")
     if sum(len(channels) for _, channels in groups.values()) > COLUMNS_MAX:
-        raise ConfigError(f"it has more than {COLUMNS_MAX} channels; the controller explains itself too much")
+        raise ConfigError(
+            f"it has more than {COLUMNS_MAX} channels; reduce the explanation values of the controller"
+        )
     if not groups:
-        raise ConfigError("it holds nothing to measure; give --to bytes")
+        raise ConfigError("it has no data to measure; give --to bytes")
     with tempfile.TemporaryDirectory() as folder, MDF(version="4.10") as file:
         file.start_time = datetime.fromtimestamp(recording.unix_zero_ns / 1e9, UTC)
         file.header.comment = f"hil-bridge {recording.metadata.get('version', '')}"
@@ -59,7 +62,7 @@ def measurement(recording: Recording) -> tuple[bytes, int]:
                 Signal(
                     values,
                     times,
-                    name=whole_text(f"{name}.{key}"),
+                    name=escape_surrogates(f"{name}.{key}"),
                     unit=unit,
                     comment=comment,
                     encoding=_ENCODINGS.get(values.dtype.kind),
@@ -68,20 +71,20 @@ def measurement(recording: Recording) -> tuple[bytes, int]:
             ]
             file.append(signals, acq_name=name, comment=name, common_timebase=True)
             count += len(signals)
-        for event in _timed(recording.events):
+        for event in _select_timed(recording.events):
             block = EventBlock(
                 event_type=v4_constants.EVENT_TYPE_MARKER,
                 cause=v4_constants.EVENT_CAUSE_SCRIPT,
                 sync_base=round(event.at / _NS),
                 sync_factor=_NS,
             )
-            block.name, block.comment = event.kind, whole_text(event.text)
+            block.name, block.comment = event.kind, escape_surrogates(event.text)
             file.events.append(block)
         return file.save(Path(folder) / "run.mf4").read_bytes(), count
 
 
 _Channel = tuple[str, NDArray[Any], str, str]
-"""Name, values, unit, meaning."""
+"""Name, values, unit and description of a channel."""
 
 
 def _groups(recording: Recording) -> Iterator[tuple[str, tuple[NDArray[Any], list[_Channel]]]]:
@@ -93,7 +96,7 @@ def _groups(recording: Recording) -> Iterator[tuple[str, tuple[NDArray[Any], lis
         yield "cycle", _records(recording.cycles, CycleRecord, "controlled_at")
     if recording.truths:
         yield "truth", _records(recording.truths, TruthRecord, "at")
-    if events := _timed(recording.events):
+    if events := _select_timed(recording.events):
         yield "event", _events(events)
 
 
@@ -107,7 +110,7 @@ def _sensor(frames: Sequence[SensorRecord], scales: Any) -> tuple[NDArray[Any], 
 
 
 def _records(records: Sequence[Struct], kind: type[Struct], time: str) -> tuple[NDArray[Any], list[_Channel]]:
-    """Every column of numbers, in order of time."""
+    """Return every numeric column, with rows in order of time."""
     columns = Columns(records, kind)
     own, sampled = field_docstrings(kind), field_docstrings(Sample)
     order = np.argsort(columns[time], kind="stable")
@@ -122,8 +125,8 @@ def _records(records: Sequence[Struct], kind: type[Struct], time: str) -> tuple[
     return columns[time][order], channels
 
 
-def _timed(events: Sequence[EventRecord]) -> list[EventRecord]:
-    """Events whose time is known, in order."""
+def _select_timed(events: Sequence[EventRecord]) -> list[EventRecord]:
+    """Return the events whose time is known, in order."""
     return sorted(
         (event for event in events if abs(event.at) < _TIME_MAX_NS * _NS), key=lambda event: event.at
     )
@@ -132,7 +135,12 @@ def _timed(events: Sequence[EventRecord]) -> list[EventRecord]:
 def _events(events: Sequence[EventRecord]) -> tuple[NDArray[Any], list[_Channel]]:
     texts = field_docstrings(EventRecord)
     channels = [
-        (name, np.array([whole_text(getattr(event, name)).encode() for event in events]), "", texts[name])
+        (
+            name,
+            np.array([escape_surrogates(getattr(event, name)).encode() for event in events]),
+            "",
+            texts[name],
+        )
         for name in ("kind", "text")
     ]
     return np.array([event.at for event in events]), channels

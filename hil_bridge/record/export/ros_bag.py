@@ -1,6 +1,6 @@
-"""A recording as a bag of ROS 2: a folder with `metadata.yaml` and an MCAP file of CDR messages; no ROS is needed.
+"""Recording as a ROS 2 bag: a folder with `metadata.yaml` and an MCAP file of CDR messages. ROS is not required.
 
-`record.ros.messages` tells the topics.
+`record.ros.messages` defines the topics.
 """
 
 import itertools
@@ -13,20 +13,20 @@ from typing import Literal
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import Recording
 from hil_bridge.record.device_facts import devices_of
-from hil_bridge.record.ros.messages import TOPICS, Messages, need_rosbags
+from hil_bridge.record.ros.messages import TOPICS, Messages, require_rosbags
 
 BAG_NAME = "bag"
-"""Name of the MCAP file in the folder, which the metadata tell."""
+"""Name of the MCAP file in the folder, as given in the metadata."""
 _METADATA_VERSION: Literal[8] = 8
-"""Of rosbag2's metadata, in the form that ROS 2 Humble and later read."""
+"""Version of rosbag2's metadata format that ROS 2 Humble and later versions read."""
 
 
 def bag_files(recording: Recording, zero_ns: int) -> tuple[Mapping[str, bytes], int]:
-    """Files of a bag by name, and the number of its messages; `zero_ns` is the stamp of the run's zero, ns.
+    """Return the files of a bag by name, and the number of messages; `zero_ns` is the time stamp of the run's zero, ns.
 
-    Raises ConfigError where rosbags is not installed, and for a time that a stamp cannot hold.
+    Raises ConfigError if rosbags is not installed, and for a time that a time stamp cannot represent.
     """
-    need_rosbags()
+    require_rosbags()
     from rosbags.interfaces import (
         Qos,
         QosDurability,
@@ -43,9 +43,9 @@ def bag_files(recording: Recording, zero_ns: int) -> tuple[Mapping[str, bytes], 
     records = itertools.chain.from_iterable(streams)
     made = sorted((one for record in records for one in messages.of(record)), key=attrgetter("stamp_ns"))
     if not made:
-        raise ConfigError("it holds nothing that a bag of ROS 2 has a place for; give --to bytes")
+        raise ConfigError("it has no data for a ROS 2 bag; give --to bytes")
     unset = QosTime(0, 0)
-    # what publishers of ROS 2 offer unless they are told otherwise
+    # the default of ROS 2 publishers
     qos = Qos(
         QosHistory.KEEP_LAST,
         10,

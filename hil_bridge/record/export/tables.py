@@ -1,6 +1,6 @@
-"""Tables as files: CSV and Parquet. Times are seconds of the run's clock.
+"""Tables as files: CSV and Parquet. Times are seconds on the run's clock.
 
-What is not known is an empty cell of a CSV file, and null in Parquet.
+An unknown value is an empty cell in CSV, and null in Parquet.
 """
 
 import csv
@@ -16,27 +16,29 @@ from protocol.geometry import Wrench
 from protocol.wrench import wrench_of
 
 TIME = "time_s"
-"""The first column: the run's clock, s; of a cycle when it was decided."""
+"""Name of the first column: time on the run's clock, s. For a cycle, it is the time of the decision."""
 COLUMNS_MAX = 1000
-"""Of a table. Chosen: ten times those of a usual run; a controller may explain itself with names of its own."""
+"""Maximum number of columns in a table. Chosen: ten times the usual number, because a controller may add
+explanation values.
+"""
 Table: TypeAlias = Mapping[str, Sequence[Any]]
-"""Values of each column by its name: numbers, texts, and None for what is not known."""
+"""Values of each column by its name: numbers, texts, and None for unknown values."""
 
 
 def cycle_table(cycles: Sequence[CycleRecord]) -> Table:
-    """Every field of every control cycle. Raises ConfigError for more columns than a table may have."""
+    """Return every field of every control cycle. Raises ConfigError if there are more than `COLUMNS_MAX` columns."""
     arrays = Columns(cycles, CycleRecord)
     columns = {TIME: arrays["controlled_at"], **arrays.flat()}
     if len(columns) > COLUMNS_MAX:
         raise ConfigError(
-            f"the cycles have {len(columns)} columns, a table at most {COLUMNS_MAX}: the controller explains itself "
-            "with too many names"
+            f"the cycles have {len(columns)} columns, a table at most {COLUMNS_MAX}: reduce the explanation "
+            "values of the controller"
         )
     return {name: plain(values.tolist()) for name, values in columns.items()}
 
 
 def sensor_table(sensors: Sequence[SensorRecord], scales: Wrench | None) -> Table:
-    """Every frame of the sensor: its wrench where the scales are known, and as the device counts."""
+    """Return every frame of the sensor: its device counts, and its wrench if the scales are known."""
     columns: dict[str, list[Any]] = {
         TIME: [one.at for one in sensors],
         "sequence": [one.sequence for one in sensors],
@@ -50,7 +52,10 @@ def sensor_table(sensors: Sequence[SensorRecord], scales: Wrench | None) -> Tabl
 
 
 def as_csv(table: Table) -> bytes:
-    """Comma-separated, with a line of names; numbers are told whole, so that reading them gives the same."""
+    """Return comma-separated values with a header line.
+
+    Numbers have all digits, so that a reader gets the exact values.
+    """
     file = io.StringIO(newline="")
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(table)
@@ -59,8 +64,9 @@ def as_csv(table: Table) -> bytes:
 
 
 def as_parquet(table: Table) -> bytes:
-    """For pandas, Polars, DuckDB and the like. A column's unit is in its metadata. Raises ConfigError where pyarrow is
-    not installed.
+    """Return a Parquet file for pandas, Polars, DuckDB and similar libraries.
+
+    The metadata of a column contain its unit. Raises ConfigError if pyarrow is not installed.
     """
     try:
         import pyarrow
@@ -69,9 +75,9 @@ def as_parquet(table: Table) -> bytes:
         raise ConfigError(
             f"Parquet needs the package pyarrow; {install_command('parquet')}, or export csv"
         ) from error
-    found = pyarrow.table(dict(table))
-    fields = [field.with_metadata({"unit": unit_of(field.name)}) for field in found.schema]
+    arrow = pyarrow.table(dict(table))
+    fields = [field.with_metadata({"unit": unit_of(field.name)}) for field in arrow.schema]
     sink = pyarrow.BufferOutputStream()
-    parquet.write_table(found.cast(pyarrow.schema(fields)), sink)
+    parquet.write_table(arrow.cast(pyarrow.schema(fields)), sink)
     data: bytes = sink.getvalue().to_pybytes()
     return data

@@ -1,4 +1,4 @@
-"""The raw traffic of a recording, piece by piece, and as text."""
+"""Raw traffic of a recording, as single pieces and as text."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,26 +11,26 @@ from protocol.can.text import parse_frame
 
 
 class WireFrame(NamedTuple):
-    """A CAN frame that went over a sensor's wire."""
+    """CAN frame on the wire of a sensor."""
 
     at: float
-    """When it was handed to the interface or came from the bus, s on the run's clock."""
+    """Time at which the frame was handed to the interface or received from the bus, s on the run's clock."""
     sent: bool
-    """The PC sent it."""
+    """Whether the PC sent the frame."""
     frame: CanFrame
 
 
 @dataclass(frozen=True, slots=True)
 class WireText:
-    """Data that went over a wire of bytes."""
+    """Data on a byte wire, as text."""
 
     text: str
     pieces: int
-    """How many there are, link events aside."""
+    """Number of pieces, excluding link events."""
 
 
 def is_can(traffic: RawTraffic) -> bool:
-    """Whether the sensor's wire carried CAN frames."""
+    """Return whether the sensor's wire carried CAN frames."""
     return any(
         is_frame(part)
         for piece in recorded_pieces(traffic.sensor)
@@ -40,8 +40,8 @@ def is_can(traffic: RawTraffic) -> bool:
 
 
 def can_frames(records: Sequence[WireRecord]) -> list[WireFrame]:
-    """Return the frames of a CAN wire, oldest first. Raises ConfigError for a record that holds something else."""
-    found = []
+    """Return the frames of a CAN wire, oldest first. Raises ConfigError if the recording has other contents."""
+    frames = []
     for piece in recorded_pieces(records):
         if piece.is_event:
             continue
@@ -49,23 +49,23 @@ def can_frames(records: Sequence[WireRecord]) -> list[WireFrame]:
             try:
                 frame = parse_frame(text)
             except ValueError as error:
-                raise not_readable(text, f"no CAN frame: {error}") from error
-            found.append(WireFrame(piece.at, piece.direction == "tx", frame))
-    # a frame that the kernel stamped may have come before one that was sent before it was read
-    found.sort(key=lambda one: one.at)
-    return found
+                raise not_readable(text, f"not a CAN frame: {error}") from error
+            frames.append(WireFrame(piece.at, piece.direction == "tx", frame))
+    # a frame stamped by the kernel may be older than a frame sent before the read
+    frames.sort(key=lambda one: one.at)
+    return frames
 
 
 def wire_text(records: Sequence[LinkRecord | WireRecord], title: str) -> WireText:
-    """Return the bytes of a wire as a text capture, which `hil-bridge monitor` reads for a computer link.
+    """Return the bytes of a wire as a text capture, which `hil-bridge monitor` can read for a computer link.
 
-    A line for each piece or datagram with the run's clock, s, `tx` or `rx` as the PC sees it, and hexadecimal
-    bytes. Link events stand in comments. Raises ConfigError for a record that holds something else.
+    Each piece or datagram is one line: time on the run's clock, s, `tx` or `rx` as seen by the PC, and hexadecimal
+    bytes. Link events are comments. Raises ConfigError if the recording has other contents.
     """
     lines = [f"# {title}", "# seconds of the run's clock, tx sent by the PC or rx received by it, bytes"]
     pieces, newest = 0, 0.0
     for piece in recorded_pieces(records):
-        newest = max(newest, piece.at)  # each was rounded for itself
+        newest = max(newest, piece.at)  # the times were rounded separately
         if piece.is_event:
             lines.append(f"# {newest:.6f} {' '.join(piece.parts[0].split())}")
             continue
@@ -73,7 +73,7 @@ def wire_text(records: Sequence[LinkRecord | WireRecord], title: str) -> WireTex
             try:
                 data = bytes.fromhex(text)
             except ValueError as error:
-                raise not_readable(text, "no hexadecimal bytes") from error
+                raise not_readable(text, "not hexadecimal bytes") from error
             lines.append(f"{newest:.6f} {piece.direction} {data.hex(' ').upper()}")
             pieces += 1
     return WireText("\n".join(lines) + "\n", pieces)

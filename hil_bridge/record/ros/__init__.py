@@ -1,1 +1,1 @@
-"""ROS 2 without ROS: records of a run as its messages, and bags of others as recordings. Needs the extra `ros`."""
+"""ROS 2 support without a ROS installation: export of records as messages, import of bags. Requires the extra `ros`."""

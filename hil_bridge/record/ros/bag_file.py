@@ -1,6 +1,6 @@
-"""The messages of a bag of ROS 2 as bytes: a folder, one of its files, or an MCAP file of CDR messages alone.
+"""Messages of a ROS 2 bag as bytes. The bag is a folder, one of its files, or a separate MCAP file of CDR messages.
 
-Nothing in a bag is trusted. `metadata.yaml` is not read, for the files tell their topics themselves.
+No content of a bag is trusted. `metadata.yaml` is not read, because the files themselves define their topics.
 """
 
 import io
@@ -19,49 +19,51 @@ from hil_bridge.record.mcap_file import (
     MAGIC,
     ROS_PROFILE,
     Damage,
-    TooMuch,
+    LimitExceeded,
     check_size,
     mcap_records,
     read_mcap,
     refusal,
 )
-from hil_bridge.record.ros.messages import need_rosbags
+from hil_bridge.record.ros.messages import require_rosbags
 
-MCAP, SQLITE, PACKED = ".mcap", ".db3", ".zstd"
-"""Ends of the names of files."""
-MESSAGES_MOST = 2_000_000
-"""Messages of a bag that are read at most. Chosen: half an hour of a sensor at 1 kHz, and they take minutes."""
+MCAP, SQLITE, COMPRESSED = ".mcap", ".db3", ".zstd"
+"""File name extensions of the files of a bag."""
+MESSAGES_MAX = 2_000_000
+"""Maximum number of messages that are read from a bag. Chosen: half an hour of a sensor at 1 kHz, which takes
+minutes.
+"""
 MESSAGE_BYTES = 1 << 20
-"""Longest message that is read. Chosen: a message of `/tf` with thousands of frames."""
+"""Largest size of a message that is read, bytes. Chosen: a message of `/tf` with thousands of frames."""
 CDR = "cdr"
-OURS = "hil-bridge"
-"""Library that the header of our own recordings names."""
+OWN_LIBRARY = "hil-bridge"
+"""Library name in the header of recordings that this program writes."""
 _HEADER_BYTES = 4096
 _ZSTD = b"\x28\xb5\x2f\xfd"
-"""Begin of a packed message. Source: RFC 8878."""
-Wants: TypeAlias = Callable[[str, str], bool]
-"""Whether the messages of a topic are wanted, by its name and type."""
+"""First bytes of a compressed message. Source: RFC 8878."""
+TopicFilter: TypeAlias = Callable[[str, str], bool]
+"""Predicate for whether the messages of a topic are needed, given the name and type of the topic."""
 
 
 @dataclass(slots=True)
 class Bag:
-    """Topics of a bag, and messages of those that are wanted."""
+    """Topics of a bag and messages of the requested topics."""
 
     path: Path
     types: dict[str, str] = field(default_factory=dict)
-    """Type of every topic by its name."""
+    """Type of every topic, by name."""
     messages: dict[str, list[tuple[int, bytes]]] = field(default_factory=dict)
-    """Times at which they were recorded, ns, and CDR; by topic, in the order of these times."""
+    """Recording time, ns, and CDR data of each message, by topic and in order of time."""
     truncated: bool = False
-    """It ends early or is damaged; what came before the damage is here."""
+    """Whether the bag ends early or is damaged; the messages before the damage are included."""
 
     def of_type(self, kind: str) -> list[str]:
-        """Names of the topics of a type."""
+        """Return the names of all topics of a type."""
         return sorted(name for name, one in self.types.items() if one == kind)
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a file or a folder is a bag of ROS 2, by its first bytes or its name. Raises ConfigError."""
+    """Return whether a file or a folder is a ROS 2 bag, by its first bytes or its name. Raises ConfigError."""
     if path.is_dir() or path.suffix == SQLITE:
         return True
     if not path.exists():
@@ -71,12 +73,12 @@ def is_bag(path: Path) -> bool:
     if not head.startswith(MAGIC):
         return False
     header = _header(head)
-    if header is None or header.library == OURS:
+    if header is None or header.library == OWN_LIBRARY:
         return False
     return header.profile == ROS_PROFILE or _first_encoding(path) == CDR
 
 
-def read_messages(path: Path, wants: Wants) -> Bag:
+def read_messages(path: Path, wants: TopicFilter) -> Bag:
     """Read the topics of a bag and the requested messages. Raises ConfigError."""
     bag = Bag(path)
     for file in _files(path):
@@ -85,24 +87,24 @@ def read_messages(path: Path, wants: Wants) -> Bag:
         else:
             _read_mcap(file, wants, bag)
     for messages in bag.messages.values():
-        messages.sort(key=lambda message: message[0])  # those of one time stay in order
+        messages.sort(key=lambda message: message[0])  # messages with equal times stay in order
     return bag
 
 
 def _header(head: bytes) -> Header | None:
     try:
         first = next(iter(StreamReader(io.BytesIO(head)).records), None)
-    except Exception:  # the library lets everything through
+    except Exception:  # the library passes all exceptions on
         return None
     return first if isinstance(first, Header) else None
 
 
 def _first_encoding(path: Path) -> str:
-    """Return the encoding of the first channel of an MCAP file; empty if it has none."""
+    """Return the encoding of the first channel of an MCAP file; empty if the file has no channel."""
     try:
         data = read_mcap(path, "the recording")
         return next((one.message_encoding for one in mcap_records(data) if isinstance(one, Channel)), "")
-    except (Damage, TooMuch):
+    except (Damage, LimitExceeded):
         return ""
 
 
@@ -115,9 +117,9 @@ def _files(path: Path) -> list[Path]:
         raise ConfigError(f"cannot read the bag {format_path(path)}: {error.strerror or error}") from error
     if chosen := [file for file in files if file.suffix in (MCAP, SQLITE)]:
         return chosen
-    if packed := [file for file in files if file.suffix == PACKED]:
-        raise ConfigError(f"{format_path(packed[0])} is packed as a whole; `zstd -d` unpacks it")
-    raise ConfigError(f"{format_path(path)} is no bag of ROS 2: no file in it ends in {MCAP} or {SQLITE}")
+    if packed := [file for file in files if file.suffix == COMPRESSED]:
+        raise ConfigError(f"{format_path(packed[0])} is compressed; decompress it with `zstd -d`")
+    raise ConfigError(f"{format_path(path)} is not a ROS 2 bag: no file in it ends in {MCAP} or {SQLITE}")
 
 
 def _take(bag: Bag, topic: str, at_ns: int, data: bytes) -> None:
@@ -128,31 +130,31 @@ def _take(bag: Bag, topic: str, at_ns: int, data: bytes) -> None:
         )
     if data.startswith(_ZSTD):
         raise ConfigError(
-            f"{name}: its messages are packed one by one; `ros2 bag convert` writes them without compression"
+            f"{name}: its messages are compressed one by one; `ros2 bag convert` writes them without compression"
         )
     bag.messages.setdefault(topic, []).append((at_ns, data))
-    if sum(map(len, bag.messages.values())) > MESSAGES_MOST:
-        raise ConfigError(f"{name} has more than {MESSAGES_MOST} messages of wrench and pose; split the bag")
+    if sum(map(len, bag.messages.values())) > MESSAGES_MAX:
+        raise ConfigError(f"{name} has more than {MESSAGES_MAX} messages of wrench and pose; split the bag")
 
 
-def _read_mcap(path: Path, wants: Wants, bag: Bag) -> None:
+def _read_mcap(path: Path, wants: TopicFilter, bag: Bag) -> None:
     data = read_mcap(path, "the bag")
     if not data.startswith(MAGIC):
         refuse_known_file(path)
         raise ConfigError(
-            f"{format_path(path)} is no MCAP file: it is empty or damaged, or another program's"
+            f"{format_path(path)} is not an MCAP file: it is empty, damaged or of another format"
         )
     try:
         check_size(data)
         for topic, at_ns, message in _mcap_messages(data, wants, bag):
             _take(bag, topic, at_ns, message)
-    except TooMuch as error:
+    except LimitExceeded as error:
         raise refusal(path, error, "record wrench and pose alone: `ros2 bag record /WRENCH /POSE`") from error
     except Damage:
-        bag.truncated = True  # what came before is there
+        bag.truncated = True  # earlier messages are kept
 
 
-def _mcap_messages(data: bytes, wants: Wants, bag: Bag) -> Iterator[tuple[str, int, bytes]]:
+def _mcap_messages(data: bytes, wants: TopicFilter, bag: Bag) -> Iterator[tuple[str, int, bytes]]:
     schemas: dict[int, str] = {}
     channels: dict[int, str] = {}
     for item in mcap_records(data):
@@ -168,10 +170,10 @@ def _mcap_messages(data: bytes, wants: Wants, bag: Bag) -> Iterator[tuple[str, i
                 yield channels[item.channel_id], item.log_time, item.data
 
 
-def _read_sqlite(path: Path, wants: Wants, bag: Bag) -> None:
+def _read_sqlite(path: Path, wants: TopicFilter, bag: Bag) -> None:
     with open_ordinary(path, "the bag"):
-        pass  # the library would open anything
-    need_rosbags()
+        pass  # the library would open any file
+    require_rosbags()
     from rosbags.rosbag2 import Reader
 
     try:
@@ -182,7 +184,7 @@ def _read_sqlite(path: Path, wants: Wants, bag: Bag) -> None:
                 _take(bag, connection.topic, at_ns, bytes(data))
     except ConfigError:
         raise
-    except Exception as error:  # the library lets everything through: SQLite, YAML, struct
+    except Exception as error:  # the library passes all exceptions on: SQLite, YAML, struct
         raise ConfigError(
-            f"{format_path(path)} is damaged, or no bag of ROS 2: {quote_error(error)}"
+            f"{format_path(path)} is damaged, or not a ROS 2 bag: {quote_error(error)}"
         ) from error

@@ -1,18 +1,18 @@
-"""Records of a run as messages of ROS 2, for bags and for clients of a run that continues; no ROS is needed.
+"""Records of a run as ROS 2 messages, for bags and for clients of a running run; ROS is not required.
 
 | topic | type | frame | content |
 | --- | --- | --- | --- |
 | /force_torque_sensor_broadcaster/wrench | WrenchStamped | ft_frame | every frame of the sensor, from its zero |
 | /contact/wrench | WrenchStamped | tool0 | wrench on the tool after bias and gravity |
-| /truth/wrench | WrenchStamped | base | force of the emulated surface; its torque is not known and written as 0 |
+| /truth/wrench | WrenchStamped | base | force of the emulated surface; its torque is unknown and written as 0 |
 | /pose_broadcaster/pose | PoseStamped | base | reported pose of the tool |
 | /target_pose | PoseStamped | base | commanded pose of the tool |
 | /joint_states | JointState | base | true joints of an emulated robot, rad |
 | /diagnostics | DiagnosticArray | | events of the run |
 | /tf | TFMessage | base | tool0, tool0_target and tool0_true in base |
 
-Wrenches are N and N·m, positions m. Frames have the names of ROS-Industrial's robots.
-Reference: REP 103 for units, REP 199 for `base` and `tool0`.
+Wrenches are N and N·m, positions m. Frames have the names of ROS-Industrial's robots. Reference: REP 103 for units, REP
+199 for `base` and `tool0`.
 """
 
 import math
@@ -23,12 +23,12 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.errors.event_kinds import ALARMS, CAUTIONS
 from hil_bridge.errors.extras import install_command
 from hil_bridge.record.records import CycleRecord, EventRecord, SensorRecord, TruthRecord
-from hil_bridge.record.scenes import whole_text
+from hil_bridge.record.scenes import escape_surrogates
 from protocol.wrench import wrench_of
 
 BASE, TOOL, TARGET, TRUE, SENSOR = "base", "tool0", "tool0_target", "tool0_true", "ft_frame"
 _SECONDS_MAX = 1 << 31
-"""A stamp lies below this, s. Source: builtin_interfaces/msg/Time has 32 bits with a sign."""
+"""Upper bound of a time stamp, s. Source: builtin_interfaces/msg/Time has a signed 32-bit field."""
 WRENCH, POSE, JOINTS, DIAGNOSTICS, TRANSFORMS = (
     "geometry_msgs/msg/WrenchStamped",
     "geometry_msgs/msg/PoseStamped",
@@ -46,7 +46,7 @@ TOPICS: Mapping[str, str] = {
     "/diagnostics": DIAGNOSTICS,
     "/tf": TRANSFORMS,
 }
-"""Type of the messages of each topic."""
+"""Message type of each topic."""
 _SENSED, _CONTACT, _TRUTH, _REPORTED, _COMMANDED, _JOINTS, _EVENTS, _TF = TOPICS
 TOPICS_OF: Mapping[type, tuple[str, ...]] = {
     SensorRecord: (_SENSED,),
@@ -54,11 +54,11 @@ TOPICS_OF: Mapping[type, tuple[str, ...]] = {
     TruthRecord: (_TRUTH, _JOINTS, _TF),
     EventRecord: (_EVENTS,),
 }
-"""Topics that have messages of a record, by its type."""
+"""Topics that have messages for a record, by the type of the record."""
 
 
 class Stamped(NamedTuple):
-    """A message and its place."""
+    """Message with its topic and time."""
 
     stamp_ns: int
     topic: str
@@ -66,27 +66,32 @@ class Stamped(NamedTuple):
 
 
 class Messages:
-    """Makes messages of ROS 2 from the records of a run, which are given in their order."""
+    """Converter from the records of a run to ROS 2 messages. Records must be passed in order."""
 
     def __init__(self, zero_ns: int, scales: Sequence[float] | None = None) -> None:
-        """`zero_ns` is the stamp of the run's zero, ns. `scales` make N and N·m of what the sensor counts; without
-        them its frames have no messages. Raises ConfigError where rosbags is not installed.
+        """`zero_ns` is the time stamp of the run's zero, ns.
+
+        `scales` convert the sensor's counts to N and N·m; without scales, sensor frames have no messages. Raises
+        ConfigError if rosbags is not installed.
         """
         self.store = message_store()
         self.scales = scales
         self._types: Mapping[str, Callable[..., Any]] = self.store.types
         self._zero_ns = zero_ns
         self._start: Sequence[float] = ()
-        """Orientation of the tool in the first cycle, which is commanded until another one is."""
+        """Orientation of the tool in the first cycle, which is also the commanded orientation until the program
+        sets another.
+        """
 
     def remember(self, record: object) -> None:
-        """Take note of a record whose messages are not wanted."""
+        """Store the state of a record without creating its messages."""
         if not self._start and isinstance(record, CycleRecord):
             self._start = record.sample.quaternion
 
     def of(self, record: object) -> Iterator[Stamped]:
-        """Messages of a record. What has no time has no message. Raises ConfigError for a time that a stamp cannot
-        hold.
+        """Return the messages of a record; empty if the record has no time.
+
+        Raises ConfigError for a time that a time stamp cannot represent.
         """
         match record:
             case SensorRecord() if self.scales is not None:
@@ -103,7 +108,7 @@ class Messages:
         return bytes(self.store.serialize_cdr(stamped.message, TOPICS[stamped.topic]))
 
     def definition(self, kind: str) -> str:
-        """Return the definition of a type and of all types in it, as ROS 2 writes it."""
+        """Return the definition of a type and of all types that it contains, in the format of ROS 2."""
         text: str = self.store.generate_msgdef(kind, ros_version=2)[0]
         return text
 
@@ -145,15 +150,15 @@ class Messages:
         values["cause"] = "" if event.cause is None else event.cause.value
         values["fault"] = "" if event.fault is None else event.fault.title
         pairs = [
-            self._make("diagnostic_msgs/msg/KeyValue", key, whole_text(text))
+            self._make("diagnostic_msgs/msg/KeyValue", key, escape_surrogates(text))
             for key, text in values.items()
             if text
         ]
         status = self._make(
             "diagnostic_msgs/msg/DiagnosticStatus",
             level,
-            f"hil_bridge: {whole_text(event.kind)}",
-            whole_text(event.line),
+            f"hil_bridge: {escape_surrogates(event.kind)}",
+            escape_surrogates(event.line),
             "hil_bridge",
             pairs,
         )
@@ -172,7 +177,7 @@ class Messages:
     def _pose(
         self, topic: str, at: float, frame: str, pose: tuple[Sequence[float], Sequence[float]]
     ) -> Iterator[Stamped]:
-        """Return a pose in the base as a message of its topic, if it has one, and as a transform."""
+        """Return a pose in the base frame as a message of its topic, if it has a topic, and as a transform."""
         position, quaternion = pose
         if not all(map(math.isfinite, (at, *position, *quaternion))):
             return
@@ -182,19 +187,21 @@ class Messages:
             place = self._make("geometry_msgs/msg/Point", *position)
             placed = self._make("geometry_msgs/msg/Pose", place, turn)
             yield self._stamped(topic, at, lambda stamp: self._make(POSE, self._header(stamp, BASE), placed))
-        moved = self._make("geometry_msgs/msg/Transform", self._vector(position), turn)
+        transform = self._make("geometry_msgs/msg/Transform", self._vector(position), turn)
         kind = "geometry_msgs/msg/TransformStamped"
         yield self._stamped(
             _TF,
             at,
-            lambda stamp: self._make(TRANSFORMS, [self._make(kind, self._header(stamp, BASE), frame, moved)]),
+            lambda stamp: self._make(
+                TRANSFORMS, [self._make(kind, self._header(stamp, BASE), frame, transform)]
+            ),
         )
 
     def _stamped(self, topic: str, at: float, make: Callable[[int], Any]) -> Stamped:
         stamp_ns = self._zero_ns + round(at * 1e9)
         if not 0 <= stamp_ns < _SECONDS_MAX * 10**9:
             raise ConfigError(
-                f"a stamp of ROS 2 cannot hold {stamp_ns / 1e9:.3f} s; give --epoch from 0 to 2000000000"
+                f"a ROS 2 time stamp cannot represent {stamp_ns / 1e9:.3f} s; give --epoch from 0 to 2000000000"
             )
         return Stamped(stamp_ns, topic, make(stamp_ns))
 
@@ -210,17 +217,17 @@ class Messages:
 
 
 def message_store() -> Any:
-    """Return the types of ROS 2 Humble, of the library rosbags. Raises ConfigError if it is not installed."""
-    need_rosbags()
+    """Return the ROS 2 Humble types of the library rosbags. Raises ConfigError if it is not installed."""
+    require_rosbags()
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.ROS2_HUMBLE)
 
 
-def need_rosbags() -> None:
-    """Raise ConfigError where the library rosbags is not installed."""
+def require_rosbags() -> None:
+    """Raise ConfigError if the library rosbags is not installed."""
     try:
         import rosbags.rosbag2
         import rosbags.typesys  # noqa: F401
     except ImportError as error:
-        raise ConfigError(f"a bag of ROS 2 needs the package rosbags; {install_command('ros')}") from error
+        raise ConfigError(f"a ROS 2 bag needs the package rosbags; {install_command('ros')}") from error

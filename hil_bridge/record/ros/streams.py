@@ -1,4 +1,4 @@
-"""Messages of a bag as checked arrays: the wrenches and the poses of the topics that were chosen."""
+"""Messages of a bag as checked arrays: wrenches and poses of the selected topics."""
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -13,35 +13,35 @@ from hil_bridge.errors.failures import one_line
 from hil_bridge.errors.text_files import format_path, harmless
 from hil_bridge.record.foreign import HEADER, LARGEST, POSE, TARGET, WRENCH, BagChoices, ForeignTopic
 from hil_bridge.record.ros import messages
-from hil_bridge.record.ros.bag_file import Bag, Wants
+from hil_bridge.record.ros.bag_file import Bag, TopicFilter
 
 Floats: TypeAlias = NDArray[np.float64]
 Nanoseconds: TypeAlias = NDArray[np.int64]
 TYPES = {WRENCH: messages.WRENCH, POSE: messages.POSE, TARGET: messages.POSE}
-"""Type of the topic of a role."""
+"""Message type of each role's topic."""
 CHILD = ":"
-"""Stands before the name of a frame, in the name of a topic of transforms."""
+"""Separator before the name of the child frame in the name of a transform topic."""
 _PARTS = {
     WRENCH: ("force x", "force y", "force z", "torque x", "torque y", "torque z"),
     POSE: ("x", "y", "z", "orientation w", "orientation x", "orientation y", "orientation z"),
 }
 _LEAST_TURN = 1e-6
-"""Chosen: a quaternion that is shorter has no direction."""
+"""Smallest norm of a quaternion that defines an orientation. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """The values of a topic over time."""
+    """Values of a topic over time."""
 
     topic: ForeignTopic
     stamps_ns: Nanoseconds
-    """(n,), ascending."""
+    """Time stamps (n,) in ascending order, ns."""
     values: Floats
-    """(n, 6) fx fy fz mx my mz, N and N·m; or (n, 7) x y z, m, and w x y z of unit length."""
+    """Values of the topic: (n, 6) fx fy fz mx my mz, N and N·m; or (n, 7) x y z, m, and w x y z, normalised."""
 
 
-def wants_of(choices: BagChoices) -> Wants:
-    """Which topics are needed."""
+def needed_topics(choices: BagChoices) -> TopicFilter:
+    """Return a filter that selects the needed topics."""
     named = {name.partition(CHILD)[0] for role in TYPES for name in choices.named(role)}
     free = {TYPES[role] for role in (WRENCH, POSE) if not choices.named(role)}
     if any(CHILD in name for role in TYPES for name in choices.named(role)):
@@ -50,9 +50,9 @@ def wants_of(choices: BagChoices) -> Wants:
 
 
 def topic_of(bag: Bag, role: str, choices: BagChoices) -> str:
-    """Name of the topic of a role, the child of a transform with it. Raises ConfigError."""
+    """Return the name of the topic of a role, including the child frame of a transform. Raises ConfigError."""
     source, named, there = format_path(bag.path), choices.named(role), bag.of_type(TYPES[role])
-    words = TYPES[role].replace("/msg", "")
+    type_name = TYPES[role].replace("/msg", "")
     for name in named:
         plain, _, child = name.partition(CHILD)
         kind = messages.TRANSFORMS if child else TYPES[role]
@@ -61,64 +61,68 @@ def topic_of(bag: Bag, role: str, choices: BagChoices) -> str:
                 f"{source}: {plain} has many frames; name one with --topic {role}={plain}:CHILD"
             )
         if plain in bag.types and bag.types[plain] != kind:
-            raise ConfigError(f"{source}: {plain} is {_show(bag.types[plain])}, and {words} is wanted")
+            raise ConfigError(f"{source}: {plain} is {_format_name(bag.types[plain])}; expected {type_name}")
         if plain in bag.types:
             return name
-    listed = _show(", ".join(there)) or "none"
+    listed = _format_name(", ".join(there)) or "none"
     if named:
-        raise ConfigError(f"{source} has no topic {' or '.join(named)}; of {words} there are: {listed}")
+        raise ConfigError(f"{source} has no topic {' or '.join(named)}; topics of type {type_name}: {listed}")
     if len(there) > 1:
-        raise ConfigError(f"{source} has several {words}: {listed}; name one with --topic {role}={there[0]}")
+        raise ConfigError(
+            f"{source} has several {type_name}: {listed}; name one with --topic {role}={there[0]}"
+        )
     if not there:
         transforms = role == POSE and bag.of_type(messages.TRANSFORMS)
         advice = f"; --topic pose={transforms[0]}:CHILD takes one from its transforms" if transforms else ""
-        raise ConfigError(f"{source} has no topic of {words}{advice}")
+        raise ConfigError(f"{source} has no topic of type {type_name}{advice}")
     return there[0]
 
 
 def stream_of(bag: Bag, role: str, choices: BagChoices, store: Any) -> Stream:
-    """Return the values of the topic of a role. Raises ConfigError for unusable ones."""
+    """Return the values of the topic of a role. Raises ConfigError if the values are unusable."""
     name = topic_of(bag, role, choices)
     plain, _, child = name.partition(CHILD)
     source, kind = format_path(bag.path), bag.types[plain]
-    where = f"{source}: {_show(plain)}"
+    where = f"{source}: {_format_name(plain)}"
     rows, stamps, frames = [], [], set[str]()
     row_of = _wrench_row if role == WRENCH else _pose_row
     for number, (at_ns, data) in enumerate(bag.messages.get(plain, ())):
         try:
             message = store.deserialize_cdr(data, kind)
-            for header, part in _placed(message, child):
+            for header, part in _header_and_content(message, child):
                 rows.append(row_of(part))
                 stamps.append(_stamp_ns(header) if choices.stamps == HEADER else at_ns)
                 frames.add(str(header.frame_id))
-        except Exception as error:  # the library lets everything through
+        except Exception as error:  # the library passes all exceptions on
             raise ConfigError(f"{where}: message {number + 1} is damaged, or of another type") from error
     if not rows:
         missing = f"no frame {child!r}" if child and bag.messages.get(plain) else "no message"
         raise ConfigError(f"{where} has {missing}{' before the damage' if bag.truncated else ''}")
     if len(frames) > 1:
         listed = ", ".join(sorted(frames)[:4])
-        raise ConfigError(f"{where} names several frames: {_show(listed)}; record one source alone")
-    told = ForeignTopic(name, kind, frames.pop(), len(rows))
+        raise ConfigError(f"{where} names several frames: {_format_name(listed)}; record one source alone")
+    origin = ForeignTopic(name, kind, frames.pop(), len(rows))
     if child:
-        _refuse_moving_parent(bag, told.frame, f"{where}: frame {_show(child)!r}", store)
+        _refuse_moving_parent(bag, origin.frame, f"{where}: frame {_format_name(child)!r}", store)
     try:
         stamps_ns = np.array(stamps, dtype=np.int64)
     except OverflowError as error:
-        raise ConfigError(f"{where} has a time beyond all clocks") from error
+        raise ConfigError(f"{where} has a time stamp out of range") from error
     _check_times(stamps_ns, where, choices)
-    return Stream(told, stamps_ns, _checked(np.array(rows, dtype=np.float64), role, where))
+    return Stream(origin, stamps_ns, _check_values(np.array(rows, dtype=np.float64), role, where))
 
 
 def _refuse_moving_parent(bag: Bag, parent: str, where: str, store: Any) -> None:
-    """Raise ConfigError where the parent of a transform moves in a frame above it: it is no base then."""
+    """Raise ConfigError if the parent of a transform moves in another frame, because it is then not a base frame."""
     poses, above = defaultdict[str, set[Any]](set), dict[str, str]()
     for name in bag.of_type(messages.TRANSFORMS):
         for _, data in bag.messages.get(name, ()):
             try:
                 transforms = store.deserialize_cdr(data, messages.TRANSFORMS).transforms
-            except Exception as error:  # the library lets everything through
-                raise ConfigError(f"{format_path(bag.path)}: {_show(name)} has a damaged message") from error
+            except Exception as error:  # the library passes all exceptions on
+                raise ConfigError(
+                    f"{format_path(bag.path)}: {_format_name(name)} has a damaged message"
+                ) from error
             for one in transforms:
                 poses[one.child_frame_id].add((one.header.frame_id, *_pose_row(one.transform)))
                 above[one.child_frame_id] = one.header.frame_id
@@ -127,19 +131,19 @@ def _refuse_moving_parent(bag: Bag, parent: str, where: str, store: Any) -> None
         passed.add(frame)
         if len(poses[frame]) > 1:
             raise ConfigError(
-                f"{where} is given in {_show(parent)!r}, which moves with {_show(frame)!r} in "
-                f"{_show(above[frame])!r}: name a frame whose parent is fixed, or record its pose in the base"
+                f"{where} is given in {_format_name(parent)!r}, which moves with {_format_name(frame)!r} in "
+                f"{_format_name(above[frame])!r}: name a frame whose parent is fixed, or record its pose in the base"
             )
         frame = above[frame]
 
 
-def _show(name: str) -> str:
-    """Format a name of a bag in one line, without characters that act on a terminal."""
+def _format_name(name: str) -> str:
+    """Format a name from a bag on one line, without terminal control characters."""
     return harmless(one_line(name))
 
 
-def _placed(message: Any, child: str) -> Sequence[tuple[Any, Any]]:
-    """Header and content of a message; of transforms, of those of a child."""
+def _header_and_content(message: Any, child: str) -> Sequence[tuple[Any, Any]]:
+    """Return header and content of each part of a message; for transforms, only the parts of one child frame."""
     if child:
         return [(one.header, one.transform) for one in message.transforms if one.child_frame_id == child]
     return [(message.header, getattr(message, "wrench", None) or message.pose)]
@@ -151,7 +155,7 @@ def _wrench_row(wrench: Any) -> Sequence[float]:
 
 
 def _pose_row(pose: Any) -> Sequence[float]:
-    """Of a pose or of a transform."""
+    """Return the row of a pose or of a transform."""
     place = getattr(pose, "position", None) or pose.translation
     turn = getattr(pose, "orientation", None) or pose.rotation
     return place.x, place.y, place.z, turn.w, turn.x, turn.y, turn.z
@@ -163,29 +167,27 @@ def _stamp_ns(header: Any) -> int:
 
 def _check_times(stamps_ns: Nanoseconds, where: str, choices: BagChoices) -> None:
     if choices.stamps == HEADER and not stamps_ns.any():
-        raise ConfigError(
-            f"{where} has no stamps in its headers; --stamps log takes the times of the recording"
-        )
+        raise ConfigError(f"{where} has no time stamps in its headers; --stamps log uses the recording times")
     if (back := np.flatnonzero(np.diff(stamps_ns) < 0)).size:
         first = int(back[0])
         by_s = (int(stamps_ns[first]) - int(stamps_ns[first + 1])) * 1e-9
         raise ConfigError(
             f"{where}: the time goes back by {by_s:.6g} s at message {first + 2}; "
-            "--stamps log takes the times of the recording"
+            "--stamps log uses the recording times"
         )
 
 
-def _checked(values: Floats, role: str, where: str) -> Floats:
-    """Values without what is not a number; quaternions of unit length. Torques that are never told are NaN."""
+def _check_values(values: Floats, role: str, where: str) -> Floats:
+    """Check that all values are finite and in range; normalise quaternions. Torques that are all NaN are allowed."""
     parts = _PARTS[WRENCH if role == WRENCH else POSE]
-    untold = 3 if role == WRENCH and bool(np.isnan(values[:, 3:]).all()) else None
-    told = values[:, :untold]
+    end = 3 if role == WRENCH and bool(np.isnan(values[:, 3:]).all()) else None
+    known = values[:, :end]
     _refuse_first(
-        ~np.isfinite(told), lambda row, part: f"{parts[part]} of message {row + 1} is not a number", where
+        ~np.isfinite(known), lambda row, part: f"{parts[part]} of message {row + 1} is not a number", where
     )
     _refuse_first(
-        np.abs(told) > LARGEST,
-        lambda row, part: f"{parts[part]} of message {row + 1} is {told[row, part]:.3g}: is it in SI units?",
+        np.abs(known) > LARGEST,
+        lambda row, part: f"{parts[part]} of message {row + 1} is {known[row, part]:.3g}: is it in SI units?",
         where,
     )
     if role == WRENCH:
@@ -198,8 +200,8 @@ def _checked(values: Floats, role: str, where: str) -> Floats:
     return values
 
 
-def _refuse_first(bad: NDArray[np.bool_], words: Callable[[int, int], str], where: str) -> None:
-    """Raise ConfigError for the first value that is bad."""
+def _refuse_first(bad: NDArray[np.bool_], describe: Callable[[int, int], str], where: str) -> None:
+    """Raise ConfigError that names the first bad value."""
     if bad.any():
         row, part = (int(place) for place in np.argwhere(bad)[0])
-        raise ConfigError(f"{where}: {words(row, part)}")
+        raise ConfigError(f"{where}: {describe(row, part)}")

@@ -1,6 +1,6 @@
-"""Catalogue of every chart of a run over time. Report, live page, `compare` and pictures share it.
+"""Catalogue of all time charts of a run, shared by report, live page, `compare` and pictures.
 
-A renderer omits a chart without values, and one with constant values where those carry no information.
+A renderer omits a chart without values, and a chart whose constant values carry no information.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,21 +15,21 @@ from hil_bridge.show.charts.facts import ChartFacts
 from hil_bridge.show.pages.description import Axis, Band, Chart, Layer, Limit, Series
 
 CYCLE, TRUTH, STREAM = "cycle", "truth", "stream"
-"""Sources; the last two are also layers."""
+"""Names of the sources; the last two are also names of layers."""
 TIME = "time"
 _AXES = "xyz"
 
 
 class LimitLine(NamedTuple):
-    """Limit of a run, named alike in every view."""
+    """Limit of a run, which has the same label in every view."""
 
     key: str
-    """Setting in `limits`."""
+    """Name of the setting in `limits`."""
     words: str
     unit: str
     sign: float = 1.0
     column: str = ""
-    """Column to which it applies, where a chart has several."""
+    """Column to which the limit applies, if a chart has several columns."""
 
     @property
     def label(self) -> str:
@@ -46,12 +46,12 @@ AGE = LimitLine("stale_after_ms", "age", "ms", column="age_ms")
 
 
 def time_axis(wall_start_s: float | None = None, begin: str = "the run began") -> Axis:
-    """Return the time axis; `wall_start_s` is UTC at its zero, and `begin` names that moment."""
+    """Return the time axis. `wall_start_s` is the UTC time at zero, and `begin` names the event at zero."""
     return Axis(f"time since {begin}", "s", wall_start_s)
 
 
 def layers(truth: bool, stream: bool) -> list[Layer]:
-    """Return the layers that the user can switch."""
+    """Return the layers that the user can switch on and off."""
     switches = [Layer(TRUTH, "truth (emulated)")] if truth else []
     return [*switches, Layer(STREAM, "full sensor stream")] if stream else switches
 
@@ -171,8 +171,8 @@ def _control() -> list[Chart]:
             "Levels of the fuzzy controller",
             "",
             tuple(
-                Series(CYCLE, key, f"level of {words}", f"{k + 1}", "step")
-                for k, (key, words) in enumerate(LEVELS.items())
+                Series(CYCLE, key, f"level of {name}", f"{k + 1}", "step")
+                for k, (key, name) in enumerate(LEVELS.items())
             ),
             least_span=2.0,
         ),
@@ -283,7 +283,10 @@ def _limits(facts: ChartFacts, *lines: LimitLine) -> tuple[Limit, ...]:
 
 
 def with_values(charts: Sequence[Chart], sources: Mapping[str, Arrays]) -> list[Chart]:
-    """Return the charts that have values, with only the series and bands that have values. The first chart stays."""
+    """Return the charts that have values, with only the series and bands that have values.
+
+    The first chart always stays.
+    """
 
     def span(source: str, column: str) -> float | None:
         values = sources.get(source, {}).get(column, np.empty(0))

@@ -1,4 +1,4 @@
-"""Columns of a run's charts, filled from a recording or record by record while a run continues."""
+"""Columns of a run's charts, filled from a recording, or record by record during a run."""
 
 import math
 from collections import deque
@@ -16,16 +16,16 @@ from hil_bridge.show.charts.surface import tilt_deg, touches
 from protocol.geometry import tool_axis
 
 ROW_S = 0.04
-"""Least time between two rows of a live page, s. Chosen: one video frame."""
+"""Shortest time between two rows of a live page, s. Chosen: one video frame."""
 ROWS = 6000
-"""Rows kept of a live run. Chosen: two minutes of a fast robot."""
+"""Maximum number of rows that are kept of a live run. Chosen: two minutes of a fast robot."""
 MILLI = 1e3
 LEVELS = {"level_error": "error", "level_change": "change", "level_output": "output"}
 """Names of a fuzzy controller's levels, by their keys in a cycle's explanation."""
 FEED, SIGMA, NORMALS = "feed", "normal_sigma_deg", ("normal_x_deg", "normal_y_deg")
-"""Keys of a program in a cycle's explanation."""
+"""Keys that a program adds to the explanation of a cycle."""
 _LEAST_TILT_DEG = 0.01
-"""Tilt below which the tool axis counts as the normal. Chosen: the error that rounding leaves."""
+"""Tilt below which the tool axis counts as parallel to the normal, °. Chosen: the rounding error."""
 
 PLACE = ("position_x", "position_y", "position_z")
 CYCLE = (
@@ -47,13 +47,16 @@ Arrays: TypeAlias = Mapping[str, NDArray[np.float64]]
 
 
 class Columns:
-    """Rows of cycles and of the truth. Row numbers increase by one, even after old rows are dropped."""
+    """Rows of cycles and of the ground truth. Row numbers increase by one, even after old rows have been dropped."""
 
     def __init__(
         self, began: float, facts: ChartFacts, row_s: float = ROW_S, most: int | None = ROWS
     ) -> None:
-        """`began` is the time of the run's clock at x = 0. Rows are at least `row_s` apart, except for the least and
-        the greatest force between them, so no peak is lost. `most` None keeps all rows.
+        """`began` is the time on the run's clock at x = 0, and `most` is the maximum number of rows (None:
+        unlimited).
+
+        Rows are at least `row_s` apart, except for the rows with the smallest and largest force in between, so no
+        peak is lost.
         """
         self._began = began
         self._facts = facts
@@ -65,7 +68,7 @@ class Columns:
         self._before: float | None = None
         self._start: Sequence[float] = (0.0, 0.0, 0.0)
         self.approach: Sequence[float] | None = facts.approach
-        """Unit vector of the approach in the base frame, once it is known."""
+        """Unit vector of the approach in the base frame; None until known."""
 
     @classmethod
     def of(cls, recording: Recording, began: float, facts: ChartFacts, row_s: float = 0.0) -> Self:
@@ -106,13 +109,14 @@ class Columns:
             self._add("cycle", extreme)
         self._due["cycle"] = (
             at + self._row_s * 0.999
-        )  # rounding can make the time of the next row smaller by its last digits
+        )  # rounding may decrease the time of the next row in its last digits
         self._skipped.clear()
         self._add("cycle", row)
 
     def _extremes(self, after: Row) -> list[Row]:
-        """Return the skipped rows with the least and the greatest force, if those are outside the range of the
-        neighbouring rows.
+        """Return the skipped rows with the smallest and largest force.
+
+        Rows within the range of the neighbouring rows are omitted.
         """
         forces = [value for row in self._skipped if math.isfinite(value := _number(row[_FORCE]))]
         if not forces:
@@ -172,7 +176,7 @@ class Columns:
         )
 
     def truth(self, record: TruthRecord) -> None:
-        """Add the truth of a cycle."""
+        """Add the ground truth of a cycle."""
         if self.approach is None or not math.isfinite(record.at) or record.at < self._due["truth"]:
             return
         place = self._place(record.position)
@@ -195,7 +199,7 @@ class Columns:
         self._counts[table] += 1
 
     def since(self, counts: Mapping[str, int]) -> dict[str, Rows]:
-        """Return the rows after these numbers, as columns by table; tables without new rows are omitted."""
+        """Return the rows after these row numbers, as columns by table; tables without new rows are omitted."""
         tables: dict[str, Rows] = {}
         for table, names in TABLES.items():
             new = min(self._counts[table] - counts.get(table, 0), len(self._rows[table]))
@@ -203,13 +207,14 @@ class Columns:
                 rows = self._rows[table]
                 chosen = [rows[k] for k in range(len(rows) - new, len(rows))]
                 columns = (
-                    [None if v is None else tidy(v) for v in values] for values in zip(*chosen, strict=True)
+                    [None if v is None else round_digits(v) for v in values]
+                    for values in zip(*chosen, strict=True)
                 )
                 tables[table] = dict(zip(names, columns, strict=True))
         return tables
 
     def arrays(self) -> dict[str, Arrays]:
-        """Return all rows as arrays by table, NaN for missing values; tables without rows are omitted."""
+        """Return all rows as arrays by table, with NaN for missing values; tables without rows are omitted."""
         return {
             table: dict(zip(names, np.array(self._rows[table], dtype=np.float64).T, strict=True))
             for table, names in TABLES.items()
@@ -221,6 +226,6 @@ def _number(value: Value) -> float:
     return math.nan if value is None else value
 
 
-def tidy(value: float) -> float | None:
-    """Round a number to six digits, more than a page can show; None if it is not finite."""
+def round_digits(value: float) -> float | None:
+    """Round a number to six digits, which is more than a page resolves; return None if it is not finite."""
     return float(f"{value:.6g}") if math.isfinite(value) else None

@@ -10,13 +10,13 @@ from hil_bridge.show.pages.description import Mark, Span
 from protocol.faults import FaultStage
 
 MARKS_MOST = 400
-"""Most marks on a page, stops and faults first. Chosen: more would cover the lines."""
+"""Maximum number of marks on a page; stops and faults take precedence. Chosen: more marks would cover the lines."""
 SPANS_MOST = 200
-"""Most steps that are shaded. Chosen as the marks."""
+"""Maximum number of shaded steps. Chosen: as many as marks."""
 LONGEST = 160
-"""Most characters of a mark's text. Chosen: one line of the page."""
+"""Maximum number of characters in the text of a mark. Chosen: one line on the page."""
 Phase = tuple[float, str]
-"""Start on the run's clock, s, and name."""
+"""Start of a phase on the run's clock, s, and its name."""
 
 
 def mark_of(event: EventRecord, began: float) -> Mark | None:
@@ -29,7 +29,7 @@ def mark_of(event: EventRecord, began: float) -> Mark | None:
 
 
 def mark_of_step(step: StepRecord, began: float) -> Mark:
-    """Return the mark at the end of a program's step."""
+    """Return the mark at the end of a program step."""
     return Mark(step.at - began, _lead(step.label, line_of(step)), "step")
 
 
@@ -39,8 +39,9 @@ def marks_of(
     cycles: Sequence[CycleRecord],
     began: float,
 ) -> list[Mark]:
-    """Return the marks of a run; if there are too many, stops and faults take precedence. Without an event for the
-    stop, the first cycle whose verdict is a stop marks it.
+    """Return the marks of a run; if there are too many, stops and faults take precedence.
+
+    If no event reports the stop, the first cycle with the verdict stop gets the mark.
     """
     marks = [mark for event in events if (mark := mark_of(event, began)) is not None]
     if not any(mark.kind == "stop" for mark in marks):
@@ -64,19 +65,19 @@ def _lead(lead: str, line: str) -> str:
 
 
 def weight_of(event: EventRecord) -> str:
-    """Return the severity of an event in a list: `alarm`, `caution` or empty."""
+    """Return the severity of an event in a list: `alarm`, `caution` or an empty text."""
     return "alarm" if event.kind in ALARMS else "caution" if event.kind in CAUTIONS else ""
 
 
 def phases_in(events: Iterable[EventRecord]) -> list[Phase]:
-    """Return each phase that these events announce."""
+    """Return the phases that begin with these events."""
     return [(event.at, event.text) for event in events if event.kind == EventKind.PHASE]
 
 
 def spans_of(phases: Sequence[Phase], steps: Sequence[StepRecord], began: float, until: float) -> list[Span]:
-    """Return the completed steps of a program, and the phases before and after them; the last phase lasts until now.
+    """Return the completed steps of a program, and the phases before and after the program.
 
-    `began` and `until` are on the run's clock.
+    The last phase extends to `until`. `began` and `until` are on the run's clock.
     """
     ends = [*(begin for begin, _ in phases[1:]), until][: len(phases)]
     first = steps[0].began_at if steps else math.inf
@@ -96,7 +97,7 @@ def spans_of(phases: Sequence[Phase], steps: Sequence[StepRecord], began: float,
 
 
 def fault_spans(events: Iterable[EventRecord], began: float, until: float) -> list[Span]:
-    """Return a span for each injected fault; one that has not ended lasts until `until`."""
+    """Return a span for each injected fault; a fault that has not ended extends to `until`."""
     begun: dict[str, float] = {}
     spans = []
     for event in events:

@@ -1,4 +1,4 @@
-"""Facts of a run that its charts need; `show.terminal` has those of a live run."""
+"""Facts of a run that its charts need. For a live run, `show.terminal` provides them."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -17,14 +17,14 @@ class ChartFacts(NamedTuple):
 
     robot: RobotFacts
     limits: Mapping[str, float]
-    """Limits by their settings; a missing one is not drawn."""
+    """Limits by the names of their settings; a limit that is not set is not drawn."""
     tracks: frozenset[int] = frozenset()
     """Numbers of the program steps that follow a path."""
     approach: Vector | None = None
-    """Unit vector of the approach in the base frame; None for the tool axis at the start."""
+    """Unit vector of the approach in the base frame; if None, the approach is the tool axis at the start."""
     line_floor_s: float | None = None
     foreign: bool = False
-    """True if another program made the recording: its path over the surface is measured, and none is commanded."""
+    """Whether another program made the recording. Its path over the surface is then measured, not commanded."""
 
 
 def facts_of_recording(recording: Recording) -> ChartFacts:
@@ -42,7 +42,7 @@ def facts_of_recording(recording: Recording) -> ChartFacts:
 
 
 def approach_of(recording: Recording) -> Vector | None:
-    """Return the unit vector of the approach in the robot base frame, or None if it is unknown."""
+    """Return the unit vector of the approach in the robot base frame; None if it is unknown."""
     frame: Any = recorded_configuration(recording).get("frame")
     vector: Any = frame.get("approach") if isinstance(frame, dict) else None
     try:
@@ -53,13 +53,13 @@ def approach_of(recording: Recording) -> Vector | None:
 
 
 def start_time(recording: Recording) -> float:
-    """Return the zero of the times on pages and pictures, s on the run's clock."""
+    """Return the time on the run's clock at which the times on pages and pictures are zero, s."""
     began = [cycle.started_at for cycle in recording.cycles[:1]]
     return min([*began, *(event.at for event in recording.events)], default=0.0)
 
 
 def limit_numbers(values: Mapping[str, Any]) -> dict[str, float]:
-    """Return the values that are limits: nonzero numbers."""
+    """Return the values that are limits, which are the nonzero numbers."""
     return {
         key: float(value)
         for key, value in values.items()

@@ -1,4 +1,4 @@
-"""Maps drawn with matplotlib, from the same description and colours as the pages (`pages/maps.py`)."""
+"""Maps drawn with matplotlib, with the same description and colours as on pages (`pages/maps.py`)."""
 
 from typing import TYPE_CHECKING
 

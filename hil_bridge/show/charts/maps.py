@@ -17,30 +17,28 @@ from hil_bridge.show.charts.surface import touches
 from hil_bridge.show.pages.description import Grid, Map, Range, Scale, Spot, Trace
 
 _LEAST_SPAN_MM = 4.0
-"""Least extent of a map along each axis, mm. Chosen."""
+"""Smallest extent of a map along each axis, mm. Chosen."""
 _ROOM = 0.06
 """Margin around the path, as a share of its extent. Chosen."""
-_SHOWN_PERCENT = 95.0
-"""Share of the samples whose error is within the colour scale, without the rise after contact. Chosen."""
+_SCALED_PERCENT = 95.0
+"""Percentage of the samples whose error is within the colour scale, excluding the rise after contact. Chosen."""
 _LEAST_ERROR = 0.05
-"""Least end of the colour scale, as a share of the target force. Chosen."""
+"""Smallest end of the colour scale, as a share of the target force. Chosen."""
 _CUT_MM = 2.0
-"""Distance above which two samples are not joined. Chosen."""
+"""Distance above which two samples are not connected, mm. Chosen."""
 _PIECES_MOST = 3000
-"""Most coloured segments; a longer path is decimated. Chosen: three to a pixel."""
+"""Maximum number of coloured segments; a longer path is decimated. Chosen: three per pixel."""
 _PLACES_MOST = 4000
-"""Most points of the path on the map of removed material. Chosen as the segments."""
+"""Maximum number of points of the path on the map of removed material. Chosen: as many as segments."""
 
 
 def maps_of(recording: Recording) -> list[Map]:
-    """Return every map for which the recording has data."""
+    """Return all maps for which the recording has data."""
     return [one for one in (path_map(recording), removed_map(recording)) if one is not None]
 
 
 def path_map(recording: Recording) -> Map | None:
-    """Return the path of a program, coloured by force error. None without a program, without force control, or if
-    the tool did not move.
-    """
+    """Return the path of a program, coloured by force error; None if there is no program, force control or motion."""
     cycles = recording.cycles
     pressing = np.array([_presses(cycle) for cycle in cycles])
     if not (any(cycle.step for cycle in cycles) and pressing.any()):
@@ -88,12 +86,12 @@ def removed_map(recording: Recording) -> Map | None:
 
 
 def _presses(cycle: CycleRecord) -> bool:
-    """Return whether the force was controlled."""
+    """Return whether the force was controlled in a cycle."""
     return cycle.phase == TRACK and math.isfinite(cycle.force)
 
 
 def _trace_force(cycles: Sequence[CycleRecord], places: tuple[Array, Array]) -> Trace:
-    """Return the path while the force was controlled, each segment with its error, N."""
+    """Return the parts of the path where the force was controlled; each segment has its force error, N."""
     error = column(cycles, "force") - column(cycles, "force_reference")
     chosen = [k for k, cycle in enumerate(cycles) if _presses(cycle)]
     chosen = chosen[:: max(1, -(-len(chosen) // _PIECES_MOST))]
@@ -109,7 +107,7 @@ def _trace_force(cycles: Sequence[CycleRecord], places: tuple[Array, Array]) -> 
 
 
 def _spacing(places: tuple[Array, Array], chosen: list[int]) -> float:
-    """Return the median distance between two samples, mm."""
+    """Return the median distance between two successive samples, mm."""
     if len(chosen) < 2:
         return 0.0
     x, y = (values[chosen] for values in places)
@@ -117,7 +115,7 @@ def _spacing(places: tuple[Array, Array], chosen: list[int]) -> float:
 
 
 def _largest_error(cycles: Sequence[CycleRecord], pressing: NDArray[np.bool_]) -> float:
-    """Return the error at the end of the colour scale, N."""
+    """Return the force error at the end of the colour scale, N."""
     risen = False
     errors = []
     for cycle in cycles:
@@ -125,7 +123,7 @@ def _largest_error(cycles: Sequence[CycleRecord], pressing: NDArray[np.bool_]) -
         if risen:
             errors.append(abs(cycle.force - cycle.force_reference))
     target = float(np.max(np.abs(column(cycles, "force_reference")[pressing])))
-    largest = float(np.percentile(errors, _SHOWN_PERCENT)) if errors else 0.0
+    largest = float(np.percentile(errors, _SCALED_PERCENT)) if errors else 0.0
     return max(largest, _LEAST_ERROR * target, 1e-3)
 
 
@@ -142,7 +140,10 @@ def _box(x: Array, y: Array) -> tuple[Range, Range]:
 
 
 def _strokes(recording: Recording, places: tuple[Array, Array]) -> list[Spot]:
-    """Return a spot with the step's number where each track and hold begins; for a repeat, only at its first pass."""
+    """Return a spot with the number of the step at the start of each track and hold step.
+
+    A step in a repeat gets a spot only in the first pass.
+    """
     spots: dict[str, Spot] = {}
     first = {cycle.step: place for place, cycle in reversed(list(enumerate(recording.cycles)))}
     for step in recording.steps:
@@ -153,7 +154,7 @@ def _strokes(recording: Recording, places: tuple[Array, Array]) -> list[Spot]:
 
 
 def _trace_touch(truths: Sequence[TruthRecord], removed: RemovedMap) -> list[Trace]:
-    """Return the path of the tool in contact, on the map, mm; gaps between two strokes are not drawn."""
+    """Return the path of the tool in contact, on the map, mm. Gaps between two strokes are not drawn."""
     if not truths:
         return []
     places = 1e3 * _on_map(np.array([truth.position for truth in truths]), removed)
@@ -163,7 +164,10 @@ def _trace_touch(truths: Sequence[TruthRecord], removed: RemovedMap) -> list[Tra
 
 
 def _on_map(positions: Array, removed: RemovedMap) -> Array:
-    """Convert positions (n, 3) in the base frame to path coordinate and distance to the left (2, n), all m."""
+    """Convert positions (n, 3) in the base frame to coordinates (2, n) on the map, all in m.
+
+    The coordinates are the path coordinate and the distance to the left of the path.
+    """
     from_corner = positions[:, :2] - np.array(removed.origin_m)
     dx, dy = removed.direction
     along, across = removed.corner_m

@@ -1,4 +1,4 @@
-"""Charts drawn with matplotlib, from the same description, colours and scales as in a browser (`charts.js`)."""
+"""Charts drawn with matplotlib, with the same description, colours and scales as in a browser (`charts.js`)."""
 
 import math
 import re
@@ -31,21 +31,23 @@ STYLE: dict[Any, Any] = {
 """Style of every picture."""
 GREY = "#606060"
 ROOM_FROM = 0.5
-"""Share of a limit from which a chart makes room for it. Chosen: a line far from all values would flatten them."""
+"""Share of a limit from which a chart extends its range to include the limit. Chosen: a distant line would flatten
+the values.
+"""
 _ROOM = 0.08
-"""Margin above and below, as a share of the span. The same in `charts.js`."""
-_BESIDE_TITLE = 3
-"""Most legend entries that fit next to the title; the title of a longer legend is above it. Chosen."""
+"""Margin above and below the values, as a share of their span. The value is the same in `charts.js`."""
+_TITLE_ENTRIES_MAX = 3
+"""Maximum number of legend entries next to the title; above this number, the title is above the legend. Chosen."""
 _LOUD = ("stop", "fault", "note")
-_SPANS_MARKED = 200
-"""Most spans that are drawn. Chosen: the borders of more would cover the curves."""
+_SPANS_MAX = 200
+"""Maximum number of spans that are drawn. Chosen: the borders of more spans would cover the curves."""
 _LETTER_PX = 7.6
 _DOTS_MOST = 400
-"""Most samples that are drawn as dots. Chosen: more would merge."""
+"""Maximum number of samples that are drawn as dots. Chosen: more dots would merge."""
 
 
 def y_range(chart: Chart, low: float, high: float) -> tuple[float, float]:
-    """Return the y range of a chart whose values lie from `low` to `high`; `charts.js` has the same rule."""
+    """Return the y range of a chart whose values lie between `low` and `high`; `charts.js` has the same rule."""
     if chart.log:
         return 10.0 ** math.floor(math.log10(low)), 10.0 ** math.ceil(math.log10(high * 1.0001))
     for limit in chart.limits:
@@ -69,7 +71,7 @@ def _near(limit: Limit, low: float, high: float) -> bool:
 
 
 def paint(ax: "Axes", chart: Chart, charts: Charts) -> None:
-    """Draw one chart; only the first of a page shows the names of spans and the texts of marks."""
+    """Draw one chart. Only the first chart of a page shows the names of spans and the texts of marks."""
     first = chart is charts.charts[0]
     _paint_spans(ax, [one for one in charts.spans if one.axis == chart.axis], named=first)
     drawn: list[Array] = []
@@ -102,7 +104,7 @@ def paint(ax: "Axes", chart: Chart, charts: Charts) -> None:
     _paint_marks(ax, [one for one in charts.marks if one.axis == chart.axis], named=first)
     limits = "".join(f" · {limit.label} {limit.value:.5g}" for limit in chart.limits)
     entries = len(chart.series) + len(chart.bands)
-    heading, pad = chart.title + limits.replace("-", "−"), 20.0 if entries > _BESIDE_TITLE else 6.0
+    heading, pad = chart.title + limits.replace("-", "−"), 20.0 if entries > _TITLE_ENTRIES_MAX else 6.0
     title = ax.set_title(heading, loc="left", pad=pad, fontsize=10.5, fontweight="bold")
     title.set_parse_math(False)
     ax.set_ylabel(chart.unit)
@@ -137,7 +139,7 @@ def _set_range(ax: "Axes", chart: Chart, drawn: Sequence[Array]) -> None:
 
 def _paint_spans(ax: "Axes", spans: Sequence[Span], named: bool) -> None:
     extent = max((span.end for span in spans), default=0.0) - min((span.begin for span in spans), default=0.0)
-    if len(spans) > _SPANS_MARKED:
+    if len(spans) > _SPANS_MAX:
         return
     figure = ax.get_figure(root=True)
     wide = figure.get_size_inches()[0] * figure.dpi if figure else 1.0
@@ -191,7 +193,7 @@ def _values(source: Mapping[str, Values], name: str) -> Array:
 
 
 def colour(name: str) -> str:
-    """Return a colour of the light style sheet: `1` to `8`, or a role."""
+    """Return a colour of the light style sheet for a number from `1` to `8`, or for a role."""
     return _css().get(f"--c{name}" if name.isdecimal() else f"--c-{name}", _css()["--c1"])
 
 
@@ -201,12 +203,12 @@ def sheet_colour(name: str) -> str:
 
 
 def _translucent(variable: str) -> tuple[str, float]:
-    """Return a colour and its opacity."""
+    """Return a colour without its alpha channel, and its opacity, 0 … 1."""
     shade = _css().get(variable, _css()["--span-other"])
     return shade[:7], int(shade[7:9] or "ff", 16) / 255
 
 
 @cache
 def _css() -> Mapping[str, str]:
-    """Return the variables of the light style sheet."""
+    """Return the colour variables of the light style sheet."""
     return dict(re.findall(r"(--[\w-]+):\s*(#[0-9a-f]+);", asset("pages.css").partition("@media")[0]))

@@ -14,7 +14,7 @@ from hil_bridge.show.pages.description import Charts, Mark, Span
 
 
 def run_charts(recording: Recording) -> tuple[Charts, str]:
-    """Return the charts of a run, and a sentence on the rows omitted from a long one."""
+    """Return the charts of a run, and a sentence about omitted rows."""
     zero, facts = start_time(recording), facts_of_recording(recording)
     tables = run_tables(recording, zero, facts)
     sources = Sources()
@@ -32,8 +32,10 @@ def run_charts(recording: Recording) -> tuple[Charts, str]:
 
 
 def run_tables(recording: Recording, zero: float, facts: ChartFacts) -> Mapping[str, Arrays]:
-    """Return the columns of cycles, of the truth and of the full sensor stream, where known. `zero` is the time at
-    x = 0. The stream before the first cycle is omitted: it is the raw load, not the controlled force.
+    """Return the columns of cycles, ground truth and full sensor stream that are available.
+
+    `zero` is the time at x = 0. The stream before the first cycle is omitted, because it is the raw load, not the
+    controlled force.
     """
     tables = dict(Columns.of(recording, zero, facts).arrays())
     if (stream := stream_force(recording)) is not None:
@@ -49,7 +51,7 @@ def run_marks(recording: Recording, zero: float) -> Sequence[Mark]:
 
 
 def run_spans(recording: Recording, zero: float) -> Sequence[Span]:
-    """Return the steps or phases of a recording, and its faults."""
+    """Return the steps or phases of a recording, and its faults, as spans."""
     courses = phases(recording)
     times = [cycle.controlled_at for cycle in recording.cycles] + [event.at for event in recording.events]
     last = max(times, default=zero)
@@ -59,6 +61,6 @@ def run_spans(recording: Recording, zero: float) -> Sequence[Span]:
 
 
 def wall_start_s(recording: Recording, zero: float) -> float | None:
-    """Return UTC at x = 0, s since 1970; None if the run's time was virtual or is unknown."""
+    """Return the UTC time at x = 0, s since 1970; None if the run's time was virtual or is unknown."""
     virtual = recording.metadata.get("time") == "virtual"
     return None if virtual or not recording.unix_zero_ns else recording.unix_zero_ns * 1e-9 + zero

@@ -1,4 +1,4 @@
-"""Columns of a page: rounded, in order of time, and no longer than a picture can show."""
+"""Columns of a page: rounded, in order of time, and limited to the resolution of a picture."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,11 +14,13 @@ from hil_bridge.show.pages.description import Chart
 Array: TypeAlias = NDArray[np.float64]
 
 ROWS_MOST = 4000
-"""Most rows of a source. Chosen: four to a pixel of a wide picture; a page stays below a few megabytes for any run."""
+"""Maximum number of rows in a source. Chosen: four per pixel of a wide picture; a page stays below a few megabytes
+for any run.
+"""
 _DIGITS = 6
-"""Significant digits of a value. Chosen: more than a sensor or a robot resolves."""
+"""Number of significant digits of a value. Chosen: more than a sensor or a robot resolves."""
 _TIME_DIGITS = 5
-"""Decimal places of a time in s."""
+"""Number of decimal places of a time in s."""
 
 
 class Sources:
@@ -27,10 +29,10 @@ class Sources:
     def __init__(self) -> None:
         self.held: dict[str, dict[str, list[float | None]]] = {}
         self.rows: dict[str, tuple[int, int]] = {}
-        """For each decimated source: original rows, and rows kept in one chart."""
+        """Original number of rows and number of rows kept in one chart, for each decimated source."""
 
     def chart(self, chart: Chart, tables: Mapping[str, Arrays]) -> Chart:
-        """Add the columns that a chart needs; return the chart with the names of the sources that hold them."""
+        """Add the columns that a chart needs; return the chart with the names of the sources that contain them."""
         needed: dict[str, dict[str, Array]] = {}
         lines = [(one.source, column) for one in chart.bands for column in (one.low, one.high)]
         for table, column in [*((one.source, one.column) for one in chart.series), *lines]:
@@ -48,8 +50,8 @@ class Sources:
     def add(self, name: str, chart: str, x: Array, columns: Mapping[str, Array]) -> str:
         """Add the columns of one chart over x; return the name of their source. Rows without x are omitted.
 
-        A short source is shared by all charts that name it, so their x must be the same. For a long one, each chart
-        gets its own source, with the least and the greatest value of each interval in every column.
+        A short source is shared by all charts that name it, so their x must be identical. For a long source, each
+        chart gets a source of its own, with the smallest and largest value of each interval in every column.
         """
         known = np.flatnonzero(np.isfinite(x))
         order = known[np.argsort(x[known], kind="stable")]
@@ -66,7 +68,7 @@ class Sources:
         return name
 
     def sentence(self) -> str:
-        """Return a sentence on the omitted samples; empty if there are none."""
+        """Return a sentence about omitted samples; empty if no samples are omitted."""
         parts = [f"{kept} of {rows} rows of {name}" for name, (rows, kept) in self.rows.items()]
         if not parts:
             return ""
@@ -77,7 +79,10 @@ class Sources:
 
 
 def kept_rows(columns: Sequence[Array], rows: int) -> NDArray[np.intp]:
-    """Return the rows to keep of long columns: first, last, and the extremes of each column in equal intervals."""
+    """Return the indices of the rows of long columns to keep.
+
+    They are the first and the last row, and the extremes of each column in equal intervals.
+    """
     stretches = max(ROWS_MOST // (2 * max(len(columns), 1)) - 1, 1)
     edges = np.linspace(0, rows, stretches + 1).astype(np.intp)
     kept = {0, rows - 1}

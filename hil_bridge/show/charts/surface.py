@@ -1,4 +1,4 @@
-"""Ground truth of the emulated surface along the tool axis; none of it is measured."""
+"""Ground truth of the emulated surface relative to the tool axis. None of these values are measured."""
 
 import math
 
@@ -6,11 +6,13 @@ from hil_bridge.record.records import TruthRecord
 from protocol.geometry import angle_of_vectors, tool_axis
 
 TOUCH_N = 0.05
-"""Force above which the tool is in contact. Chosen: far below what any supported sensor resolves under noise."""
+"""Force above which the tool counts as in contact, N. Chosen: far below what any supported sensor resolves under
+noise.
+"""
 
 
 def tilt_deg(truth: TruthRecord) -> float | None:
-    """Return the angle between the tool axis and the inward normal, or None if the normal is unknown."""
+    """Return the angle between the tool axis and the inward normal, °; None if the normal is unknown."""
     if not all(map(math.isfinite, (*truth.normal, *truth.quaternion))):
         return None
     x, y, z = truth.normal

@@ -1,4 +1,4 @@
-"""Scripts and style sheets of pages. uPlot's come from the build, see `hatch_build.py`."""
+"""Scripts and style sheets of pages. The build adds the files of uPlot; see `hatch_build.py`."""
 
 from functools import cache
 from importlib.resources import files

@@ -1,15 +1,15 @@
 /* Stacked charts with linked axes, on uPlot. `description.py` documents the description.
 
-   const charts = HilCharts.draw(element, description, {keep: 120, follow: 30, bar: true});   // options may be left out
-     keep    a source drops what lies more than so many units of x behind its end
-     follow  shows the last so many units of x until an operator zooms; a double click follows again
-     bar     whether the bar with the buttons is shown (it is)
-   charts.append({cycle: {x: [1.2], force: [40.1]}})   further rows; a column that is left out becomes a gap
-   charts.replace({cycle: {x: [...], force: [...]}})   other rows of these sources, as of another place of a recording
-   charts.mark({x: 3.1, text: "stop", kind: "stop"})   a further mark
-   charts.spans([{begin: 0, end: 2, text: "approach", kind: "approach"}])   instead of those before
-   charts.limits("force", [{value: 60, label: "force limit", kind: "limit"}])   instead of those before
-   charts.here(3.2)   a line at this x, as of the moment that a page shows; null for none
+   const charts = HilCharts.draw(element, description, {keep: 120, follow: 30, bar: true});   // options may be omitted
+     keep    drop data more than this many units of x before the end of a source
+     follow  show the last this many units of x until the user zooms; a double click resumes following
+     bar     whether to show the toolbar (default: true)
+   charts.append({cycle: {x: [1.2], force: [40.1]}})   append rows; a missing column becomes a gap
+   charts.replace({cycle: {x: [...], force: [...]}})   replace the rows of these sources, for example on seeking in a recording
+   charts.mark({x: 3.1, text: "stop", kind: "stop"})   adds a mark
+   charts.spans([{begin: 0, end: 2, text: "approach", kind: "approach"}])   replaces the previous ones
+   charts.limits("force", [{value: 60, label: "force limit", kind: "limit"}])   replaces the previous ones
+   charts.here(3.2)   draw a line at this x, such as the displayed moment; null removes it
    charts.zoom("time", 2, 5), charts.reset(), charts.layer("truth", false), charts.follow(30 or null), charts.destroy()
 
    Every text is set as text, never as HTML. */
@@ -33,7 +33,7 @@ var HilCharts = (() => {
     if (size !== 0 && (size < 1e-3 || size >= 1e7)) return minus(value.toExponential(3));
     return minus(value.toFixed(size >= 1000 ? 0 : size >= 100 ? 1 : size >= 10 ? 2 : 3));
   };
-  const lowest = (values, from, until) => {   // index of the first value that is not below
+  const lowest = (values, from, until) => {   // index of the first value that is not smaller
     let low = 0, high = values.length;
     while (low < high) {
       const middle = (low + high) >> 1;
@@ -43,18 +43,18 @@ var HilCharts = (() => {
   };
 
   class Charts {
-    constructor(place, told, options) {
+    constructor(place, spec, options) {
       this.place = place;
-      this.told = {marks: [], spans: [], layers: [], ...told};
-      this.told.marks = [...this.told.marks];
+      this.spec = {marks: [], spans: [], layers: [], ...spec};
+      this.spec.marks = [...this.spec.marks];
       this.sources = {};
-      this.reaches = {};        // by source and column: the least and the greatest value so far
-      for (const [name, source] of Object.entries(told.sources)) this.take(name, {...source});
+      this.reaches = {};        // by source and column: smallest and largest value so far
+      for (const [name, source] of Object.entries(spec.sources)) this.take(name, {...source});
       this.options = {bar: true, keep: null, follow: null, ...options};
       this.key = `hil-${++drawn}`;
-      this.views = {};          // by axis: what an operator zoomed to, or nothing
-      this.hidden = new Set();  // `chart/label` of the series that an operator switched off
-      this.layers = new Map(this.told.layers.map(layer => [layer.id, layer.shown !== false]));
+      this.views = {};          // by axis: range selected by the user, if any
+      this.hidden = new Set();  // `chart/label` of the series switched off by the user
+      this.layers = new Map(this.spec.layers.map(layer => [layer.id, layer.shown !== false]));
       this.charts = [];
       this.frame = 0;
       this.dark = matchMedia("(prefers-color-scheme: dark)");
@@ -87,7 +87,7 @@ var HilCharts = (() => {
       this.measure(name, source);
     }
 
-    measure(name, rows) {   // null and what is left out are gaps
+    measure(name, rows) {   // null and missing values are gaps
       const reaches = this.reaches[name] || (this.reaches[name] = {});
       for (const [column, values] of Object.entries(rows)) {
         let [low, high] = reaches[column] || [Infinity, -Infinity];
@@ -96,15 +96,15 @@ var HilCharts = (() => {
       }
     }
 
-    span(source, column) {   // of all values so far; none: -1
+    span(source, column) {   // of all values so far; -1 without any
       const reach = (this.reaches[source] || {})[column];
       return reach ? reach[1] - reach[0] : -1;
     }
 
-    shows(told, index) {   // a chart without values is left out, and one that stays quiet
-      if (index === 0 || (told.bands || []).some(band => this.span(band.source, band.low) >= 0)) return true;
-      const least = told.quiet_span === undefined || told.quiet_span === null ? -1 : told.quiet_span;
-      return (told.series || []).some(one => this.span(one.source, one.column) > least);
+    shows(spec, index) {   // charts without values, or with almost constant ones, are omitted
+      if (index === 0 || (spec.bands || []).some(band => this.span(band.source, band.low) >= 0)) return true;
+      const least = spec.quiet_span === undefined || spec.quiet_span === null ? -1 : spec.quiet_span;
+      return (spec.series || []).some(one => this.span(one.source, one.column) > least);
     }
 
     append(rows) {
@@ -129,20 +129,20 @@ var HilCharts = (() => {
       this.soon();
     }
 
-    mark(mark) { this.told.marks.push(mark); this.soon(); }
+    mark(mark) { this.spec.marks.push(mark); this.soon(); }
 
     spans(spans) {
-      const renamed = spans.map(one => one.text).join() !== this.told.spans.map(one => one.text).join();
-      this.told.spans = spans;
-      if (renamed) this.fillPlaces();   // a list that is open stays so
+      const renamed = spans.map(one => one.text).join() !== this.spec.spans.map(one => one.text).join();
+      this.spec.spans = spans;
+      if (renamed) this.fillPlaces();   // an open list stays open
       this.soon();
     }
 
     here(x) { this.moment = x; this.soon(); }
 
     limits(chart, limits) {
-      const told = this.told.charts.find(one => one.id === chart), found = this.charts.find(one => one.told.id === chart);
-      if (told) told.limits = limits;
+      const spec = this.spec.charts.find(one => one.id === chart), found = this.charts.find(one => one.spec.id === chart);
+      if (spec) spec.limits = limits;
       if (found) { this.dress(found); this.soon(); }
     }
 
@@ -195,14 +195,14 @@ var HilCharts = (() => {
       this.places = element("select");
       this.places.setAttribute("aria-label", "zoom to");
       this.places.addEventListener("change", () => {
-        const span = this.told.spans[Number(this.places.value)];
+        const span = this.spec.spans[Number(this.places.value)];
         if (this.places.value === "" || !span) { this.reset(); return; }
         const room = (span.end - span.begin) * 0.02;
         this.zoom(span.axis || "time", span.begin - room, span.end + room);
       });
       bar.append(this.places);
       this.fillPlaces();
-      for (const layer of this.told.layers) {
+      for (const layer of this.spec.layers) {
         const label = element("label"), box = element("input");
         box.type = "checkbox";
         box.checked = this.layers.get(layer.id);
@@ -220,7 +220,7 @@ var HilCharts = (() => {
       const first = element("option", "", "full run");
       first.value = "";
       this.places.replaceChildren(first);
-      this.told.spans.forEach((span, index) => {
+      this.spec.spans.forEach((span, index) => {
         if (span.end === null || span.end === undefined) return;
         const option = element("option", "", short(span.text));
         option.value = String(index);
@@ -237,20 +237,20 @@ var HilCharts = (() => {
     }
 
     scale(factor) {
-      for (const axis of Object.keys(this.told.axes)) {
+      for (const axis of Object.keys(this.spec.axes)) {
         const [from, to] = this.view(axis), middle = (from + to) / 2, half = (to - from) / 2 * factor;
         this.place_(axis, middle - half, middle + half);
       }
     }
 
     move(part) {
-      for (const axis of Object.keys(this.told.axes)) {
+      for (const axis of Object.keys(this.spec.axes)) {
         const [from, to] = this.view(axis);
         this.place_(axis, from + (to - from) * part, to + (to - from) * part);
       }
     }
 
-    place_(axis, from, to) {   // keeps inside of what there is
+    place_(axis, from, to) {   // stays within the data
       const [low, high] = this.extent(axis);
       if (to - from >= high - low) { delete this.views[axis]; this.show(); return; }
       const shift = from < low ? low - from : to > high ? high - to : 0;
@@ -262,14 +262,14 @@ var HilCharts = (() => {
     extent(axis) {
       let low = Infinity, high = -Infinity;
       const reach = (from, to) => { low = Math.min(low, from); high = Math.max(high, to); };
-      for (const chart of this.told.charts) {
+      for (const chart of this.spec.charts) {
         if ((chart.axis || "time") !== axis) continue;
         for (const one of [...(chart.series || []), ...(chart.bands || [])]) {
           const x = (this.sources[one.source] || {x: []}).x;
           if (x.length) reach(x[0], x[x.length - 1]);
         }
       }
-      for (const span of this.told.spans) {
+      for (const span of this.spec.spans) {
         if ((span.axis || "time") === axis) reach(span.begin, span.end ?? span.begin);
       }
       return low < high ? [low, high] : low === high ? [low - 0.5, high + 0.5] : [0, 1];
@@ -285,7 +285,7 @@ var HilCharts = (() => {
       if (!this.frame) this.frame = requestAnimationFrame(() => { this.frame = 0; this.show(true); });
     }
 
-    shown() { return this.told.charts.filter((told, index) => this.shows(told, index)); }
+    shown() { return this.spec.charts.filter((spec, index) => this.shows(spec, index)); }
 
     show(renewed) {
       if (renewed && this.shown().length !== this.charts.length) { this.build(); return; }
@@ -314,7 +314,7 @@ var HilCharts = (() => {
     }
 
     isOn(chart, line) {
-      return (!line.layer || this.layers.get(line.layer) !== false) && !this.hidden.has(`${chart.told.id}/${line.label}`);
+      return (!line.layer || this.layers.get(line.layer) !== false) && !this.hidden.has(`${chart.spec.id}/${line.label}`);
     }
 
     // building
@@ -334,7 +334,7 @@ var HilCharts = (() => {
       for (const chart of this.charts) chart.plot.destroy();
       this.stack.replaceChildren();
       const shown = this.shown();
-      this.charts = shown.map((told, index) => this.makeChart(told, index, shown));
+      this.charts = shown.map((spec, index) => this.makeChart(spec, index, shown));
       this.show();
     }
 
@@ -342,49 +342,49 @@ var HilCharts = (() => {
       const width = this.width();
       if (!this.place.classList.contains("hil-over")) this.note.textContent = hint();
       for (const chart of this.charts) {
-        if (chart.plot.width !== width) chart.plot.setSize({width, height: chart.told.height_px || 180});
+        if (chart.plot.width !== width) chart.plot.setSize({width, height: chart.spec.height_px || 180});
       }
     }
 
-    makeChart(told, index, shown) {
-      const axis = told.axis || "time";
+    makeChart(spec, index, shown) {
+      const axis = spec.axis || "time";
       const last = !shown.slice(index + 1).some(other => (other.axis || "time") === axis);
-      const lines = [...(told.series || [])];
+      const lines = [...(spec.series || [])];
       const bands = [];
-      for (const band of told.bands || []) {   // uPlot fills between two series of its own
+      for (const band of spec.bands || []) {   // uPlot fills between two adjacent series
         bands.push({series: [lines.length + 2, lines.length + 1], fill: this.colour(band.colour || "faint") + (band.colour ? "38" : "88")});
         const edge = {source: band.source, colour: band.colour || "faint", layer: band.layer, width: band.colour ? 0.4 : 1, label: band.label};
         lines.push({...edge, column: band.low, edge: "least"}, {...edge, column: band.high, edge: "greatest"});
       }
-      const chart = {told, axis, lines, first: index === 0, last};
+      const chart = {spec, axis, lines, first: index === 0, last};
       const box = element("div", "hil-chart");
-      box.dataset.chart = told.id;
-      const title = element("div", "hil-title", told.title + " ");
+      box.dataset.chart = spec.id;
+      const title = element("div", "hil-title", spec.title + " ");
       chart.subtitle = element("span", "");
       title.append(chart.subtitle);
       box.append(title);
       this.stack.append(box);
       const options = {
-        width: this.width(), height: told.height_px || 180, padding: [6, 10, 0, 0],
+        width: this.width(), height: spec.height_px || 180, padding: [6, 10, 0, 0],
         legend: {markers: {dash: (u, k) => (k === 0 ? "solid" : lines[k - 1].dashed ? "dashed" : lines[k - 1].style === "points" ? "dotted" : "solid")}},
         cursor: this.cursor(chart), bands, hooks: this.hooks(chart), focus: {alpha: 1},
-        scales: {x: {time: false, auto: false, distr: this.told.axes[axis].log ? 3 : 1}, y: {distr: told.log ? 3 : 1, range: (u, low, high) => this.range(chart, low, high)}},
+        scales: {x: {time: false, auto: false, distr: this.spec.axes[axis].log ? 3 : 1}, y: {distr: spec.log ? 3 : 1, range: (u, low, high) => this.range(chart, low, high)}},
         axes: [this.xAxis(chart), this.yAxis()],
-        series: [{label: this.told.axes[axis].label, value: (u, x) => this.at(axis, x)},
+        series: [{label: this.spec.axes[axis].label, value: (u, x) => this.at(axis, x)},
           ...lines.map(line => this.series(chart, line))],
       };
       chart.plot = new uPlot(options, this.data(chart), box);
       HilPointer.attach(this, chart);
       chart.plot.root.querySelectorAll(".u-series").forEach((row, k) => {
-        if (k === 0 || lines[k - 1].edge === "least") row.classList.add("hil-none");   // the bar tells x; a band is one entry
+        if (k === 0 || lines[k - 1].edge === "least") row.classList.add("hil-none");   // the toolbar shows x; a band is one entry
       });
       this.dress(chart);
       return chart;
     }
 
-    dress(chart) {   // a series of a layer that is off leaves the legend; the title tells every limit
-      const limits = (chart.told.limits || []).map(one => `${one.label} ${minus(Number(one.value.toPrecision(5)))}`);
-      chart.subtitle.textContent = [chart.told.unit, ...limits].filter(Boolean).join(" · ");
+    dress(chart) {   // series of a hidden layer are not in the legend; the title lists every limit
+      const limits = (chart.spec.limits || []).map(one => `${one.label} ${minus(Number(one.value.toPrecision(5)))}`);
+      chart.subtitle.textContent = [chart.spec.unit, ...limits].filter(Boolean).join(" · ");
       chart.plot.root.querySelectorAll(".u-series").forEach((row, k) => {
         const line = chart.lines[k - 1];
         row.classList.toggle("hil-hidden", Boolean(line && (this.span(line.source, line.column) < 0
@@ -394,7 +394,7 @@ var HilCharts = (() => {
 
     series(chart, line) {
       const stroke = this.colour(line.colour || "1"), style = line.style || "line";
-      const unit = chart.told.unit ? " " + chart.told.unit : "";
+      const unit = chart.spec.unit ? " " + chart.spec.unit : "";
       const points = {show: style === "points" ? true : undefined, size: 4, stroke, fill: stroke};
       const made = {
         label: line.label, stroke, width: line.width || 1.5, spanGaps: false,
@@ -407,7 +407,7 @@ var HilCharts = (() => {
       if (line.edge) made.points = {show: false};
       if (style === "step") { made.paths = uPlot.paths.stepped({align: 1}); made.points = {show: false}; }
       if (style === "points") made.paths = () => null;
-      if (style === "bars") {   // many bars would be a block
+      if (style === "bars") {   // many bars would merge
         const bars = uPlot.paths.bars({size: [0.6, 4]}), line = uPlot.paths.linear();
         made.paths = (u, k, from, to) => (to - from > BARS_MOST ? line : bars)(u, k, from, to);
         made.fill = (u, k) => (u.series[0].idxs && u.series[0].idxs[1] - u.series[0].idxs[0] > BARS_MOST ? "transparent" : stroke);
@@ -417,7 +417,7 @@ var HilCharts = (() => {
     }
 
     data(chart) {
-      const tables = new Map();   // one for each source, then joined where there are several
+      const tables = new Map();   // one per source, joined if there are several
       chart.lines.forEach((line, index) => {
         if (!tables.has(line.source)) tables.set(line.source, []);
         tables.get(line.source).push(index);
@@ -425,7 +425,7 @@ var HilCharts = (() => {
       const column = line => {
         const source = this.sources[line.source] || {x: []};
         const values = source[line.column] || new Array(source.x.length).fill(null);
-        return chart.told.log ? values.map(value => (value > 0 ? value : null)) : values;
+        return chart.spec.log ? values.map(value => (value > 0 ? value : null)) : values;
       };
       const x = name => (this.sources[name] || {x: []}).x;
       if (tables.size === 0) return [[]];
@@ -437,28 +437,28 @@ var HilCharts = (() => {
     }
 
     range(chart, low, high) {
-      const told = chart.told;
-      if (low === null || high === null || low === undefined) return told.log ? [1, 10] : [0, Math.max(told.least_span || 0, 1)];
-      if (told.log) return [10 ** Math.floor(Math.log10(low)), 10 ** Math.ceil(Math.log10(high * 1.0001))];
-      for (const limit of told.limits || []) {   // the same rule as `painter.y_range`
+      const spec = chart.spec;
+      if (low === null || high === null || low === undefined) return spec.log ? [1, 10] : [0, Math.max(spec.least_span || 0, 1)];
+      if (spec.log) return [10 ** Math.floor(Math.log10(low)), 10 ** Math.ceil(Math.log10(high * 1.0001))];
+      for (const limit of spec.limits || []) {   // the same rule as `painter.y_range`
         const near = (limit.kind || "limit") === "limit" && (limit.value > 0 ? high >= ROOM_FROM * limit.value : low <= ROOM_FROM * limit.value);
         if (limit.shown || near) { low = Math.min(low, limit.value); high = Math.max(high, limit.value); }
       }
-      if (told.zero) { low = Math.min(low, 0); high = Math.max(high, 0); }
-      const missing = Math.max((told.least_span || 0) - (high - low), high === low ? Math.abs(high) * 0.1 || 1 : 0) / 2;
+      if (spec.zero) { low = Math.min(low, 0); high = Math.max(high, 0); }
+      const missing = Math.max((spec.least_span || 0) - (high - low), high === low ? Math.abs(high) * 0.1 || 1 : 0) / 2;
       if (missing > 0) { low -= missing; high += missing; }
       const room = (high - low) * 0.08;
-      return [told.zero && low === 0 ? 0 : low - room, told.zero && high === 0 ? 0 : high + room];
+      return [spec.zero && low === 0 ? 0 : low - room, spec.zero && high === 0 ? 0 : high + room];
     }
 
     xAxis(chart) {
-      const axis = this.told.axes[chart.axis];
+      const axis = this.spec.axes[chart.axis];
       return {
         stroke: this.css.getPropertyValue("--quiet").trim(), font: "11px system-ui, sans-serif", size: 22,
         labelFont: "11px system-ui, sans-serif", labelSize: 18, gap: 3,
         label: chart.last ? [axis.label, axis.unit].filter(Boolean).join(", ") : undefined,
         ...(axis.names ? {incrs: [1, 2, 5, 10, 20, 50]} : {}),
-        values: (u, splits) => splits.map((value, k) => axis.names ? axis.names[value] ?? "" : value === null ? ""   // above the label of the last chart the unit is told once more
+        values: (u, splits) => splits.map((value, k) => axis.names ? axis.names[value] ?? "" : value === null ? ""   // the unit is repeated above the last chart's label
           : minus(Number(value.toPrecision(6))) + (k === splits.length - 1 && !chart.last ? ` ${axis.unit}` : "")),
         ...this.lines(),
       };
@@ -477,13 +477,13 @@ var HilCharts = (() => {
 
     at(axis, x) {
       if (x === null || x === undefined) return "–";
-      const {unit, names, wall_start_s: start} = this.told.axes[axis];
+      const {unit, names, wall_start_s: start} = this.spec.axes[axis];
       if (names) return names[x] ?? "";
       const wall = start === undefined || start === null ? "" : ` · ${new Date((start + x) * 1e3).toISOString().slice(11, 23)} UTC`;
       return `${x.toFixed(3)} ${unit}${wall}`;
     }
 
-    // pointer, wheel, fingers
+    // pointer, wheel, touch
 
     cursor(chart) {
       return {
@@ -491,7 +491,7 @@ var HilCharts = (() => {
         sync: {key: `${this.key}-${chart.axis}`, setSeries: false, scales: ["x", null],
           filters: {pub: kind => kind === "mousemove" || kind === "mouseleave", sub: kind => kind === "mousemove" || kind === "mouseleave"}},
         bind: {dblclick: () => event => { event.preventDefault(); this.reset(); }},
-        dataIdx: (u, series, index) => {   // the nearest value, where several sources were joined
+        dataIdx: (u, series, index) => {   // the nearest value, if several sources were joined
           const values = u.data[series];
           if (!values || values[index] !== undefined) return index;
           for (let step = 1; step < 400; step++) {
@@ -507,7 +507,7 @@ var HilCharts = (() => {
       return {
         setScale: [(u, key) => {
           if (key !== "x" || !chart.ordered) return;
-          const {min, max} = u.scales.x, [low, high] = chart.ordered;   // uPlot tells it later, what `show` asked for, too
+          const {min, max} = u.scales.x, [low, high] = chart.ordered;   // uPlot reports it later, also for changes made by `show`
           if (min !== low || max !== high) this.zoom(chart.axis, min, max);
         }],
         setSeries: [(u, index, set) => {
@@ -516,7 +516,7 @@ var HilCharts = (() => {
           if (line.layer && this.layers.get(line.layer) === false) return;
           const other = line.edge === "least" ? index + 1 : line.edge ? index - 1 : index;   // both edges of a band
           if (u.series[other].show !== set.show) u.setSeries(other, {show: set.show});
-          this.hidden[set.show ? "delete" : "add"](`${chart.told.id}/${line.label}`);
+          this.hidden[set.show ? "delete" : "add"](`${chart.spec.id}/${line.label}`);
         }],
         setCursor: [u => this.tell(chart, u)],
         drawClear: [u => HilMarks.behind(this, chart, u)],
@@ -530,11 +530,11 @@ var HilCharts = (() => {
       this.place.classList.toggle("hil-over", over);
       if (!over) this.note.textContent = hint();
       if (!here) return;
-      const near = this.told.marks.filter(mark => (mark.axis || "time") === chart.axis
+      const near = this.spec.marks.filter(mark => (mark.axis || "time") === chart.axis
         && (!mark.layer || this.layers.get(mark.layer) !== false)
         && Math.abs(u.valToPos(mark.x, "x") - u.cursor.left) < MARK_REACH_PX);
-      const told = near.map(mark => `${mark.x.toFixed(3)} ${this.told.axes[chart.axis].unit}: ${mark.text}`).join("   |   ");
-      const text = this.at(chart.axis, u.posToVal(u.cursor.left, "x")) + (told && `   |   ${told}`);
+      const notes = near.map(mark => `${mark.x.toFixed(3)} ${this.spec.axes[chart.axis].unit}: ${mark.text}`).join("   |   ");
+      const text = this.at(chart.axis, u.posToVal(u.cursor.left, "x")) + (notes && `   |   ${notes}`);
       if (this.note.textContent !== text) this.note.textContent = text;
     }
   }

@@ -10,46 +10,50 @@ from typing import TypeAlias
 from msgspec import Struct
 
 Values: TypeAlias = Sequence[float | None]
-"""Column of a source. None and NaN are gaps."""
+"""Values of a source's column. None and NaN are gaps."""
 Source: TypeAlias = Mapping[str, Values]
-"""Columns of equal length by name. The column `x` increases: seconds since the start of the run on a time axis."""
+"""Columns of equal length by name. The column `x` increases; on a time axis it is in seconds since the start of the
+run.
+"""
 
 
 class Axis(Struct, frozen=True, omit_defaults=True):
-    """Shared axis of several charts, which zoom, pan and display their values together."""
+    """Shared axis of several charts, which zoom and pan together and share a cursor."""
 
     label: str
     unit: str
     wall_start_s: float | None = None
-    """UTC at x = 0, s since 1970; the values at the cursor then include it."""
+    """UTC time at x = 0, s since 1970. If it is set, the values at the cursor include the UTC time."""
     log: bool = False
-    """Logarithmic; every x must then be above 0."""
+    """Whether the axis is logarithmic; every x must then be above 0."""
     names: Sequence[str] = ()
-    """Names of x = 0, 1, 2 … on a categorical axis, which shows only them."""
+    """Names of x = 0, 1, 2 … on a categorical axis, which shows only these names."""
 
 
 class Series(Struct, frozen=True, omit_defaults=True):
     """One line of a chart."""
 
     source: str
-    """Key in `Charts.sources`."""
+    """Key of the source in `Charts.sources`."""
     column: str
     label: str
     colour: str = "1"
-    """`1` to `8`, or a role: `target`, `limit`, `stop`, `truth`, `faint`. Defined in `pages.css` for light and dark."""
+    """Colour: `1` to `8`, or a role: `target`, `limit`, `stop`, `truth`, `faint`. Defined in `pages.css` for light
+    and dark.
+    """
     style: str = "line"
-    """`line`, `step` (holds until the next), `points`, `bars`."""
+    """Style of the line: `line`, `step` (constant until the next value), `points` or `bars`."""
     dashed: bool = False
     width: float = 1.5
-    """px"""
+    """Line width, px."""
     layer: str = ""
-    """Layer that shows and hides it; empty: always visible."""
+    """Layer that shows and hides the series; if empty, the series is always visible."""
     values: Sequence[str] = ()
-    """Texts for 0, 1, 2 …, if a number represents a state."""
+    """Texts for the values 0, 1, 2 …, if a number represents a state."""
 
 
 class Band(Struct, frozen=True, omit_defaults=True):
-    """Area between two columns of a source, such as the least and greatest values of a stream."""
+    """Area between two columns of a source, such as the smallest and largest values of a stream."""
 
     source: str
     low: str
@@ -60,21 +64,23 @@ class Band(Struct, frozen=True, omit_defaults=True):
 
 
 class Limit(Struct, frozen=True, omit_defaults=True):
-    """Level across a chart. If it is outside the picture, the chart indicates it at its edge."""
+    """Level across a chart. If the level is outside the visible range, the chart indicates it at its edge."""
 
     value: float
-    """In the chart's unit."""
+    """Level in the unit of the chart."""
     label: str
     kind: str = "limit"
-    """`limit` or `target`."""
+    """Kind of the level: `limit` or `target`."""
     shown: bool = False
-    """Whether automatic zoom always includes it; otherwise only after a value has reached half of it."""
+    """Whether automatic zoom always includes the level; if not, automatic zoom includes it once a value has reached
+    half of it.
+    """
     column: str = ""
-    """Column to which it applies; empty: all."""
+    """Column to which the level applies; if empty, it applies to all columns."""
 
 
 class Chart(Struct, frozen=True, omit_defaults=True):
-    """One of the stacked charts."""
+    """One chart in the stack of charts."""
 
     id: str
     title: str
@@ -83,40 +89,42 @@ class Chart(Struct, frozen=True, omit_defaults=True):
     bands: Sequence[Band] = ()
     limits: Sequence[Limit] = ()
     axis: str = "time"
-    """Key in `Charts.axes`."""
+    """Key of the axis in `Charts.axes`."""
     log: bool = False
-    """Logarithmic; values of 0 and below are gaps."""
+    """Whether the y axis is logarithmic; values of 0 and below are then gaps."""
     height_px: int = 180
     least_span: float = 0.0
-    """Least y range, in the chart's unit."""
+    """Smallest y range, in the chart's unit."""
     zero: bool = False
     """Whether the y range always includes 0."""
     quiet_span: float | None = None
-    """The chart is omitted while no series spans more than this, in the chart's unit."""
+    """Span of the values, in the chart's unit, that at least one series must exceed; otherwise the chart is omitted."""
 
 
 class Mark(Struct, frozen=True, omit_defaults=True):
-    """Moment, drawn as a line across every chart of the axis, with its text at the cursor."""
+    """Time that is drawn as a line across every chart of the axis, with its text at the cursor."""
 
     x: float
     text: str
     kind: str = "event"
-    """`event`, `step`, `fault`, `stop`, `note`. The first chart displays the texts of the last three."""
+    """Kind of the mark: `event`, `step`, `fault`, `stop` or `note`. The first chart displays the texts of the last
+    three kinds.
+    """
     axis: str = "time"
     layer: str = ""
 
 
 class Span(Struct, frozen=True, omit_defaults=True):
-    """Named interval, shaded behind every chart of the axis; the page can zoom to it."""
+    """Named interval, shaded behind every chart of the axis. The page can zoom to it."""
 
     begin: float
     end: float
     text: str
     kind: str = ""
-    """Name of a phase, or `fault`; selects the colour."""
+    """Name of a phase, or `fault`; it selects the colour."""
     axis: str = "time"
     short: str = ""
-    """Short name for little room; empty: none."""
+    """Short name for a narrow span; empty if the span has no short name."""
 
 
 class Layer(Struct, frozen=True, omit_defaults=True):
@@ -139,35 +147,35 @@ class Charts(Struct, frozen=True, omit_defaults=True):
 
 
 Range: TypeAlias = tuple[float, float]
-"""Least and greatest value."""
+"""Smallest and largest value of a range."""
 
 
 class Scale(Struct, frozen=True, omit_defaults=True):
     """Colour scale of values."""
 
     palette: str
-    """`amount`, sequential, or `sign`, diverging."""
+    """Kind of the palette: `amount` (sequential) or `sign` (diverging)."""
     low: float
     high: float
     unit: str
 
 
 class Trace(Struct, frozen=True, omit_defaults=True):
-    """Line on a map, through points in the map's unit. A NaN point interrupts it."""
+    """Line on a map through points in the map's unit. A NaN point interrupts the line."""
 
     x: Values
     y: Values
     colour: str = "text"
-    """A variable of `pages.css`, or `#rrggbb`."""
+    """Colour of the line: a variable of `pages.css`, or `#rrggbb`."""
     width: float = 1.0
-    """px"""
+    """Line width, px."""
     dashed: bool = False
     values: Values = ()
-    """Value for each point, which colours the segment that begins there; empty: `colour` applies."""
+    """Value for each point, which colours the segment that begins at the point; if empty, `colour` applies."""
 
 
 class Spot(Struct, frozen=True, omit_defaults=True):
-    """Dot with a label."""
+    """Dot with a label on a map."""
 
     x: float
     y: float
@@ -175,7 +183,10 @@ class Spot(Struct, frozen=True, omit_defaults=True):
 
 
 class Grid(Struct, frozen=True, omit_defaults=True):
-    """Values on a grid that fills the map: rows from the least y to the greatest, each with the least x first."""
+    """Values on a grid that fills the map.
+
+    Rows are in order of increasing y, and values in a row in order of increasing x.
+    """
 
     rows: Sequence[Values]
 
@@ -194,11 +205,14 @@ class Map(Struct, frozen=True, omit_defaults=True):
     spots: Sequence[Spot] = ()
     grid: Grid | None = None
     heights_px: tuple[int, int] = (160, 520)
-    """Least and greatest height."""
+    """Smallest and largest height of the map, px."""
 
 
 def room_of(drawn: Map, width_px: float) -> tuple[float, float, Range]:
-    """Return width and height of a map, px, for the free width, and its y range: a flat map has a larger one."""
+    """Return width and height of a map, px, and its y range, for the available width.
+
+    A flat map gets a larger y range.
+    """
     (left, right), (low, high) = drawn.x, drawn.y
     least, most = drawn.heights_px
     height = width_px * (high - low) / (right - left)

@@ -16,7 +16,7 @@ for (const place of document.querySelectorAll("[data-charts]")) {
 }
 """
 _ESCAPES = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
-"""Characters that could end a script element or a line of it, with their JSON escapes."""
+"""Characters that could end a script element or a line of the script, with their JSON escapes."""
 
 
 def in_script(value: object) -> str:
@@ -28,7 +28,7 @@ def in_script(value: object) -> str:
 
 
 def room(name: str, charts: Charts) -> str:
-    """Render charts for the body of a document. Their name, of letters, must be unique in the document."""
+    """Render charts for the body of a document. `name` consists of letters and must be unique in the document."""
     return (
         f'<script type="application/json" id="data-{name}">{in_script(charts)}</script>\n'
         f'<div data-charts="data-{name}"><noscript>The charts need JavaScript.</noscript></div>'
@@ -36,8 +36,9 @@ def room(name: str, charts: Charts) -> str:
 
 
 def document(title: str, body: str, charts: bool = True) -> str:
-    """Render the page around an HTML body, with the script that draws `room` unless it has no charts. Its policy
-    allows only this script, and no external resources.
+    """Render the page around an HTML body, with the script that draws each `room` if the page has charts.
+
+    The content security policy of the page allows only this script, and no external resources.
     """
     script = f"{chart_script()}\n{_DRAW}" if charts else ""
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
@@ -48,7 +49,7 @@ def document(title: str, body: str, charts: bool = True) -> str:
 
 
 def skeleton(title: str, head: str, body: str) -> str:
-    """Render the skeleton of every page around its head and body, both HTML."""
+    """Render the common skeleton of pages around head and body, both HTML."""
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>
 <meta name="viewport" content="width=device-width, initial-scale=1">

@@ -1,4 +1,4 @@
-"""Maps as SVG inside a page, from the same description as in pictures (`charts/map_painter.py`)."""
+"""Maps as SVG inside a page, with the same description as in pictures (`charts/map_painter.py`)."""
 
 from itertools import pairwise
 

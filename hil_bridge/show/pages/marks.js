@@ -2,7 +2,7 @@
 "use strict";
 var HilMarks = (() => {
   const FONT_PX = 11, LONGEST = 70;
-  const cut = (ctx, text, room) => {   // as much of a text as finds room
+  const cut = (ctx, text, room) => {   // truncate a text to the available width
     let end = Math.min(text.length, LONGEST);
     const shown = () => (end < text.length ? text.slice(0, end - 1) + "…" : text);
     while (end > 8 && ctx.measureText(shown()).width > room) end--;
@@ -24,9 +24,9 @@ var HilMarks = (() => {
 
   const uPlotRatio = u => u.ctx.canvas.width / u.width;
 
-  function places(charts, chart, u, box) {   // the spans in sight, with their ends in px
+  function places(charts, chart, u, box) {   // visible spans, with their ends in px
     const found = [];
-    for (const span of charts.told.spans) {
+    for (const span of charts.spec.spans) {
       if ((span.axis || "time") !== chart.axis) continue;
       const left = u.valToPos(span.begin, "x", true), right = box.left + box.width;
       const to = span.end === null || span.end === undefined ? right : u.valToPos(span.end, "x", true);
@@ -60,7 +60,7 @@ var HilMarks = (() => {
     }
   }
 
-  function plate(charts, scene, [left, top, width]) {   // so that a text can be read over lines
+  function plate(charts, scene, [left, top, width]) {   // makes text legible over lines
     const {ctx, ratio} = scene, ink = ctx.fillStyle;
     ctx.fillStyle = charts.css.getPropertyValue("--back").trim();
     ctx.globalAlpha = 0.8;
@@ -77,7 +77,7 @@ var HilMarks = (() => {
     ctx.fillStyle = ctx.strokeStyle = colour;
     ctx.textAlign = "right";
     let right = box.left + box.width - 4 * ratio;
-    if (one.value > max || one.value < min) return;   // the title tells it
+    if (one.value > max || one.value < min) return;   // the title lists it
     const y = u.valToPos(one.value, "y", true);
     ctx.lineWidth = 1.2 * ratio;
     ctx.setLineDash(one.kind === "target" ? [2 * ratio, 3 * ratio] : [7 * ratio, 4 * ratio]);
@@ -112,7 +112,7 @@ var HilMarks = (() => {
     const gap = 5 * ratio, text = cut(ctx, one.text, box.width - 2 * gap), width = ctx.measureText(text).width;
     const leftwards = x + width + 2 * gap > box.left + box.width;
     const from = Math.max(leftwards ? x - width - gap : x + gap, box.left + 2 * ratio);
-    let row = 0;   // at the foot, where a pressing force leaves room, and above each other where they would overlap
+    let row = 0;   // at the bottom, where a pressing force leaves space, and stacked if they would overlap
     while (scene.taken.some(other => other.row === row && from < other.to && from + width > other.from)) row++;
     if (row > 4) return;
     scene.taken.push({row, from: from - gap, to: from + width + gap});
@@ -137,8 +137,8 @@ var HilMarks = (() => {
       const scene = {ctx, box, ratio, taken: [], labels: []};
       if (chart.first) names(charts, chart, u, scene);
       if (Number.isFinite(charts.moment)) moment(charts, u, scene);
-      for (const one of chart.told.limits || []) limit(charts, u, one, scene);
-      for (const one of charts.told.marks) {
+      for (const one of chart.spec.limits || []) limit(charts, u, one, scene);
+      for (const one of charts.spec.marks) {
         const shown = !one.layer || charts.layers.get(one.layer) !== false;
         if (shown && (one.axis || "time") === chart.axis) mark(charts, chart, u, one, scene);
       }

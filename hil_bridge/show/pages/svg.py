@@ -1,4 +1,4 @@
-"""SVG drawings inside a page, without scripts. Colours are style sheet variables, for light and dark pages."""
+"""SVG drawings in a page, without scripts. Colours are style sheet variables, for light and dark pages."""
 
 import math
 import struct
@@ -13,30 +13,30 @@ from numpy.typing import NDArray
 from hil_bridge.show.pages.description import Range
 
 VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
-"""Sequential palette; distinguishable in grey. Source: the colour map viridis, at five places."""
+"""Sequential palette, distinguishable in greyscale. Source: the colour map viridis, at five points."""
 COOLWARM = ((59, 76, 192), (141, 176, 254), (221, 221, 221), (244, 152, 122), (180, 4, 38))
-"""Diverging palette. Source: the colour map of K. Moreland, at five places."""
+"""Diverging palette. Source: the colour map of K. Moreland, at five points."""
 PALETTES = {"amount": VIRIDIS, "sign": COOLWARM}
-"""Palettes by their names in `description.Scale`."""
+"""Colour palettes by their names in `description.Scale`."""
 _LEAST_PX = 45.0
 
 
 class Frame:
-    """Rectangle of a drawing with its own scales, and its elements."""
+    """Rectangle of a drawing with scales of its own, and the elements in the rectangle."""
 
     def __init__(self, place: tuple[float, float, float, float], x: Range, y: Range) -> None:
-        """`place` is left, top, width and height, px; `x` and `y` are the displayed ranges, y upwards."""
+        """`place` is left, top, width and height, px. `x` and `y` are the displayed ranges; y points upwards."""
         self.left, self.top, self.width, self.height = place
         self.x_range, self.y_range = x, y
         self.parts: list[str] = []
 
     def x(self, value: float) -> float:
-        """Convert a value to px."""
+        """Convert a value on the x axis to px."""
         low, high = self.x_range
         return self.left + self.width * (value - low) / (high - low)
 
     def y(self, value: float) -> float:
-        """Convert a value to px."""
+        """Convert a value on the y axis to px."""
         low, high = self.y_range
         return self.top + self.height * (high - value) / (high - low)
 
@@ -61,7 +61,7 @@ class Frame:
     def path(
         self, places: Iterable[tuple[float, float]], colour: str, width: float, dashed: bool = False
     ) -> None:
-        """Draw a line through points in the frame's units; a NaN point interrupts it."""
+        """Draw a line through points in the units of the frame; a NaN point interrupts the line."""
         commands, joined = [], False
         for x, y in places:
             if not (math.isfinite(x) and math.isfinite(y)):
@@ -87,7 +87,7 @@ def drawing(size: tuple[float, float], parts: Iterable[str], label: str) -> str:
 
 
 def shade(colour: str) -> str:
-    """Return a CSS colour from the name of a style sheet variable; `#rrggbb` is returned unchanged."""
+    """Return a CSS colour for the name of a style sheet variable; `#rrggbb` is returned unchanged."""
     return colour if colour.startswith("#") else f"var(--{colour})"
 
 
@@ -100,7 +100,7 @@ def line(begin: tuple[float, float], end: tuple[float, float], colour: str, widt
 
 
 def box(place: tuple[float, float, float, float], colour: str, title: str = "") -> str:
-    """Draw a filled rectangle: left, top, width, height, px. The title is its tooltip."""
+    """Draw a filled rectangle with left, top, width and height in px. The title is the tooltip of the rectangle."""
     left, top, width, height = place
     inside = f"<title>{escape(title)}</title>" if title else ""
     return (
@@ -110,13 +110,13 @@ def box(place: tuple[float, float, float, float], colour: str, title: str = "") 
 
 
 def text(
-    place: tuple[float, float], words: str, anchor: str = "start", colour: str = "quiet", bold: bool = False
+    place: tuple[float, float], content: str, anchor: str = "start", colour: str = "quiet", bold: bool = False
 ) -> str:
     """Draw text; `anchor` is start, middle or end."""
     weight = ' font-weight="600"' if bold else ""
     return (
         f'<text x="{place[0]:.1f}" y="{place[1]:.1f}" text-anchor="{anchor}"{weight}'
-        f' style="fill:{shade(colour)}">{escape(words)}</text>'
+        f' style="fill:{shade(colour)}">{escape(content)}</text>'
     )
 
 
@@ -126,7 +126,7 @@ def dot(place: tuple[float, float], radius: float, colour: str) -> str:
 
 
 def scale_colours(shares: NDArray[np.float64], stops: Sequence[tuple[int, int, int]]) -> NDArray[np.uint8]:
-    """Return the colours (…, 3) of shares from 0 to 1."""
+    """Return the colours (…, 3) on a scale for shares from 0 to 1."""
     at = np.linspace(0.0, 1.0, len(stops))
     parts = [np.interp(np.clip(shares, 0.0, 1.0), at, [stop[k] for stop in stops]) for k in range(3)]
     return np.stack(parts, axis=-1).round().astype(np.uint8)
@@ -161,7 +161,7 @@ def image(pixels: NDArray[np.uint8], place: tuple[float, float, float, float]) -
 def scale_bar(
     place: tuple[float, float, float], stops: Sequence[tuple[int, int, int]], ends: Range, unit: str
 ) -> str:
-    """Draw the colour bar: left, top and height, px."""
+    """Draw the colour bar, with left, top and height in px."""
     left, top, height = place
     colours = scale_colours(np.linspace(1.0, 0.0, 64)[:, None], stops)
     low, high = ends
@@ -172,7 +172,7 @@ def scale_bar(
 
 
 def round_numbers(low: float, high: float, room_px: float) -> list[float]:
-    """Return round numbers between two values, as many as fit."""
+    """Return as many round numbers between two values as fit."""
     if not high > low:
         return []
     rough = (high - low) / max(room_px / _LEAST_PX, 1.0)
@@ -183,5 +183,5 @@ def round_numbers(low: float, high: float, room_px: float) -> list[float]:
 
 
 def number(value: float) -> str:
-    """Format a number as short as possible."""
+    """Format a number with as few characters as possible."""
     return f"{value:.4g}".replace("-", "−")

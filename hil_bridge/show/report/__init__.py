@@ -1,4 +1,4 @@
-"""The report of a run as a page, and on request as a picture."""
+"""Report of a run as a page, and optionally as a picture."""
 
 from hil_bridge.show.report.page import write_report
 

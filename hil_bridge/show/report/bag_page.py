@@ -1,4 +1,4 @@
-"""Report page of a ROS 2 bag: measurements, assumptions of the reader, and missing data."""
+"""Report page of a ROS 2 bag: measurements, assumptions of the reader, and missing parts."""
 
 from html import escape
 
@@ -24,12 +24,12 @@ MISSING = (
 _FRAMES = {TOOL_FRAME: "child frame of the pose", BASE_FRAME: "parent frame of the pose"}
 
 
-def bag_page(recording: Recording, foreign: Foreign, summary: Summary) -> str:
+def bag_page(recording: Recording, origin: Foreign, summary: Summary) -> str:
     """Render the page of a bag as HTML."""
-    return document(*bag_body(recording, foreign, summary))
+    return document(*bag_body(recording, origin, summary))
 
 
-def bag_body(recording: Recording, foreign: Foreign, summary: Summary) -> tuple[str, str]:
+def bag_body(recording: Recording, origin: Foreign, summary: Summary) -> tuple[str, str]:
     """Return the title of the page, and its body as HTML."""
     charts, left_out = run_charts(recording)
     drawn = {chart.id for chart in charts.charts}
@@ -39,45 +39,45 @@ def bag_body(recording: Recording, foreign: Foreign, summary: Summary) -> tuple[
     (contact, figures), (about, facts) = figure_tables(recording, summary)
     thinned = f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""
     cut = (
-        "<p>The bag ends early or is damaged; everything here covers what is there.</p>"
+        "<p>The bag ends early or is damaged; this page covers the readable part.</p>"
         if summary.truncated
         else ""
     )
-    body = f"""<h1>ROS 2 bag: {escape(foreign.file)}</h1>{cut}
+    body = f"""<h1>ROS 2 bag: {escape(origin.file)}</h1>{cut}
 <div class="columns head"><section>{pairs(identity_rows(recording, summary), "facts")}{rows(facts)}</section>
 <section><h2>{escape(contact.capitalize())}</h2>{rows(figures)}</section></div>
 <h2>Course</h2>
 {room("run", charts)}{thinned}
 <h2>Assumptions</h2>
-{_topics(foreign)}{assumptions_table(foreign)}
+{_topics(origin)}{assumptions_table(origin)}
 <h2>Not in the bag</h2>
 <p>A bag does not contain {escape(", ".join(MISSING[:-1]))} or {escape(MISSING[-1])}; they are not estimated here.
 These charts have no values: {escape("; ".join(without_values))}.</p>"""
-    return f"{about}: {foreign.file}", body
+    return f"{about}: {origin.file}", body
 
 
-def _topics(foreign: Foreign) -> str:
+def _topics(origin: Foreign) -> str:
     lines = (
         (ROLES[role], topic.name, topic.type, topic.frame or "none", f"{topic.messages}")
-        for role, topic in foreign.topics.items()
+        for role, topic in origin.topics.items()
     )
     return cells(("role", "topic", "type", "frame_id", "messages"), lines, "narrow")
 
 
-def assumptions_table(foreign: Foreign) -> str:
+def assumptions_table(origin: Foreign) -> str:
     """Render the table of the reader's assumptions."""
-    choices = foreign.choices
+    choices = origin.choices
     body = "the environment on the tool" if choices.sign == 1 else "the tool on the environment"
     named = {
-        "units": "N, N·m, m, as ROS 2 has them (REP 103)",
-        "wrench": f"that of {body}, along the axes of the {_FRAMES[choices.wrench_in]}",
+        "units": "N, N·m, m (REP 103)",
+        "wrench": f"exerted by {body}, along the axes of the {_FRAMES[choices.wrench_in]}",
         "contact axis": f"{choices.axis.partition(':')[2]} of the {_FRAMES[choices.axis_frame]}",
         "force": "the wrench against that axis, positive while pressing",
         "depth": "displacement from the first sample along that axis, as oriented then",
         "contact": f"force above {choices.contact_n:g} N",
         "zero": f"mean of the first {choices.zero_s:g} s" if choices.zero_s else "as recorded",
-        "times": "stamps of the headers" if choices.stamps == HEADER else "times of recording",
-        "moments": "as recorded" if foreign.moments else f"not in {foreign.topics[WRENCH].name}",
-        "left out": f"{foreign.left_out} wrenches without a pose near them" if foreign.left_out else "",
+        "times": "time stamps of the headers" if choices.stamps == HEADER else "recording times",
+        "moments": "as recorded" if origin.moments else f"not in {origin.topics[WRENCH].name}",
+        "left out": f"{origin.left_out} wrenches without a nearby pose" if origin.left_out else "",
     }
     return cells(("quantity", "assumed"), [row for row in named.items() if row[1]], "narrow settings")

@@ -26,9 +26,9 @@ from hil_bridge.show.report.identity import identity_rows
 from hil_bridge.show.report.markup import across, cells, prose
 
 RUNS_MOST = 8
-"""Most runs of a comparison: the number of distinguishable colours."""
+"""Maximum number of runs in a comparison, which is the number of distinguishable colours."""
 TOUCH, BEGIN = "touch", "begin"
-"""Moment at 0 s: the start of the first tracking, or of the run."""
+"""Event at 0 s: the start of the first tracking, or the start of the run."""
 COMPARED = {
     "force": "force",
     "lateral": "lateral",
@@ -38,13 +38,16 @@ COMPARED = {
     "stiffness": "stiffness",
     "times": "cycle_ms",
 }
-"""Charts of the catalogue that are overlaid, and the column of each that represents a run."""
+"""Charts of the catalogue that are overlaid, and the column of each chart that is drawn for each run."""
 
 
 def compare_values(runs: Mapping[str, Recording]) -> dict[str, Any]:
-    """Return outcome and figures of each run by name, and the settings that differ. Raises ConfigError as the page."""
+    """Return outcome and figures of each run by name, and the settings that differ.
+
+    Raises ConfigError as `compare_page` does.
+    """
     _check_number(runs)
-    ours = _own(runs)
+    ours = _with_settings(runs)
     summaries = {name: summarise(recording) for name, recording in runs.items()}
     return {
         "runs": {
@@ -62,7 +65,7 @@ def _check_number(runs: Mapping[str, Recording]) -> None:
 
 
 def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
-    """Render the page of at least two runs by name. Raises ConfigError for too few or too many."""
+    """Render the page of at least two runs by name. Raises ConfigError for too few or too many runs."""
     _check_number(runs)
     summaries = {name: summarise(recording) for name, recording in runs.items()}
     charts, left_out = _charts(runs, align)
@@ -71,7 +74,7 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
         f"<dt><strong>{escape(name)}</strong>: {escape(summaries[name].outcome)}</dt><dd>{prose(why(runs[name]))}</dd>"
         for name in names
     )
-    ours = _own(runs)
+    ours = _with_settings(runs)
     settings = between(list(ours.values()))
     body = f"""<h1>{len(runs)} runs compared</h1>
 <dl>{ends}</dl>
@@ -85,8 +88,8 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     return document(f"compared: {', '.join(names)}", body)
 
 
-def _own(runs: Mapping[str, Recording]) -> Mapping[str, Recording]:
-    """Return the runs that have settings: not those of other programs."""
+def _with_settings(runs: Mapping[str, Recording]) -> Mapping[str, Recording]:
+    """Return the runs that have settings. Recordings of other programs have no settings."""
     return {name: recording for name, recording in runs.items() if recording.foreign is None}
 
 
@@ -98,7 +101,10 @@ def _bags(runs: Mapping[str, Recording]) -> str:
 
 
 def names_of(paths: Sequence[Path]) -> list[str]:
-    """Return unique short names for recordings: file, else folder and file, else the full path."""
+    """Return unique short names for recordings.
+
+    The name is the file name if it is unique, otherwise folder and file name, otherwise the full path.
+    """
     for name in (lambda path: path.stem, lambda path: f"{path.absolute().parent.name}/{path.stem}", str):
         names = [name(path) for path in paths]
         if len(set(names)) == len(names):
@@ -137,13 +143,13 @@ def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:
 
 
 def _title(chart: Chart) -> str:
-    """Return the title of a chart, with the displayed series where it has several."""
-    shown = [one.label for one in chart.series if one.column == COMPARED[chart.id]]
-    return f"{chart.title}: {shown[0]}" if len(chart.series) > 1 and chart.id != "force" else chart.title
+    """Return the title of a chart; it names the displayed series if the chart has several."""
+    labels = [one.label for one in chart.series if one.column == COMPARED[chart.id]]
+    return f"{chart.title}: {labels[0]}" if len(chart.series) > 1 and chart.id != "force" else chart.title
 
 
 def _same_limits(chart: Chart, runs: Mapping[str, Recording]) -> list[Limit]:
-    """Return the limits of a chart that are equal in all runs, and the target force."""
+    """Return the limits of a chart that are equal in all runs, including the target force."""
     each = [
         next((one.limits for one in catalogue(facts_of_recording(run)) if one.id == chart.id), ())
         for run in runs.values()
@@ -159,7 +165,10 @@ def _same_limits(chart: Chart, runs: Mapping[str, Recording]) -> list[Limit]:
 
 
 def _zero(recording: Recording, align: str) -> float:
-    """Return the moment at 0, s on the run's clock: start of tracking, else of the run; of a bag its first contact."""
+    """Return the time at 0 s, s on the run's clock.
+
+    It is the start of tracking if there is one, otherwise the start of the run; for a bag, it is the first contact.
+    """
     if recording.foreign is not None and align == TOUCH:
         touches = (cycle.controlled_at for cycle in recording.cycles if cycle.in_contact)
         return next(touches, start_time(recording))
@@ -181,8 +190,8 @@ def _figures(runs: Mapping[str, Recording], summaries: Mapping[str, Summary]) ->
         texts = dict(identity_rows(recording, summary))
         texts["outcome"] = summary.outcome
         tables = (rows for _, rows in figure_tables(recording, summary))
-        shown = [*(row for rows in tables for row in rows), *contact_rows(summary)]
-        texts |= {row.label: row.value for row in shown}
+        listed = [*(row for rows in tables for row in rows), *contact_rows(summary)]
+        texts |= {row.label: row.value for row in listed}
         columns.append(texts)
     lines = []
     for label in dict.fromkeys(label for texts in columns for label in texts):

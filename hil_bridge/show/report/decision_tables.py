@@ -1,4 +1,4 @@
-"""The controller's decisions, cycle by cycle: levels, fired rules, estimate, gain and verdict as tables."""
+"""Tables of the controller's decisions per cycle: levels, fired rules, estimate, gain and verdict."""
 
 import math
 from collections import Counter
@@ -12,22 +12,22 @@ from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import CycleRecord
 from hil_bridge.show.charts.columns import LEVELS
 
-ROWS_SHOWN = 200
-RULES_SHOWN = 3
+ROWS_MAX = 200
+RULES_MAX = 3
 _RULE_SIGN = "→"
-"""Character in the name of every rule, and in no other key of an explanation."""
+"""Character that occurs in the name of every rule and in no other key of an explanation."""
 _UNITS = {"_m": (1e3, ".3f", "mm"), "_n": (1.0, ".2f", "N")}
 """Scale, format and unit by the suffix of a key."""
 
 
 @dataclass(frozen=True, slots=True)
 class Decisions:
-    """Table of cycles, without empty columns."""
+    """Table of decisions with one row per cycle; empty columns are omitted."""
 
     titles: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     cycles: int
-    """Number of tracked cycles, of which the rows are an even selection."""
+    """Number of tracked cycles, from which the rows are evenly selected."""
 
 
 def select_tracked(recording: Recording) -> list[CycleRecord]:
@@ -36,11 +36,14 @@ def select_tracked(recording: Recording) -> list[CycleRecord]:
 
 
 def decisions(recording: Recording, zero: float) -> Decisions | None:
-    """Return the table of at most `ROWS_SHOWN` tracked cycles, times from `zero`; None if nothing was tracked."""
+    """Return the table of at most `ROWS_MAX` tracked cycles, with times since `zero`.
+
+    The result is None if no force was tracked.
+    """
     cycles = select_tracked(recording)
     if not cycles:
         return None
-    chosen = decimate(cycles, ROWS_SHOWN)
+    chosen = decimate(cycles, ROWS_MAX)
     columns = [(title, [text(cycle) for cycle in chosen]) for title, text in _columns(zero)]
     columns = [(title, texts) for title, texts in columns if any(texts)]
     rows = tuple(zip(*(texts for _, texts in columns), strict=True))
@@ -48,8 +51,10 @@ def decisions(recording: Recording, zero: float) -> Decisions | None:
 
 
 def strongest_rules(recording: Recording) -> list[tuple[str, int, float]]:
-    """Return the rules with the largest weight of their cycle, ties included: name, number of tracked cycles, and
-    mean of that weight; the most frequent first.
+    """Return the rules that have the largest weight in a cycle, including ties, the most frequent rule first.
+
+    Each row has the name of the rule, the number of tracked cycles in which it is the strongest, and its mean
+    weight in them.
     """
     counts: Counter[str] = Counter()
     weights: dict[str, float] = {}
@@ -64,7 +69,10 @@ def strongest_rules(recording: Recording) -> list[tuple[str, int, float]]:
 
 
 def rules(explanation: Mapping[str, float]) -> list[tuple[str, float]]:
-    """Return the rules that fired with their weights, the strongest first, equal ones by name."""
+    """Return the rules that fired, with their weights, the strongest first.
+
+    Rules with equal weights are sorted by name.
+    """
     fired = [
         (name, weight)
         for name, weight in explanation.items()
@@ -74,7 +82,7 @@ def rules(explanation: Mapping[str, float]) -> list[tuple[str, float]]:
 
 
 def decimate(cycles: Sequence[CycleRecord], most: int) -> list[CycleRecord]:
-    """Return at most `most` of these cycles, including the first and the last."""
+    """Return at most `most` of these cycles, evenly selected, including the first and the last."""
     if len(cycles) <= most:
         return list(cycles)
     return [cycles[round(k * (len(cycles) - 1) / (most - 1))] for k in range(most)]
@@ -99,7 +107,7 @@ def _columns(zero: float) -> list[tuple[str, Callable[[CycleRecord], str]]]:
 
 
 def _plain(value: float | None, form: str, scale: float = 1.0) -> str:
-    """Format a number without its unit; empty if it is unknown."""
+    """Format a number without its unit; return an empty text if it is unknown."""
     return quantity(value, scale, form, "") if _known(value) else ""
 
 
@@ -108,12 +116,12 @@ def _known(value: float | None) -> TypeGuard[float]:
 
 
 def _rules_text(cycle: CycleRecord) -> str:
-    fired = rules(cycle.explanation)[:RULES_SHOWN]
+    fired = rules(cycle.explanation)[:RULES_MAX]
     return ", ".join(f"{name} {weight:.2f}" for name, weight in fired)
 
 
 def _other_text(cycle: CycleRecord) -> str:
-    """Format the other values of the controller, with the units in their names."""
+    """Format the remaining values of the controller, with the units that their names state."""
     parts = []
     for key, value in cycle.explanation.items():
         if key in LEVELS or _RULE_SIGN in key or not _known(value):

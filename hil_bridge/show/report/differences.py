@@ -1,4 +1,4 @@
-"""Differences of a recorded configuration from the defaults, or between runs."""
+"""Differences of a recorded configuration from the defaults, and between the configurations of runs."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -11,12 +11,14 @@ from hil_bridge.record.device_facts import recorded_configuration
 from hil_bridge.record.reader import Recording
 from hil_bridge.settings.configuration import Config, dump, read_config
 
-_LONGEST = 300
-"""Most characters of a displayed value. Chosen: a program's steps have more, and the recording holds them."""
+_LENGTH_MAX = 300
+"""Maximum number of characters of a displayed value. Chosen: the steps of a program are longer; the recording
+contains them in full.
+"""
 _CHOICES = ("emulated", "surface_kind")
-"""Keys that select a kind; the defaults are those of that kind."""
-_DEEPEST = 40
-"""Most levels of nested tables."""
+"""Keys that select a kind of device; the defaults are those of the selected kind."""
+_LEVELS_MAX = 40
+"""Maximum number of levels of nested tables."""
 
 
 def from_defaults(recording: Recording) -> list[tuple[str, str, str]]:
@@ -38,32 +40,32 @@ def from_defaults(recording: Recording) -> list[tuple[str, str, str]]:
 
 
 def between(recordings: list[Recording]) -> list[tuple[str, ...]]:
-    """Return the key, and the value in each recording, of every setting that differs."""
-    found = [flat(recorded_configuration(recording)) for recording in recordings]
-    keys = sorted({key for one in found for key in one})
+    """Return the key of every setting that differs, and its value in each recording."""
+    configurations = [flat(recorded_configuration(recording)) for recording in recordings]
+    keys = sorted({key for one in configurations for key in one})
     rows = []
     for key in keys:
-        values = [one.get(key, ...) for one in found]
+        values = [one.get(key, ...) for one in configurations]
         if any(value != values[0] for value in values):
             rows.append((key, *("–" if value is ... else describe_value(value) for value in values)))
     return rows
 
 
 def flat(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Flatten nested tables into one with dotted keys."""
+    """Flatten nested tables into one table with dotted keys."""
     return dict(_flat("", values, 0))
 
 
 def describe_value(value: object) -> str:
     """Format a value in one line."""
     text = json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} … ({len(text)} letters)"
+    return text if len(text) <= _LENGTH_MAX else f"{text[:_LENGTH_MAX]} … ({len(text)} characters)"
 
 
 def _flat(before: str, values: Mapping[str, Any], depth: int) -> Iterator[tuple[str, Any]]:
     for key, value in values.items():
         name = f"{before}.{key}" if before else str(key)
-        if isinstance(value, dict) and value and depth < _DEEPEST:
+        if isinstance(value, dict) and value and depth < _LEVELS_MAX:
             yield from _flat(name, value, depth + 1)
         else:
             yield name, value

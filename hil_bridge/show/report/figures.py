@@ -17,7 +17,7 @@ class Row:
 
 
 NAMED = ("controller", "seed")
-"""First rows of `run_rows`, which a page displays at its top."""
+"""Number of leading rows of `run_rows` that a page displays at the top."""
 
 
 def merit_rows(summary: Summary) -> tuple[Row, ...]:
@@ -30,12 +30,12 @@ def merit_rows(summary: Summary) -> tuple[Row, ...]:
 
 
 def contact_rows(summary: Summary) -> tuple[Row, ...]:
-    """Return the figures of the contact."""
+    """Return the contact figures."""
     return tuple(Row(one.words, one.text(summary.contact.get(one.key)), one.how) for one in CONTACT)
 
 
 def bag_rows(recording: Recording, summary: Summary) -> tuple[Row, ...]:
-    """Return other facts of a recording made by another program."""
+    """Return the other facts of a recording made by another program."""
     cycles = recording.cycles
     span_s = cycles[-1].controlled_at - cycles[0].controlled_at if cycles else None
     return (
@@ -52,12 +52,12 @@ def bag_rows(recording: Recording, summary: Summary) -> tuple[Row, ...]:
 def figure_tables(recording: Recording, summary: Summary) -> tuple[tuple[str, tuple[Row, ...]], ...]:
     """Return titles and rows of the two tables of figures."""
     if recording.foreign is not None:
-        return ("figures of the contact", contact_rows(summary)), ("bag", bag_rows(recording, summary))
+        return ("contact figures", contact_rows(summary)), ("bag", bag_rows(recording, summary))
     return (Group.MERIT.value, merit_rows(summary)), (Group.RUN.value, run_rows(summary))
 
 
 def run_rows(summary: Summary) -> tuple[Row, ...]:
-    """Return other facts of the run."""
+    """Return the other facts of the run."""
     times, dropped = summary.cycle_time, sum(summary.recorder_dropped.values())
     mean, p50, p90, p99, largest = (
         quantity(value, 1e3, ".1f", "ms")

@@ -14,7 +14,7 @@ _YEAR_3000_S = 32503680000.0
 
 
 def reality(recording: Recording) -> str:
-    """Return whether robot and sensor were emulated: `EMULATED`, `REAL` or `PARTLY REAL`; empty if unknown."""
+    """Return whether robot and sensor were emulated, as `EMULATED`, `REAL` or `PARTLY REAL`; empty if unknown."""
     urls = _urls(recording)
     if urls is None:
         return ""
@@ -42,7 +42,7 @@ def identity_rows(recording: Recording, summary: Summary) -> list[tuple[str, str
 
 
 def _urls(recording: Recording) -> tuple[str, str] | None:
-    """Return the URLs of robot and sensor, empty for an emulated one."""
+    """Return the URLs of robot and sensor; the URL of an emulated device is empty."""
     recorded: Any = recorded_configuration(recording)
     robot, sensor = recorded.get("robot"), recorded.get("sensor")
     if not isinstance(robot, dict) or not isinstance(sensor, dict) or "url" not in robot:

@@ -1,4 +1,4 @@
-"""Latency section of the page: how a cycle's time is spent."""
+"""Latency section of the page: breakdown of a cycle's time."""
 
 from html import escape
 
@@ -8,42 +8,42 @@ from hil_bridge.record.reader import Recording
 from hil_bridge.show.report.latency_bar import latency_bar
 from hil_bridge.show.report.markup import across, cells
 
-_TITLES = ("hop", "whose time", "p50, ms", "p90, ms", "p99, ms", "max, ms", "what it is")
+_TITLES = ("hop", "owner", "p50, ms", "p90, ms", "p99, ms", "max, ms", "description")
 
 
 def latency_section(recording: Recording) -> str:
-    """Render the section; empty if the cycles were not timestamped."""
-    found = latency_of(recording)
-    if found is None:
+    """Render the section; empty if the cycles have no time stamps."""
+    latency = latency_of(recording)
+    if latency is None:
         return ""
     parts = [
         "<h2>Latency</h2>",
-        f'<p class="verdict">{escape(_sentence(found))}</p>',
-        across(latency_bar(found)),
-        cells(_TITLES, [*map(_row, found.chain), _total(found)], "narrow"),
+        f'<p class="verdict">{escape(_sentence(latency))}</p>',
+        across(latency_bar(latency)),
+        cells(_TITLES, [*map(_row, latency.chain), _total(latency)], "narrow"),
     ]
-    if found.beside:
+    if latency.beside:
         parts += [
             "<p>Hops of the cycle that the sample does not wait for:</p>",
-            cells(_TITLES, map(_row, found.beside), "narrow"),
+            cells(_TITLES, map(_row, latency.beside), "narrow"),
         ]
-    if found.constants:
+    if latency.constants:
         parts += [
-            "<p>Delays that nothing stamps, to be added:</p>",
+            "<p>Delays without time stamps, to be added:</p>",
             cells(
                 ("delay", "ms", "source"),
-                [(c.words, f"{c.seconds * 1e3:.1f}", c.source) for c in found.constants],
+                [(c.words, f"{c.seconds * 1e3:.1f}", c.source) for c in latency.constants],
                 "narrow",
             ),
         ]
     return "\n".join(parts) + "\n"
 
 
-def _sentence(found: Latency) -> str:
-    p50, p99 = (f"{seconds * 1e3:.0f} ms" for seconds in (found.total.p50_s, found.total.p99_s))
+def _sentence(latency: Latency) -> str:
+    p50, p99 = (f"{seconds * 1e3:.0f} ms" for seconds in (latency.total.p50_s, latency.total.p99_s))
     return (
-        f"Half of the cycles took {p50} or less from {found.name}, 99 % at most {p99}."
-        f" The largest part: {found.largest_words}."
+        f"Half of the cycles took {p50} or less from {latency.name}, 99 % at most {p99}."
+        f" The largest part: {latency.largest_text}."
     )
 
 
@@ -52,8 +52,8 @@ def _row(part: Part) -> tuple[str, ...]:
     return (hop.name.replace("_", " "), hop.owner.value, *_figures(part.times), hop.words)
 
 
-def _total(found: Latency) -> tuple[str, ...]:
-    return ("in all", "", *_figures(found.total), found.name)
+def _total(latency: Latency) -> tuple[str, ...]:
+    return ("in all", "", *_figures(latency.total), latency.name)
 
 
 def _figures(times: Times) -> tuple[str, ...]:

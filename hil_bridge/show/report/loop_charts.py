@@ -1,4 +1,4 @@
-"""Bode charts of a linear force loop, with its margins."""
+"""Bode charts of a linear force loop, with the stability margins."""
 
 import math
 
@@ -11,16 +11,18 @@ from hil_bridge.show.report.stability import Analysis, LinearLoop
 
 _POINTS = 300
 _BELOW = 30.0
-"""Ratio of the charts' lowest frequency to the lower crossover."""
+"""Ratio of the lower crossover to the lowest frequency of the charts."""
 _LOWEST_PHASE_DEG = -450.0
 _AXIS = "frequency"
 
 
 def loop_charts(analysis: Analysis, loop: LinearLoop) -> Charts:
     """Return the gain and phase charts, on a frequency axis."""
-    plant, found = analysis.plant, loop.margins
+    plant, loop_margins = analysis.plant, loop.margins
     top = math.pi / plant.period
-    crossings = [w for w in (found.gain_crossover_rad_s, found.phase_crossover_rad_s) if math.isfinite(w)]
+    crossings = [
+        w for w in (loop_margins.gain_crossover_rad_s, loop_margins.phase_crossover_rad_s) if math.isfinite(w)
+    ]
     omega = np.geomspace(min([*crossings, top]) / _BELOW, top, _POINTS)
     gain = np.abs(loop_response(analysis.stiffness, loop.response, plant, omega * plant.period))
     phase = loop_phase_deg(analysis.stiffness, loop.response, plant, omega)
@@ -42,7 +44,7 @@ def loop_charts(analysis: Analysis, loop: LinearLoop) -> Charts:
                 "Loop phase",
                 "°",
                 [Series("loop", "phase", "phase", "6")],
-                limits=[Limit(-180.0, "turned over", "target", shown=True)],
+                limits=[Limit(-180.0, "inverted", "target", shown=True)],
                 axis=_AXIS,
             ),
         ],
@@ -54,12 +56,14 @@ def loop_charts(analysis: Analysis, loop: LinearLoop) -> Charts:
 
 
 def _marks(loop: LinearLoop) -> list[Mark]:
-    """Return the crossovers, with the margins that are read there."""
-    found, marks = loop.margins, []
-    if math.isfinite(at := found.phase_crossover_rad_s) and math.isfinite(found.gain_margin):
-        marks.append(Mark(at, f"gain margin {found.gain_margin:.2f}", "note", _AXIS))
-    turned = found.phase_margin_deg > 0.0 and not found.stable  # more than a turn: no margin to be shown
-    if math.isfinite(at := found.gain_crossover_rad_s) and not turned:
-        margin = f"{found.phase_margin_deg:.0f}°".replace("-", "−")
+    """Return marks at the crossovers, labelled with the margins."""
+    loop_margins, marks = loop.margins, []
+    if math.isfinite(at := loop_margins.phase_crossover_rad_s) and math.isfinite(loop_margins.gain_margin):
+        marks.append(Mark(at, f"gain margin {loop_margins.gain_margin:.2f}", "note", _AXIS))
+    turned = (
+        loop_margins.phase_margin_deg > 0.0 and not loop_margins.stable
+    )  # beyond one turn of phase, there is no margin to show
+    if math.isfinite(at := loop_margins.gain_crossover_rad_s) and not turned:
+        margin = f"{loop_margins.phase_margin_deg:.0f}°".replace("-", "−")
         marks.append(Mark(at, f"phase margin {margin}", "note", _AXIS))
     return marks

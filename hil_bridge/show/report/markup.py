@@ -1,4 +1,4 @@
-"""HTML tables."""
+"""HTML tables of a report page."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -10,12 +10,12 @@ _COMMAND = re.compile(r"`([^`]+)`")
 
 
 def prose(text: str) -> str:
-    """Render prose as HTML: URL queries are removed, and text between backticks becomes code."""
+    """Render prose as HTML: remove URL queries, and format text between backticks as code."""
     return _COMMAND.sub(r"<code>\1</code>", escape(text))
 
 
 def rows(figures: Iterable[Row]) -> str:
-    """Render figures with their explanations."""
+    """Render rows of figures with their explanations."""
     return table(
         (
             f'<td>{escape(row.label)}</td><td class="value">{escape(row.value)}</td>'
@@ -27,25 +27,25 @@ def rows(figures: Iterable[Row]) -> str:
 
 
 def pairs(named: Iterable[tuple[str, str]], style: str = "narrow") -> str:
-    """Render names and values."""
+    """Render a table of names and values."""
     return table(
         (f'<td>{escape(name)}</td><td class="value">{escape(value)}</td>' for name, value in named), style
     )
 
 
 def cells(titles: Sequence[str], lines: Iterable[Sequence[str]], style: str) -> str:
-    """Render plain texts below titles."""
+    """Render a table of plain texts below titles."""
     head = "<thead><tr>" + "".join(f"<th>{escape(title)}</th>" for title in titles) + "</tr></thead>\n"
     body = ("".join(f"<td>{escape(text)}</td>" for text in line) for line in lines)
     return across(table(body, style, head))
 
 
 def across(marked: str) -> str:
-    """Wrap content wider than a phone, so that it scrolls sideways."""
+    """Wrap content that is wider than a phone, so that it scrolls sideways."""
     return f'<div class="across">{marked}</div>'
 
 
 def table(marked: Iterable[str], style: str = "wide", head: str = "") -> str:
-    """Render rows of `td` elements from escaped texts."""
+    """Render a table of `td` elements from escaped texts."""
     body = "".join(f"<tr>{row}</tr>\n" for row in marked)
     return f'<table class="{style}">{head}<tbody>{body}</tbody></table>' if body else "<p>none</p>"

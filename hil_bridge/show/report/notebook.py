@@ -1,4 +1,4 @@
-"""Notebook display of a run and its figures: HTML without scripts and style sheets."""
+"""Notebook display of a run and its figures, as HTML without scripts and style sheets."""
 
 from collections.abc import Iterable
 from html import escape
@@ -10,13 +10,13 @@ from hil_bridge.show.picture_files import save_figure
 from hil_bridge.show.report.figures import Row, contact_rows, merit_rows
 
 _CHART = "force"
-"""Chart next to the figures."""
+"""Id of the chart to the right of the figures."""
 
 
 def run_html(recording: Recording) -> str:
-    """How a run ended, its figures of merit and its force over time.
+    """Render how a run ended, its figures of merit and its force over time.
 
-    The chart is left out where matplotlib is not installed.
+    The chart is omitted if matplotlib is not installed.
     """
     if not recording.cycles:
         return f"<p>{escape(NO_CYCLE)}</p>"
@@ -24,11 +24,11 @@ def run_html(recording: Recording) -> str:
     if recording.foreign is not None:
         title = f"<p><b>{escape(recording.foreign.file)}</b></p>"
         return f"{title}{_picture(recording)}{_figures_html(contact_rows(summary))}"
-    words = (
+    heading = (
         f"<p><b>{escape(summary.controller or 'run')}: {escape(summary.outcome)}</b> {escape(summary.text)}"
     )
     left = f"<br>left: {escape(summary.left)}" if summary.left else ""
-    return f"{words}{left}</p>{_picture(recording)}{figures_html(summary)}"
+    return f"{heading}{left}</p>{_picture(recording)}{figures_html(summary)}"
 
 
 def figures_html(summary: Summary) -> str:

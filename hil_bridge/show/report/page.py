@@ -10,7 +10,7 @@ from hil_bridge.record.analysis.figures import quantity
 from hil_bridge.record.analysis.summary import Summary, end_of
 from hil_bridge.record.analysis.why import why
 from hil_bridge.record.device_facts import devices_of
-from hil_bridge.record.files import check_place, write_whole
+from hil_bridge.record.files import check_place, write_atomically
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.facts import start_time
 from hil_bridge.show.charts.run import run_charts
@@ -27,9 +27,9 @@ from hil_bridge.show.report.surface_section import surface_section
 
 PAGE = "report.html"
 PICTURES = {"png": "report.png", "pdf": "report.pdf"}
-"""Files of the picture by its kind."""
-EVENTS_SHOWN = 500
-_LOOKS = {"completed": "good", "stopped": "bad", "interrupted": "warn"}
+"""File names of the picture, by the kind of file."""
+EVENTS_MAX = 500
+_BADGE_STYLES = {"completed": "good", "stopped": "bad", "interrupted": "warn"}
 
 
 def write_report(
@@ -39,11 +39,11 @@ def write_report(
     overwrite: bool = False,
     pictures: Sequence[str] = (),
 ) -> Path:
-    """Write the page into a directory, which is made if need be, and the picture in the kinds wanted, `png` and `pdf`;
-    the answer is the page.
+    """Write the page, and the picture in the requested formats (`png`, `pdf`), into a directory; return the path of
+    the page.
 
-    Raises ConfigError when the directory cannot be written, or without `overwrite` holds such files already, and for
-    a picture where matplotlib is not installed.
+    The directory is created if necessary. Raises ConfigError if the directory is not writable or, without
+    `overwrite`, already contains such files, and for a picture if matplotlib is not installed.
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -54,8 +54,8 @@ def write_report(
     for kind in pictures:
         from hil_bridge.show.report.plots import draw
 
-        write_whole(directory / PICTURES[kind], draw(recording, summary, kind), overwrite)
-    write_whole(directory / PAGE, page(recording, summary).encode(), overwrite)
+        write_atomically(directory / PICTURES[kind], draw(recording, summary, kind), overwrite)
+    write_atomically(directory / PAGE, page(recording, summary).encode(), overwrite)
     return directory / PAGE
 
 
@@ -66,7 +66,7 @@ def page(recording: Recording, summary: Summary) -> str:
     charts, left_out = run_charts(recording)
     thinned = f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""
     checks = "".join(f"<li>{escape(text)}</li>" for text in summary.checks)
-    before = f"<h2>Before the touch</h2><ul>{checks}</ul>" if checks else ""
+    before = f"<h2>Before contact</h2><ul>{checks}</ul>" if checks else ""
     phases = pairs((name, quantity(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())
     body = f"""{_head(recording, summary)}
 <div class="columns head"><section>{pairs(identity_rows(recording, summary), "facts")}</section>
@@ -89,11 +89,11 @@ def _title(summary: Summary) -> str:
 
 
 def _head(recording: Recording, summary: Summary) -> str:
-    """Render the facts of the run, and its end."""
+    """Render the heading of the run, and how it ended."""
     which = reality(recording)
     parts = [
         f"<h1>{escape(_title(summary))}</h1>",
-        f'<p><span class="badge {_LOOKS.get(summary.outcome, "")}">{escape(summary.outcome)}</span>',
+        f'<p><span class="badge {_BADGE_STYLES.get(summary.outcome, "")}">{escape(summary.outcome)}</span>',
         f' <span class="badge {"bad" if which == REAL else "plain"}">{escape(which)}</span>' if which else "",
         ' <span class="badge bad">NOT retracted</span>' if end_of(recording).retracted is False else "",
         "</p>",
@@ -101,23 +101,23 @@ def _head(recording: Recording, summary: Summary) -> str:
         *(f"<p>then: {prose(text)}</p>" for text in summary.followed),
         f"<p>left: <strong>{prose(summary.left)}</strong></p>" if summary.left else "",
         criteria_paragraph(summary),
-        "<p>The recording ends early; everything here covers what is there.</p>" if summary.truncated else "",
+        "<p>The recording ends early; this page covers the recorded part.</p>" if summary.truncated else "",
     ]
     return "\n".join(filter(None, parts))
 
 
 def _events(recording: Recording) -> str:
     zero = start_time(recording)
-    shown = table(
+    event_table = table(
         (
             f'<td class="value">{event.at - zero:.3f} s</td><td>{escape(event.kind)}</td>'
             f"<td>{escape(event.text)}</td>"
-            for event in recording.events[:EVENTS_SHOWN]
+            for event in recording.events[:EVENTS_MAX]
         ),
         "narrow",
     )
-    more = len(recording.events) - EVENTS_SHOWN
-    return f'<div class="scroll">{shown}</div>' + (
+    more = len(recording.events) - EVENTS_MAX
+    return f'<div class="scroll">{event_table}</div>' + (
         f"<p>and {more} more in the recording</p>" if more > 0 else ""
     )
 
@@ -127,15 +127,15 @@ def _settings(recording: Recording) -> str:
 
 
 def _counters(summary: Summary, robot: RobotFacts) -> str:
-    """Render the link counters: nonzero ones with their values, the others by name."""
-    moved = [(robot.counter_label(name), f"{value:g}") for name, value in summary.link.items() if value]
-    still = [robot.counter_label(name) for name, value in summary.link.items() if not value]
+    """Render the link counters: nonzero counters with their values, all others by name only."""
+    nonzero = [(robot.counter_label(name), f"{value:g}") for name, value in summary.link.items() if value]
+    zero = [robot.counter_label(name) for name, value in summary.link.items() if not value]
     if not summary.link:
         return ""
-    return "".join(_counted(moved, still))
+    return "".join(_counted(nonzero, zero))
 
 
-def _counted(moved: Sequence[tuple[str, str]], still: Sequence[str]) -> Iterator[str]:
-    yield f"<h2>Link counters</h2>{pairs(moved)}"
-    if still:
-        yield f'<p class="quiet">0: {escape(", ".join(still))}</p>'
+def _counted(nonzero: Sequence[tuple[str, str]], zero: Sequence[str]) -> Iterator[str]:
+    yield f"<h2>Link counters</h2>{pairs(nonzero)}"
+    if zero:
+        yield f'<p class="quiet">0: {escape(", ".join(zero))}</p>'

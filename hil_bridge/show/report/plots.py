@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from msgspec import structs
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.record.analysis.summary import Summary, wanted_force
+from hil_bridge.record.analysis.summary import Summary, target_force_text
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.map_painter import paint_map
 from hil_bridge.show.charts.maps import maps_of
@@ -28,9 +28,9 @@ _DPI = 100
 
 
 def draw(recording: Recording, summary: Summary, kind: str = "png") -> bytes:
-    """Render the picture as PNG or PDF. The same recording and matplotlib version give the same bytes.
+    """Render the picture as PNG or PDF. Equal recordings give equal bytes with the same matplotlib version.
 
-    Raises ConfigError where matplotlib is not installed.
+    Raises ConfigError if matplotlib is not installed.
     """
     matplotlib = drawing_library()
     charts, _ = run_charts(recording)
@@ -43,23 +43,23 @@ def draw(recording: Recording, summary: Summary, kind: str = "png") -> bytes:
         _paint_charts(figure, grid, charts)
         heights = charts.charts
         for place, drawn in enumerate(maps):
-            beside = grid[len(heights)].subgridspec(1, len(maps))
-            paint_map(figure.add_subplot(beside[place]), drawn, WIDTH_PX / len(maps))
+            map_grid = grid[len(heights)].subgridspec(1, len(maps))
+            paint_map(figure.add_subplot(map_grid[place]), drawn, WIDTH_PX / len(maps))
         _draw_tables(figure.add_subplot(grid[-1]), figure_tables(recording, summary))
         return save_figure(figure, kind)
 
 
 def plot(recording: Recording, names: Sequence[str] = ()) -> "Figure":
-    """Return the stacked charts of a run, all or those with these ids, as a matplotlib figure.
+    """Return the stacked charts of a run, either all or those with these ids, as a matplotlib figure.
 
-    Raises ConfigError for an id that this run has no chart of, and where matplotlib is not installed.
+    Raises ConfigError for an id that no chart of this run has, and if matplotlib is not installed.
     """
     matplotlib = drawing_library()
     charts, _ = run_charts(recording)
     there = {chart.id: chart for chart in charts.charts}
     for name in names:
         if name not in there:
-            raise ConfigError(f"there is no chart {name!r} of this run; there are {', '.join(there)}")
+            raise ConfigError(f"unknown chart {name!r}; this run has {', '.join(there)}")
     chosen = structs.replace(charts, charts=[there[name] for name in names or there])
     with matplotlib.rc_context(STYLE):
         figure, grid = _figure(chosen.charts, [], 0)
@@ -68,7 +68,7 @@ def plot(recording: Recording, names: Sequence[str] = ()) -> "Figure":
 
 
 def _figure(charts: Sequence[Chart], more_px: Sequence[int], title_px: int) -> tuple["Figure", "GridSpec"]:
-    """Create a figure with a row for each chart, and rows of these heights below, px."""
+    """Create a figure with one row per chart, and below them rows of these heights, px."""
     from hil_bridge.show.report.run_figure import RunFigure
 
     ratios = [*(chart.height_px + _AXIS_PX for chart in charts), *more_px]
@@ -94,7 +94,7 @@ def _paint_charts(figure: "Figure", grid: "GridSpec", charts: Charts) -> None:
 
 
 def _title(summary: Summary) -> str:
-    target, what = wanted_force(summary), summary.controller or "run"
+    target, what = target_force_text(summary), summary.controller or "run"
     if target:
         what += f" at {target}"
     text = f"{what} – {summary.outcome}" + (f": {summary.text}" if summary.text else "")

@@ -1,4 +1,4 @@
-"""Matplotlib figure that a notebook displays. Import it late: matplotlib takes most of a second."""
+"""Matplotlib figure that a notebook displays. Import it lazily: matplotlib takes almost a second."""
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure

@@ -15,22 +15,23 @@ from hil_bridge.show.report.markup import cells, rows
 from hil_bridge.show.report.stability import (
     GAIN_MARGIN,
     PHASE_MARGIN_DEG,
-    STAND_IN_GAIN,
+    SUBSTITUTE_GAIN,
     Analysis,
     LinearLoop,
     analyse,
 )
 
-_AS_PREDICTED = (0.5, 2.0)
-"""Measured over predicted swing that still counts as predicted. The prediction is for the least favourable place
-between two positions, and noise widens the measured swing.
+_PREDICTED_RATIO = (0.5, 2.0)
+"""Smallest and largest ratio of measured to predicted amplitude for which the prediction counts as correct.
+
+The prediction is for the least favourable position between two steps, and noise increases the measured amplitude.
 """
-_MOVES_TOLD = 0.005
-"""Fewest resolution steps a second that print as more than 0.00."""
+_PRINTED_RATE_MIN = 0.005
+"""Smallest number of resolution steps per second that does not print as 0.00."""
 
 
 def stability_section(recording: Recording, summary: Summary) -> str:
-    """Render the stability section; empty if the recording lacks the data."""
+    """Render the stability section; empty if the recording lacks the necessary data."""
     analysis = analyse(recording, summary)
     if analysis is None:
         return ""
@@ -43,7 +44,7 @@ def stability_section(recording: Recording, summary: Summary) -> str:
         ]
     else:
         parts.append(
-            "<p>No margins: they are defined for the linear controllers alone (pi, admittance without a"
+            "<p>No margins: they are defined only for linear controllers (pi, admittance without a"
             " spring).</p>"
         )
     parts += [
@@ -54,11 +55,11 @@ def stability_section(recording: Recording, summary: Summary) -> str:
 
 
 def controller_section(recording: Recording) -> str:
-    """Render the controller section; empty if nothing was tracked."""
-    found = decisions(recording, start_time(recording))
-    if found is None:
+    """Render the controller section; empty if no force was tracked."""
+    table = decisions(recording, start_time(recording))
+    if table is None:
         return ""
-    parts = ["<h2>What the controller did</h2>"]
+    parts = ["<h2>Decisions of the controller</h2>"]
     if strongest := strongest_rules(recording):
         total = len(select_tracked(recording))
         lines = [
@@ -70,19 +71,19 @@ def controller_section(recording: Recording) -> str:
             " so the shares may add up to more than 100 %.</p>"
             + cells(("rule", "cycles", "share", "mean weight"), lines, "narrow")
         )
-    shown, cycles = len(found.rows), found.cycles
-    what = f"all {cycles}" if shown == cycles else f"{shown} of {cycles}, evenly chosen"
+    listed, cycles = len(table.rows), table.cycles
+    what = f"all {cycles}" if listed == cycles else f"{listed} of {cycles}, evenly selected"
     parts.append(
         f"<details><summary>Tracked cycles ({what})</summary>"
-        f'<div class="scroll">{cells(found.titles, found.rows, "dense")}</div></details>'
+        f'<div class="scroll">{cells(table.titles, table.rows, "dense")}</div></details>'
     )
     return "\n".join(parts) + "\n"
 
 
 def margins_sentence(analysis: Analysis, loop: LinearLoop) -> str:
     """Describe whether the margins are comfortable, and the stiffness at which they vanish."""
-    at, found = f"At {_stiffness(analysis.stiffness)}", loop.margins
-    asked = f"phase margin at least {PHASE_MARGIN_DEG:g}°, gain margin at least {GAIN_MARGIN:g}"
+    at, loop_margins = f"At {_stiffness(analysis.stiffness)}", loop.margins
+    requirement = f"phase margin at least {PHASE_MARGIN_DEG:g}°, gain margin at least {GAIN_MARGIN:g}"
     gone, good = loop.unstable_from, loop.comfortable_to
     follows = (
         " The gain follows the estimate, so this holds for a surface harder than its estimate, not for one"
@@ -91,45 +92,47 @@ def margins_sentence(analysis: Analysis, loop: LinearLoop) -> str:
         else ""
     )
     if loop.comfortable:
-        text = f"{at} the loop is comfortable ({asked})."
+        text = f"{at} the loop is comfortable ({requirement})."
         if good is not None:
-            text += f" It would be so up to {_stiffness(good)}, and the margin gone at {_stiffness(gone)}."
-    elif found.stable:
-        text = f"{at} the loop is stable, but not comfortable ({asked}). "
-        text += f"The margin would be gone at {_stiffness(gone)}"
+            text += (
+                f" It would remain so up to {_stiffness(good)}; the margin vanishes at {_stiffness(gone)}."
+            )
+    elif loop_margins.stable:
+        text = f"{at} the loop is stable, but not comfortable ({requirement}). "
+        text += f"The margin vanishes at {_stiffness(gone)}"
         text += f"; it would be comfortable up to {_stiffness(good)}." if good is not None else "."
     else:
-        text = f"{at} the linear loop is unstable: the margin is gone from {_stiffness(gone)} on."
+        text = f"{at} the linear loop is unstable: the margin vanishes at {_stiffness(gone)}."
         text += f" It would be comfortable up to {_stiffness(good)}." if good is not None else ""
     return text + follows
 
 
 def cycle_sentence(analysis: Analysis) -> str:
-    """Render predicted next to measured values."""
-    predicted, swing, steps = analysis.predicted, analysis.steady_peak_to_peak, analysis.steps_per_second
+    """Describe the predicted limit cycle in comparison with the measured limit cycle."""
+    predicted, amplitude, steps = analysis.predicted, analysis.steady_peak_to_peak, analysis.steps_per_second
     if predicted is None:
         unstable = analysis.loop is not None and not analysis.loop.margins.stable
         why = "the loop is unstable by itself, quantised or not" if unstable else "this loop has none"
         text = f"No limit cycle of the resolution is predicted: {why}."
-        if swing is None or steps is None:
+        if amplitude is None or steps is None:
             return text
-        ratio = swing / analysis.step_force
-        return f"{text} The command moved {steps:.2f} steps/s, the force within {swing:.2f} N, {ratio:.1f} steps."
-    text = f"A limit cycle of {predicted.peak_to_peak:.2f} N is predicted for a controller that never rests"
-    if swing is None or steps is None:
+        ratio = amplitude / analysis.step_force
+        return f"{text} The command moved {steps:.2f} steps/s, the force within {amplitude:.2f} N, {ratio:.1f} steps."
+    text = f"A limit cycle of {predicted.peak_to_peak:.2f} N is predicted for a controller that never pauses"
+    if amplitude is None or steps is None:
         return f"{text}; the run has no steady state to compare it with."
-    if steps < _MOVES_TOLD:
-        return f"{text}; the run rested: 0 steps/s, and a steady force within {swing:.2f} N."
-    ratio = swing / predicted.peak_to_peak
-    text += f"; the command moved {steps:.2f} steps/s and the force swung by {swing:.2f} N, {ratio:.1f} times that"
+    if steps < _PRINTED_RATE_MIN:
+        return f"{text}; the command did not move: 0 steps/s, with the steady force within {amplitude:.2f} N."
+    ratio = amplitude / predicted.peak_to_peak
+    text += f"; the command moved {steps:.2f} steps/s, the force varied by {amplitude:.2f} N, {ratio:.1f} times that"
     if (period := analysis.dominant_period) is not None:
-        text += f", once in {period:.2f} s where {predicted.period:.2f} s are predicted"
-    least, most = _AS_PREDICTED
+        text += f", with a period of {period:.2f} s ({predicted.period:.2f} s predicted)"
+    least, most = _PREDICTED_RATIO
     if ratio < least:
-        return f"{text}. The moves did not add up to the limit cycle."
+        return f"{text}. The moves do not form the limit cycle."
     if ratio > most:
-        return f"{text}. The resolution alone does not explain that: gain, surface or noise are part of it."
-    return f"{text}. That is the limit cycle that the resolution leaves."
+        return f"{text}. The resolution alone does not explain that: gain, surface or noise contribute."
+    return f"{text}. This is the limit cycle due to the resolution."
 
 
 def _loop_rows(analysis: Analysis) -> list[Row]:
@@ -157,21 +160,25 @@ def _loop_rows(analysis: Analysis) -> list[Row]:
 
 
 def _margin_rows(loop: LinearLoop) -> list[Row]:
-    found = loop.margins
-    phase_margin = _endless(found.phase_margin_deg, ".0f", "°")
-    if found.phase_margin_deg > 0.0 and not found.stable:
-        phase_margin = "none"  # the gain is nowhere as low as 1, or only more than a turn later
+    loop_margins = loop.margins
+    phase_margin = _format_margin(loop_margins.phase_margin_deg, ".0f", "°")
+    if loop_margins.phase_margin_deg > 0.0 and not loop_margins.stable:
+        phase_margin = "none"  # the gain never falls to 1, or only beyond one turn of phase
     return [
-        Row("gain margin", _endless(found.gain_margin, ".2f", ""), "factor on the gain until it oscillates"),
-        Row("phase margin", phase_margin, "phase left where the gain is 1"),
+        Row(
+            "gain margin",
+            _format_margin(loop_margins.gain_margin, ".2f", ""),
+            "factor on the gain until it oscillates",
+        ),
+        Row("phase margin", phase_margin, "remaining phase where the gain is 1"),
         Row(
             "gain crossover",
-            _endless(found.gain_crossover_rad_s, ".2f", "rad/s"),
-            "where the gain is 1: about how fast errors are made up for",
+            _format_margin(loop_margins.gain_crossover_rad_s, ".2f", "rad/s"),
+            "where the gain is 1: roughly how fast errors are corrected",
         ),
         Row(
             "phase crossover",
-            _endless(found.phase_crossover_rad_s, ".2f", "rad/s"),
+            _format_margin(loop_margins.phase_crossover_rad_s, ".2f", "rad/s"),
             "where the phase is −180°: the frequency at which it would oscillate",
         ),
     ]
@@ -179,12 +186,12 @@ def _margin_rows(loop: LinearLoop) -> list[Row]:
 
 def _cycle_table(analysis: Analysis) -> str:
     predicted = analysis.predicted
-    swing, period = (predicted.peak_to_peak, predicted.period) if predicted else (None, None)
+    amplitude, period = (predicted.peak_to_peak, predicted.period) if predicted else (None, None)
     lines = [
         ("one resolution step, k_e·Δx_res", quantity(analysis.step_force, 1, ".2f", "N"), ""),
         (
-            "swing, peak to peak",
-            quantity(swing, 1, ".2f", "N"),
+            "force, peak to peak",
+            quantity(amplitude, 1, ".2f", "N"),
             quantity(analysis.steady_peak_to_peak, 1, ".2f", "N"),
         ),
         (
@@ -192,7 +199,7 @@ def _cycle_table(analysis: Analysis) -> str:
             quantity(period, 1, ".2f", "s"),
             quantity(analysis.dominant_period, 1, ".2f", "s")
             if analysis.dominant_period is not None
-            else "none stands out",
+            else "none dominant",
         ),
         (
             "resolution steps of the command",
@@ -200,11 +207,11 @@ def _cycle_table(analysis: Analysis) -> str:
             quantity(analysis.steps_per_second, 1, ".2f", "1/s"),
         ),
     ]
-    stand_in = (
-        f"an integrator that makes up for {100 * STAND_IN_GAIN:g} % of the error in a sample and never rests"
+    substitute = (
+        f"an integrator that corrects {100 * SUBSTITUTE_GAIN:g} % of the error per sample and never pauses"
     )
     note = (
-        f'<p class="note">Predicted by describing function for {"this controller" if analysis.loop else stand_in},'
+        f'<p class="note">Predicted by describing function for {"this controller" if analysis.loop else substitute},'
         f" a servo that lets the position be off by {analysis.dead_band:g} resolution steps, and a target half-way"
         " between two forces that whole steps reach; anywhere else the period is longer.</p>"
     )
@@ -212,13 +219,13 @@ def _cycle_table(analysis: Analysis) -> str:
 
 
 def _stiffness(stiffness: float) -> str:
-    """Three digits are more than is known."""
+    """Format a stiffness with three digits, because more digits are not known."""
     digits = max(0, 2 - math.floor(math.log10(stiffness))) if stiffness < 100 else 0
-    shown = round(stiffness, digits - max(0, math.floor(math.log10(stiffness)) - 2))
-    return f"{shown:,.{digits}f} N/m".replace(",", " ")
+    rounded = round(stiffness, digits - max(0, math.floor(math.log10(stiffness)) - 2))
+    return f"{rounded:,.{digits}f} N/m".replace(",", " ")
 
 
-def _endless(value: float, form: str, unit: str) -> str:
+def _format_margin(value: float, form: str, unit: str) -> str:
     if math.isnan(value):
         return "nowhere"
     return quantity(value, 1, form, unit).replace(" °", "°") if math.isfinite(value) else "∞"

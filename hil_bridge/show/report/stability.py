@@ -1,6 +1,4 @@
-"""Stability of a recorded force loop, and the limit cycle that quantised
-positions leave in it: predicted beside measured.
-"""
+"""Stability of a recorded force loop, and the limit cycle due to quantised positions: prediction and measurement."""
 
 import math
 import statistics
@@ -32,89 +30,97 @@ from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import CycleRecord
 
 PHASE_MARGIN_DEG = 45.0
-"""Least phase margin that counts as comfortable: the textbooks' rule."""
+"""Smallest phase margin that counts as comfortable, °. Chosen: the textbook rule."""
 GAIN_MARGIN = 2.0
-"""Least gain margin that counts as comfortable, likewise."""
+"""Smallest gain margin that counts as comfortable. Chosen: the textbook rule."""
 
-STAND_IN_GAIN = 0.2
-"""Share of the error made up for in a sample by the integrator that stands for a controller that is not
-linear. Chosen: the one of the resolution experiment, low enough that two positions alone take part.
+SUBSTITUTE_GAIN = 0.2
+"""Gain of the integrator that substitutes for a nonlinear controller, as the share of the error that it corrects
+per sample.
+
+Chosen: the value of the resolution experiment, low enough that the limit cycle involves only two positions.
 """
 _PERIODIC_SHARE = 0.4
-"""Share of the variance of the error that one frequency must hold to be called its period. Chosen: white
-noise gets there once in hundreds of runs.
+"""Share of the variance of the error that one frequency must explain for its period to count as the period of the
+error.
+
+Chosen: white noise reaches this share once in hundreds of runs.
 """
 _FREQUENCIES = 200
 _MOST_TAPS = 500
-"""Most samples that the servo may take to settle. A larger number comes from a garbled file, not from a force loop."""
+"""Maximum number of samples that the servo may need to settle. A larger number indicates a damaged file, not a
+force loop.
+"""
 _BISECTIONS = 14
 _SOFTEST = 1e-4
-"""Share of the stiffness below which no comfortable one is looked for."""
+"""Share of the stiffness below which the search for a comfortable stiffness stops."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A part of the delay."""
+    """Contribution to the delay of the loop."""
 
     label: str
     seconds: float
     source: str
-    """measured, as configured or assumed"""
+    """Description of the origin of the value: measured, as configured, or assumed."""
 
 
 @dataclass(frozen=True, slots=True)
 class LinearLoop:
-    """The loop of a linear controller."""
+    """Force loop with a linear controller."""
 
     response: Response
-    """C(z), m/N"""
+    """Response of the controller, C(z), m/N."""
     margins: Margins
     comfortable_to: float | None
-    """Stiffness up to which both margins are comfortable, N/m; None when it is none of reasonable size."""
+    """Stiffness up to which both margins are comfortable, N/m; None if there is no such stiffness of reasonable
+    size.
+    """
     unstable_from: float
-    """Stiffness at which the margin is gone, N/m, with the gain as it was."""
+    """Stiffness at which the gain margin vanishes if the gain is unchanged, N/m."""
     scheduled: bool
-    """The gain follows the estimated stiffness."""
+    """Whether the gain is scheduled by the estimated stiffness."""
 
     @property
     def comfortable(self) -> bool:
-        """Both margins are what textbooks ask for."""
+        """Whether both margins meet the textbook rules."""
         return _comfortable(self.margins)
 
 
 @dataclass(frozen=True, slots=True)
 class Analysis:
-    """The loop as the record shows it."""
+    """Force loop as identified from a recording."""
 
     plant: SampledPlant
     delay: tuple[Part, ...]
     servo_source: str
     stiffness: float
-    """N/m"""
+    """Contact stiffness, N/m."""
     stiffness_source: str
     resolution: float
-    """Δx_res, m"""
+    """Position resolution Δx_res, m."""
     dead_band: float
-    """Largest error of the position without correction, either way, in resolution steps."""
+    """Largest position error, in either direction, that is not corrected, in resolution steps."""
     loop: LinearLoop | None
-    """None for a controller that is not linear."""
+    """Linear loop; None for a nonlinear controller."""
     predicted: LimitCycle | None
-    """None for a loop that is unstable by itself, or never swings."""
+    """Predicted limit cycle; None for a loop that is unstable even without quantisation, or that has no limit cycle."""
     steady_peak_to_peak: float | None
-    """N; None when the run has no steady state."""
+    """Peak-to-peak force in steady state, N; None without a steady state."""
     steps_per_second: float | None
-    """Resolution steps a second that the command moved in steady state, 1/s; None without a steady state."""
+    """Rate of resolution steps of the command in steady state, 1/s; None without a steady state."""
     dominant_period: float | None
-    """Period of the force error in steady state, s; None when no period stands out."""
+    """Period of the force error in steady state, s; None without a dominant period."""
 
     @property
     def step_force(self) -> float:
-        """k_e·Δx_res, N."""
+        """Force of one resolution step, k_e·Δx_res, N."""
         return self.stiffness * self.resolution
 
 
 def analyse(recording: Recording, summary: Summary) -> Analysis | None:
-    """None when the record says too little: no configuration, no tracked cycles, no stiffness."""
+    """Analyse a recording; None without configuration, tracked cycles or stiffness."""
     config, devices = recorded_configuration(recording), devices_of(recording)
     robot, step = devices.robot, devices.robot.position_step_m
     track = [cycle for cycle in recording.cycles if cycle.phase == TRACK and math.isfinite(cycle.force)]
@@ -145,9 +151,9 @@ def analyse(recording: Recording, summary: Summary) -> Analysis | None:
 
 
 def dominant_period(time: Sequence[float], error: Sequence[float]) -> float | None:
-    """Period of the one oscillation that explains most of the error, s; None when none stands out.
+    """Return the period of the oscillation that explains most of the error, s; None if no oscillation is dominant.
 
-    By least squares at the times themselves, which need not be evenly spaced.
+    The least-squares fit uses the actual times, which need not be evenly spaced.
     """
     at, value = np.asarray(time, dtype=float), np.asarray(error, dtype=float)
     if len(at) < STEADY_SAMPLES or not np.isfinite(at + value).all() or not (span := float(np.ptp(at))) > 0.0:
@@ -176,7 +182,7 @@ def _stiffness(
     linear = _at(config, "cell.surface.material.kind") in ("linear", None)
     configured = _number(config, "cell.surface.stiffness_n_m")
     if emulated and linear and configured is not None and configured > 0.0:
-        return configured, "no estimate; that of the emulated surface, as configured"
+        return configured, "no estimate; configured value of the emulated surface"
     return None
 
 
@@ -188,18 +194,18 @@ def _plant(track: Sequence[CycleRecord], devices: Devices) -> tuple[SampledPlant
     if not (periods and waits) or servo is None:
         return None
     source = devices.robot.servo_source
-    taken = statistics.median(waits)
+    waited = statistics.median(waits)
     hops = devices.robot.hops
     if (answer := None if hops is None else hops.earlier_s(ACCEPTED)) is None:
         taking = Part(
             "frame's arrival to the move's answer",
-            taken,
+            waited,
             "measured, median; the move is accepted a little before its answer is complete",
         )
     else:
         taking = Part(
             "frame's arrival to the move's acceptance",
-            taken - answer,
+            waited - answer,
             "measured, median: as its answer begins",
         )
     parts = [
@@ -209,7 +215,10 @@ def _plant(track: Sequence[CycleRecord], devices: Devices) -> tuple[SampledPlant
     ]
     if lag := devices.sensor.delay_s:
         parts.insert(
-            0, Part("sensor's filter", lag, "phase delay at low frequencies, as the run's sensor was set")
+            0,
+            Part(
+                "sensor's filter", lag, "phase delay at low frequencies, with the sensor settings of the run"
+            ),
         )
     frequency, damping = servo.natural_frequency_rad_s, servo.damping_ratio
     delay = math.fsum(part.seconds for part in parts)
@@ -241,14 +250,14 @@ def _linear_loop(
             response = admittance_response(
                 controller.mass_kg / gain, controller.damping_ns_m / gain, plant.period
             )
-        case _:  # with its spring it does not integrate, which the formulas take for granted
+        case _:  # a spring prevents the integration that the formulas assume
             return None
-    found = margins(stiffness, response, plant)
+    loop_margins = margins(stiffness, response, plant)
     return LinearLoop(
         response,
-        found,
-        _comfortable_to(stiffness, response, plant, found),
-        stiffness * found.gain_margin,
+        loop_margins,
+        _comfortable_to(stiffness, response, plant, loop_margins),
+        stiffness * loop_margins.gain_margin,
         controller.gain_scheduling,
     )
 
@@ -258,25 +267,25 @@ def _predict(
 ) -> LimitCycle | None:
     if loop is not None and not loop.margins.stable:
         return None
-    response = pi_response(0.0, STAND_IN_GAIN / stiffness) if loop is None else loop.response
+    response = pi_response(0.0, SUBSTITUTE_GAIN / stiffness) if loop is None else loop.response
     try:
         return limit_cycle(stiffness, response, plant, Quantiser(resolution, dead_band))
     except ValueError:
         return None
 
 
-def _comfortable(found: Margins) -> bool:
-    return found.gain_margin >= GAIN_MARGIN and found.phase_margin_deg >= PHASE_MARGIN_DEG
+def _comfortable(loop_margins: Margins) -> bool:
+    return loop_margins.gain_margin >= GAIN_MARGIN and loop_margins.phase_margin_deg >= PHASE_MARGIN_DEG
 
 
 def _comfortable_to(
-    stiffness: float, response: Response, plant: SampledPlant, found: Margins
+    stiffness: float, response: Response, plant: SampledPlant, loop_margins: Margins
 ) -> float | None:
-    """Stiffness by bisection, for the phase margin follows it by no formula."""
-    if not math.isfinite(found.gain_margin):
+    """Return the largest comfortable stiffness by bisection, because the phase margin has no closed form."""
+    if not math.isfinite(loop_margins.gain_margin):
         return None
-    low, high = stiffness, stiffness * found.gain_margin
-    if not _comfortable(found):
+    low, high = stiffness, stiffness * loop_margins.gain_margin
+    if not _comfortable(loop_margins):
         low, high = min(low, high) * _SOFTEST, min(low, high)
         if not _comfortable(margins(low, response, plant)):
             return None
@@ -290,14 +299,14 @@ def _comfortable_to(
 
 
 def _at(config: Mapping[str, Any], key: str) -> Any:
-    found: Any = config
+    value: Any = config
     for name in key.split("."):
-        found = found.get(name) if isinstance(found, dict) else None
-    return found
+        value = value.get(name) if isinstance(value, dict) else None
+    return value
 
 
 def _number(config: Mapping[str, Any], key: str) -> float | None:
-    found = _at(config, key)
-    if isinstance(found, bool) or not isinstance(found, (int, float)):
+    value = _at(config, key)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
-    return float(found) if 0.0 <= found < 1e9 else None
+    return float(value) if 0.0 <= value < 1e9 else None

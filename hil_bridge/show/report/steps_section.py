@@ -11,8 +11,8 @@ from hil_bridge.show.pages.maps import map_svg
 from hil_bridge.show.report.markup import across, cells
 
 _TITLES = "step", "time", "distance", "mean force", "within", "required", "outcome", "result"
-_OPEN = 40
-"""Rows above which the table scrolls. Chosen."""
+_SCROLL_ROWS = 40
+"""Number of rows above which the table scrolls. Chosen."""
 
 
 def steps_section(recording: Recording, summary: Summary) -> str:
@@ -20,7 +20,7 @@ def steps_section(recording: Recording, summary: Summary) -> str:
     if not any(cycle.step for cycle in recording.cycles):
         return ""
     steps = cells(_TITLES, (_line(step) for step in summary.steps), "wide")
-    if len(summary.steps) > _OPEN:
+    if len(summary.steps) > _SCROLL_ROWS:
         steps = f'<div class="scroll">{steps}</div>'
     path = path_map(recording)
     drawn = "" if path is None else across(map_svg(path))
@@ -28,7 +28,7 @@ def steps_section(recording: Recording, summary: Summary) -> str:
 
 
 def criteria_paragraph(summary: Summary) -> str:
-    """Describe which steps met their criterion; empty if none has one."""
+    """Describe which steps met their criterion; return an empty text if no step has a criterion."""
     judged = [step for step in summary.steps if step.wanted is not None or step.criterion_failed]
     failed = [step for step in judged if step.criterion_failed]
     if not judged:
@@ -41,9 +41,9 @@ def criteria_paragraph(summary: Summary) -> str:
 
 
 def _line(step: StepOutcome) -> tuple[str, ...]:
-    found = ""
+    position = ""
     if step.found_mm is not None:
-        found = f"{step.name}: " + " ".join(quantity(part, 1, ".2f", "") for part in step.found_mm) + " mm"
+        position = f"{step.name}: " + " ".join(quantity(part, 1, ".2f", "") for part in step.found_mm) + " mm"
     verdict = verdict_of(step)
     text = step.text if verdict and step.text else step.text or "done"
     return (
@@ -54,5 +54,5 @@ def _line(step: StepOutcome) -> tuple[str, ...]:
         "" if step.within is None else quantity(step.within, 100, ".1f", "%"),
         "" if step.wanted is None else quantity(step.wanted, 100, "g", "%"),
         f"{verdict}: {text}" if verdict else text,
-        found,
+        position,
     )

@@ -1,4 +1,4 @@
-"""Picture of a program: its paths in the work frame from above, and the target force over time below."""
+"""Picture of a program: its paths in the work frame from above, and below them the target force over time."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from hil_bridge.control.geometry.ways import Place
 from hil_bridge.show.charts.painter import STYLE
 from hil_bridge.show.picture_files import drawing_library, save_figure
-from hil_bridge.show.report.task_steps import Shown
+from hil_bridge.show.report.task_steps import ListedStep
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,35 +17,38 @@ if TYPE_CHECKING:
 WIDTH_PX = 1000
 _DPI = 100
 _PLAN_PX = (240, 620)
-"""Bounds of the height of the paths."""
-_FORCE_PX, _BESIDE_PX = 230, 220
-"""Height of the force, and of titles and axes."""
+"""Smallest and largest height of the path plot, px."""
+_FORCE_PX, _DECORATION_PX = 230, 220
+"""Height of the force plot, and height of titles and axes, px."""
 _ROOM = 0.08
-"""Margin around the paths, as a share of the larger side."""
+"""Margin around the paths, as a share of their larger side."""
 _LEAST_ROOM_MM = 4.0
 _LONG_PIECE, _ARROWS = 0.6, 24
-"""Pieces of a path with a larger share of the longest have an arrow; of more pieces the last one alone."""
+"""Smallest length of a segment with an arrow, as a share of the longest segment, and maximum number of arrows.
+
+With more long segments than that, only the longest segment has an arrow.
+"""
 _LETTER = 0.0095
-"""Width of a letter above the force, as a share of the axis."""
+"""Width of a letter above the force plot, as a share of the axis."""
 
 _PRESS = "#009E73"
 
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """Step on the plan."""
+    """Step of the program on the plan."""
 
-    step: Shown
+    step: ListedStep
     places: tuple[Place, ...]
-    """Points from its start to its end, mm."""
+    """Points of the step from its start to its end, mm."""
     known: bool
-    """Whether its position is known before the run."""
+    """Whether the position of the step is known before the run."""
 
 
-def draw_task(steps: Sequence[Shown], title: str) -> bytes:
-    """Render the picture as PNG. The same program and matplotlib version give the same bytes.
+def draw_task(steps: Sequence[ListedStep], title: str) -> bytes:
+    """Render the picture as PNG. Equal programs give equal bytes with the same matplotlib version.
 
-    Raises ConfigError where matplotlib is not installed.
+    Raises ConfigError if matplotlib is not installed.
     """
     matplotlib = drawing_library()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -55,7 +58,7 @@ def draw_task(steps: Sequence[Shown], title: str) -> bytes:
     box = _box(lines)
     (left, right), (low, high) = box
     plan_px = min(max(_PLAN_PX[0], WIDTH_PX * 0.9 * (high - low) / (right - left)), _PLAN_PX[1])
-    height = plan_px + _FORCE_PX + _BESIDE_PX
+    height = plan_px + _FORCE_PX + _DECORATION_PX
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_PX / _DPI, height / _DPI), dpi=_DPI)
         figure.set_layout_engine("constrained", h_pad=0.08, w_pad=0.08)
@@ -67,9 +70,12 @@ def draw_task(steps: Sequence[Shown], title: str) -> bytes:
         return save_figure(figure, "png")
 
 
-def _lines(steps: Sequence[Shown]) -> list[_Line]:
-    """Return every step on the plan. A position known only in the run is drawn at its farthest possible place."""
-    found: list[_Line] = []
+def _lines(steps: Sequence[ListedStep]) -> list[_Line]:
+    """Return all steps on the plan.
+
+    A position that is known only during the run is drawn at its farthest possible point.
+    """
+    lines: list[_Line] = []
     guess: Place | None = None
     for step in steps:
         known = step.begin is not None
@@ -84,9 +90,9 @@ def _lines(steps: Sequence[Shown]) -> list[_Line]:
         elif sketch := step.leg.step.sketch_mm:
             x, y = begin or (0.0, 0.0)
             places = (*places, *((x + u, y + v) for u, v in sketch))
-        found.append(_Line(step, places, known))
+        lines.append(_Line(step, places, known))
         guess = places[-1] if places else None
-    return found
+    return lines
 
 
 def _box(lines: Sequence[_Line]) -> tuple[Place, Place]:
@@ -142,23 +148,24 @@ def _draw_line(ax: "Axes", line: _Line) -> None:
             zorder=4,
         )
         return
-    ways = [places]
+    paths = [places]
     if own.goal_mm is not None:
         begins = {places[0], line.step.again or places[0]} - {places[-1]}
-        ways = [(begin, places[-1]) for begin in begins]
+        paths = [(begin, places[-1]) for begin in begins]
     style, label = drawing.style, drawing.label
     if own.controls and not line.known:
-        style, label = (0, (6, 1.5)), f"{label}, placed by the run"
-    for way in ways:
+        style, label = (0, (6, 1.5)), f"{label}, position set by the run"
+    for path in paths:
         ax.plot(
-            *zip(*way, strict=True), color=drawing.colour, lw=drawing.width, ls=style, label=label, zorder=3
+            *zip(*path, strict=True), color=drawing.colour, lw=drawing.width, ls=style, label=label, zorder=3
         )
-        _arrow(ax, way, drawing.colour)
+        _arrow(ax, path, drawing.colour)
 
 
 def _arrow(ax: "Axes", places: Sequence[Place], colour: str) -> None:
-    """Draw arrowheads for the direction in the middle of each long segment of the path, or
-    of the longest one if there are many.
+    """Draw arrowheads in the direction of motion in the middle of each long segment.
+
+    If there are many long segments, only the longest gets an arrowhead.
     """
     pieces = [(math.dist(*pair), pair) for pair in pairwise(places)]
     longest = max((length for length, _ in pieces), default=0.0)
@@ -186,7 +193,7 @@ def _arrow(ax: "Axes", places: Sequence[Place], colour: str) -> None:
 
 
 def _number(ax: "Axes", lines: Sequence[_Line]) -> None:
-    """Draw the numbers of the steps, once for each place where steps begin."""
+    """Draw the numbers of the steps, once at each point where steps begin."""
     here: dict[Place, list[str]] = {}
     for line in lines:
         if line.places:
@@ -196,7 +203,7 @@ def _number(ax: "Axes", lines: Sequence[_Line]) -> None:
     ax.plot(*zip(*here, strict=True), ls="none", marker="o", ms=5, color="black", zorder=5)
     for place, numbers in here.items():
         ax.annotate(
-            _together(numbers, order),
+            _join_numbers(numbers, order),
             place,
             xytext=(6, 6),
             textcoords="offset points",
@@ -207,8 +214,8 @@ def _number(ax: "Axes", lines: Sequence[_Line]) -> None:
         )
 
 
-def _together(numbers: Sequence[str], order: Sequence[str]) -> str:
-    """Format step numbers, consecutive ones joined: "1–3, 7"."""
+def _join_numbers(numbers: Sequence[str], order: Sequence[str]) -> str:
+    """Format step numbers, with consecutive numbers joined: "1–3, 7"."""
     runs: list[list[str]] = []
     for number in numbers:
         if runs and order.index(number) == order.index(runs[-1][-1]) + 1:
@@ -240,18 +247,18 @@ def _name(ax: "Axes", lines: Sequence[_Line]) -> None:
         )
 
 
-def _draw_force(ax: "Axes", steps: Sequence[Shown]) -> None:
+def _draw_force(ax: "Axes", steps: Sequence[ListedStep]) -> None:
     """Draw the target force over time, with a band for each step."""
     from matplotlib.patches import Patch
 
-    whole = sum(step.seconds for step in steps) or 1.0
+    total_s = sum(step.seconds for step in steps) or 1.0
     highest = max((newton for step in steps if step.presses for _, newton in step.leg.profile), default=1.0)
     at, raised = 0.0, False
     for step in steps:
         end = at + step.seconds
         ax.axvspan(at, end, color=step.leg.step.band, lw=0, zorder=0)
         ax.axvline(end, color="#b8b8b8", lw=0.7, zorder=1)
-        room = step.seconds / whole
+        room = step.seconds / total_s
         times = f" × {step.passes}" if step.passes > 1 else ""
         texts = (f"{step.number} {step.word}{times}", f"{step.number} {step.word}", step.number)
         text = next((text for text in texts if len(text) * _LETTER < room), step.number)
@@ -271,23 +278,23 @@ def _draw_force(ax: "Axes", steps: Sequence[Shown]) -> None:
             ax.plot(xs, ys, color=_PRESS, lw=2.0, zorder=3, solid_capstyle="butt")
             ax.fill_between(xs, ys, color=_PRESS, alpha=0.15, lw=0, zorder=2)
         at = end
-    words = {step.word: step.leg.step.band for step in steps}
-    patches = [Patch(facecolor=band, edgecolor="#b8b8b8", lw=0.7, label=word) for word, band in words.items()]
+    bands = {step.word: step.leg.step.band for step in steps}
+    patches = [Patch(facecolor=band, edgecolor="#b8b8b8", lw=0.7, label=word) for word, band in bands.items()]
     ax.legend(
-        handles=patches, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=len(words), frameon=False
+        handles=patches, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=len(bands), frameon=False
     )
     ax.set_xlim(0.0, max(at, 1e-3))
     ax.set_ylim(0.0, 1.12 * highest)
     ax.locator_params(axis="y", steps=[1, 2, 5, 10], nbins=6)
-    ax.set_xlabel("time, s, about; the passes of a repeat are drawn once")
-    ax.set_ylabel("wanted force, N")
+    ax.set_xlabel("approximate time, s; the passes of a repeat are drawn once")
+    ax.set_ylabel("target force, N")
 
 
-def _target_force(step: Shown, begin: float) -> tuple[list[float], list[float]]:
-    """Return times and target forces of a step."""
+def _target_force(step: ListedStep, begin: float) -> tuple[list[float], list[float]]:
+    """Return the times and target forces of a step."""
     end = begin + step.seconds
-    way, profile = step.leg.way, step.leg.profile
-    if way is None or len(profile) == 1:
+    path, profile = step.leg.way, step.leg.profile
+    if path is None or len(profile) == 1:
         return [begin, end], [profile[0][1]] * 2
     speed = step.leg.stroke.parameters.speed_mm_s * 1e-3
     longest = step.seconds * speed

@@ -1,4 +1,4 @@
-"""Readable table of a program's steps: each one once, with its distance, force, time and passes."""
+"""Readable table of a program's steps. Each step appears once, with its distance, force, time and number of passes."""
 
 import math
 import textwrap
@@ -11,30 +11,30 @@ from hil_bridge.control.program.legs import seconds
 from hil_bridge.control.steps.repeat import Repeat
 from hil_bridge.control.steps.seam import Step
 
-HEAD = ("step", "word", "way mm", "force N", "orientation", "time s", "passes", "more")
+HEAD = ("step", "word", "path mm", "force N", "orientation", "time s", "passes", "more")
 _RIGHT = {2, 5}
-"""Numeric columns."""
+"""Numeric columns, which are aligned to the right."""
 _MORE_WIDTH = 56
-"""Most characters of the last column in a line. Chosen."""
+"""Maximum number of characters per line in the last column. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
-    """Step in its first pass."""
+class ListedStep:
+    """Row of a step, with the values of its first pass."""
 
     number: str
-    """Number from 1; "4.2" for the second step of a repeat."""
+    """Number of the step, from 1; "4.2" for the second step of a repeat."""
     leg: Leg
     begin: Place | None
-    """Start in the work frame, mm; None if known only in the run."""
+    """Start position in the work frame, mm; None if it is known only during the run."""
     seconds: float
-    """Time of the longest pass, s."""
+    """Duration of the longest pass, s."""
     passes: int
-    """Most passes."""
+    """Largest possible number of passes."""
     ends: str = ""
-    """Condition that ends a repeat early, at its first step."""
+    """Condition that ends a repeat early, stated at the first step of the repeat."""
     again: Place | None = None
-    """Start in later passes, mm; None if there are none, or if it is unknown."""
+    """Start position in later passes, mm; None if there are no later passes, or if it is unknown."""
 
     @property
     def word(self) -> str:
@@ -43,26 +43,26 @@ class Shown:
 
     @property
     def presses(self) -> bool:
-        """Return whether the tool presses with the target force in the step."""
+        """Whether the tool presses with the target force during the step."""
         return self.leg.step.controls
 
 
-def list_steps(steps: Sequence[Step], row: Row) -> list[Shown]:
-    """Return the steps of a program, those of a repeat once."""
+def list_steps(steps: Sequence[Step], row: Row) -> list[ListedStep]:
+    """Return the steps of a program. Each step of a repeat appears once."""
     times = seconds(row)
 
-    found, leg = [], 0
+    listed, leg = [], 0
     for number, step in enumerate(steps, 1):
         if not isinstance(step, Repeat):
-            found.append(Shown(str(number), row.legs[leg], row.places[leg], times[leg], 1))
+            listed.append(ListedStep(str(number), row.legs[leg], row.places[leg], times[leg], 1))
             leg += 1
             continue
         removed = step.until_removed_mm
         ends = "" if removed is None else f"until {removed:g} mm are removed"
         inner = len(step.step)
         behind = leg + step.times * inner
-        found += [
-            Shown(
+        listed += [
+            ListedStep(
                 f"{number}.{k - leg + 1}",
                 row.legs[k],
                 row.places[k],
@@ -74,10 +74,10 @@ def list_steps(steps: Sequence[Step], row: Row) -> list[Shown]:
             for k in range(leg, leg + inner)
         ]
         leg = behind
-    return found
+    return listed
 
 
-def table_lines(steps: Sequence[Shown]) -> Iterator[str]:
+def table_lines(steps: Sequence[ListedStep]) -> Iterator[str]:
     """Format the table of the steps as text lines; a long last column wraps."""
     rows = [HEAD, *(_cells(step) for step in steps)]
     *widths, _ = [max(len(row[column]) for row in rows) for column in range(len(HEAD))]
@@ -93,22 +93,25 @@ def table_lines(steps: Sequence[Shown]) -> Iterator[str]:
             yield "  ".join([*(" " * width for width in widths), text])
 
 
-def total_line(steps: Sequence[Shown], row: Row) -> str:
-    """Format the total time of the program."""
-    most = " at most, with all passes" if any(step.passes > 1 for step in steps) else ""
+def total_line(steps: Sequence[ListedStep], row: Row) -> str:
+    """Format the total duration of the program."""
+    most = " at most, including all passes" if any(step.passes > 1 for step in steps) else ""
     return f"about {duration(sum(seconds(row)))}{most}"
 
 
 def duration(seconds: float) -> str:
-    """Format a time."""
+    """Format a duration."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes} min {rest:02d} s"
 
 
-def way_mm(step: Shown) -> float | None:
-    """Return the length of the step's path across the approach, mm; None if it has none, or if it is unknown."""
+def way_mm(step: ListedStep) -> float | None:
+    """Return the length of the step's path perpendicular to the approach, mm.
+
+    The result is None if there is no path, or if it is unknown.
+    """
     if step.leg.way is not None:
         return step.leg.way.length * 1e3
     goal = step.leg.step.goal_mm
@@ -118,8 +121,8 @@ def way_mm(step: Shown) -> float | None:
     return max((math.dist(begin, goal) for begin in begins), default=None)
 
 
-def force_text(step: Shown) -> str:
-    """Format the target force; empty for a step that does not press."""
+def force_text(step: ListedStep) -> str:
+    """Format the target force; return an empty text for a step that does not press."""
     if not step.presses:
         return ""
     forces = [newton for _, newton in step.leg.profile]
@@ -127,12 +130,12 @@ def force_text(step: Shown) -> str:
     return f"{low:g}" if low == high else f"{low:g} … {high:g}"
 
 
-def _cells(step: Shown) -> tuple[str, ...]:
-    way = way_mm(step)
+def _cells(step: ListedStep) -> tuple[str, ...]:
+    length = way_mm(step)
     return (
         step.number,
         step.word,
-        "" if way is None else f"{way:.1f}",
+        "" if length is None else f"{length:.1f}",
         force_text(step),
         step.leg.step.orientation if step.presses else "",
         f"{step.seconds:.1f}",
@@ -141,8 +144,8 @@ def _cells(step: Shown) -> tuple[str, ...]:
     )
 
 
-def _more(step: Shown) -> Iterator[str]:
-    """Format the settings that have no column."""
+def _more(step: ListedStep) -> Iterator[str]:
+    """Format the settings that have no column of their own."""
     own = step.leg.step
     yield from own.describe(step.leg.stroke.parameters)
     if own.name:

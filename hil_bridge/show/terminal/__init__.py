@@ -1,6 +1,4 @@
-"""Live terminal view of a run. This module holds its content; `live` draws it and is separate because its
-imports take long.
-"""
+"""Live terminal view of a run. This package has its contents; the module `live`, which imports slowly, draws it."""
 
 from hil_bridge.show.terminal.model import REFRESH_SECONDS, Health, Scene, Snapshot, ViewEvent, ViewModel
 

@@ -1,4 +1,4 @@
-"""Column chart of the force of the last cycles, with their targets as a line behind."""
+"""Column chart of the forces of the last cycles, with the target forces as a line behind the columns."""
 
 import itertools
 import math
@@ -16,24 +16,27 @@ SCALE_WIDTH = 9
 """Width of the labels and the axis, in characters."""
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
 _LIMIT = "┈"
-"""Style of a limit's line."""
+"""Style of the line of a limit."""
 
 
 def error_style(force: float, reference: float) -> str:
-    """Return green for a force near its target, else yellow or red."""
+    """Return the style green for a force near its target, otherwise yellow or red."""
     share = abs(force - reference) / abs(reference) if reference else math.inf
     return "green" if share <= 0.05 else "yellow" if share <= 0.2 else "red"
 
 
 def chart(snapshot: Snapshot, width: int, rows: int) -> list[Text]:
-    """Draw this many rows of this width, the newest cycle at the right, on the catalogue's scale."""
+    """Draw a chart with this number of rows and this width.
+
+    The newest cycle is at the right, and the scale is that of the catalogue.
+    """
     columns = max(1, width - SCALE_WIDTH)
     forces = [force if math.isfinite(force) else 0.0 for force in snapshot.forces_n[-columns:]]
-    wanted = [*([snapshot.reference_n] * columns), *snapshot.references_n][-columns:]
+    references = [*([snapshot.reference_n] * columns), *snapshot.references_n][-columns:]
     described = described_charts(snapshot)["force"]
-    greatest = max([1.25 * abs(snapshot.reference_n), *map(abs, wanted), *forces, 1e-3])
-    top = round_up(max(greatest, y_range(described, 0.0, max([*forces, *map(abs, wanted)]))[1]))
-    targets = [min(rows - 1, math.floor(abs(force) / top * rows)) for force in wanted]
+    greatest = max([1.25 * abs(snapshot.reference_n), *map(abs, references), *forces, 1e-3])
+    top = round_up(max(greatest, y_range(described, 0.0, max([*forces, *map(abs, references)]))[1]))
+    targets = [min(rows - 1, math.floor(abs(force) / top * rows)) for force in references]
     limits = {math.floor(limit.value / top * rows) for limit in described.limits}
     heights = [0.0] * (columns - len(forces)) + forces
     drawn = []
@@ -48,7 +51,7 @@ def chart(snapshot: Snapshot, width: int, rows: int) -> list[Text]:
                 reference,
                 "┄" if row == target else _LIMIT if row in limits else " ",
             )
-            for force, reference, target in zip(heights, wanted, targets, strict=True)
+            for force, reference, target in zip(heights, references, targets, strict=True)
         )
         for style, run in itertools.groupby(cells, key=operator.itemgetter(1)):
             line.append("".join(character for character, _ in run), style)
@@ -57,15 +60,18 @@ def chart(snapshot: Snapshot, width: int, rows: int) -> list[Text]:
 
 
 def trend(snapshot: Snapshot, key: str, values: Sequence[float], size: tuple[int, int]) -> list[Text]:
-    """Draw a chart of the catalogue as columns: a title, then rows; `size` is width and total rows."""
+    """Draw a chart of the catalogue as columns: a title, then rows.
+
+    `size` is the width and the total number of rows.
+    """
     width, rows = size[0], size[1] - 1
     described = described_charts(snapshot)[key]
     columns = max(1, width - SCALE_WIDTH)
-    shown = list(values[-columns:])
-    known = [value for value in shown if math.isfinite(value)]
+    visible = list(values[-columns:])
+    known = [value for value in visible if math.isfinite(value)]
     title = Text(f"{described.title}, {described.unit}", style="dim", no_wrap=True, overflow="ellipsis")
     low, high = y_range(described, min(known), max(known)) if known else (0.0, 1.0)
-    heights = [math.nan] * (columns - len(shown)) + shown
+    heights = [math.nan] * (columns - len(visible)) + visible
     lines = [title]
     for row in reversed(range(rows)):
         label = {rows - 1: _label(high, high - low), 0: _label(low, high - low)}.get(row, "")
@@ -79,7 +85,7 @@ def trend(snapshot: Snapshot, key: str, values: Sequence[float], size: tuple[int
 
 
 def _label(value: float, span: float) -> str:
-    """Format an end of a scale, with a resolution of a hundredth of its span."""
+    """Format the value at an end of a scale, with a resolution of a hundredth of the span of the scale."""
     digits = max(0, 1 - math.floor(math.log10(span)))
     return f"{value:z.{digits}f}".replace("-", "−")
 
@@ -90,7 +96,7 @@ def described_charts(snapshot: Snapshot) -> Mapping[str, Chart]:
 
 
 def _cell(filled: float, force: float, reference: float, background: str) -> tuple[str, str]:
-    """Return character and style of one chart cell; `filled` is the part that the column covers."""
+    """Return character and style of one cell of the chart. `filled` is the share of the cell that the column covers."""
     eighths = max(0, min(8, round(filled * 8)))
     if eighths:
         return _EIGHTHS[eighths], error_style(force, reference)

@@ -1,4 +1,4 @@
-"""Live terminal view: a redrawn panel, or plain lines where redrawing is not possible."""
+"""Live terminal view: a redrawn panel, or plain lines if redrawing is not possible."""
 
 import math
 from contextlib import AbstractContextManager
@@ -19,9 +19,9 @@ LINE_SECONDS = 1.0
 class LiveView(AbstractContextManager["LiveView"]):
     """Live display of a run.
 
-    `update` and `event` only store and belong to the control path. `refresh` draws, which takes milliseconds and waits
-    for a slow terminal, for ever for one that is paused. Call it, and `close`, in a thread of the view's own. A
-    terminal that goes away ends the view, not the run.
+    `update` and `event` only store their arguments, for the control path. `refresh` draws, which takes milliseconds
+    and blocks while the terminal is slow or paused. Call `refresh` and `close` in a separate thread. If the
+    terminal disappears, the view ends, not the run.
     """
 
     def __init__(self, scene: Scene, stream: TextIO) -> None:
@@ -46,7 +46,7 @@ class LiveView(AbstractContextManager["LiveView"]):
         self._model.event(record)
 
     def warn(self, text: str) -> None:
-        """Display a warning until the end."""
+        """Display a warning until the view closes."""
         self._model.warn(text)
 
     def check(self, text: str) -> None:
@@ -58,7 +58,7 @@ class LiveView(AbstractContextManager["LiveView"]):
         self.show(self._model.snapshot(now, health))
 
     def show(self, snapshot: Snapshot) -> None:
-        """Draw a snapshot; as lines only once a second of the run, and when the phase or step changes."""
+        """Draw a snapshot. As plain lines, draw only once per second of the run, and when the phase or step changes."""
         if self._gone:
             return
         try:
@@ -108,14 +108,14 @@ class LiveView(AbstractContextManager["LiveView"]):
 
 
 def line(snapshot: Snapshot, known_cause: str = "") -> str:
-    """Format a snapshot as one ASCII line for log files and pipes, without the cause."""
+    """Format a snapshot as one ASCII line for log files and pipes, omitting the cause."""
     parts = [f"{snapshot.elapsed_s:7.1f} s", f"{snapshot.phase:<8}"]
     if snapshot.step:
         parts.append(f"step {snapshot.step} of {len(snapshot.scene.steps)}: {snapshot.step_label}")
     if snapshot.newest is not None:
         parts += [
             f"force {snapshot.newest.force:z7.2f} N"
-            + (f" of {snapshot.reference_n:.2f} N" if snapshot.wants_force else ""),
+            + (f" of {snapshot.reference_n:.2f} N" if snapshot.is_force_controlled else ""),
             f"depth {snapshot.newest.depth * 1e3:8.3f} mm",
         ]
         if snapshot.newest.verdict != "allow":

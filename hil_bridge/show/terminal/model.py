@@ -1,4 +1,4 @@
-"""Data of the live view: the control path stores, the view takes snapshots at its own rate."""
+"""Data of the live view. The control path stores data, and the view takes snapshots at a rate of its own."""
 
 import math
 from collections import deque
@@ -15,24 +15,24 @@ from hil_bridge.record.records import CycleRecord, EventRecord, Vector
 from hil_bridge.show.charts.facts import ChartFacts, limit_numbers
 
 REFRESH_SECONDS = 0.2
-"""Shortest time between two redraws."""
+"""Shortest time between two redraws, s."""
 HISTORY_CYCLES = 240
-"""Cycles that the chart can show on the widest terminal."""
+"""Number of cycles that the chart can show on the widest terminal."""
 LATENCY_CYCLES = 60
-"""Number of newest cycles in the latency display."""
+"""Number of newest cycles that the latency display covers."""
 EVENTS_KEPT = 60
 
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """Facts about the links that the cycle record does not hold."""
+    """Health of the links, which the cycle record does not contain."""
 
     link_errors: int = 0
-    """Errors of the robot link so far, as summed by its facts."""
+    """Number of errors of the robot link so far, summed over the counters that its facts name."""
     frames_lost: int = 0
-    """Sensor frames missing in the stream so far."""
+    """Number of sensor frames missing in the stream so far."""
     sensor_at: float | None = None
-    """Arrival of the newest sensor frame, s on the run's clock."""
+    """Arrival time of the newest sensor frame, s on the run's clock."""
     link: Mapping[str, int] = field(default_factory=dict)
     """Counters of the robot link by name."""
 
@@ -44,26 +44,26 @@ class Scene:
     reference_n: float
     """Initial target force, N."""
     robot: RobotFacts
-    """Meaning of the robot link's counters."""
+    """Facts of the robot that define the meaning of the link's counters."""
     total_s: float | None = None
-    """Planned tracking time, s, if known."""
+    """Planned tracking time, s; None if unknown."""
     steps: tuple[str, ...] = ()
-    """Labels of a program's steps, passes counted; empty without a program."""
+    """Labels of all steps of a program, counting every pass; empty without a program."""
     tracks: frozenset[int] = frozenset()
-    """Numbers of its steps that track, passes counted, from 1."""
+    """Numbers of the program's steps that track, counting every pass, from 1."""
     cell: str = ""
-    """EMULATED or REAL, with the devices if they differ; empty if unknown."""
+    """Label of the cell: EMULATED or REAL, with the devices if robot and sensor differ; empty if unknown."""
     devices: str = ""
-    """Kinds of robot and sensor, where `cell` does not name them."""
+    """Kinds of robot and sensor, if `cell` does not name them."""
     real: bool = False
     """Whether a real robot may move."""
     limits: Limits = field(default_factory=Limits)
     record: str = ""
     """Path of the recording; empty if the run is not recorded."""
     approach: Vector | None = None
-    """Unit vector of the approach in the robot base frame, if known."""
+    """Unit vector of the approach in the robot base frame; None if unknown."""
     keys: bool = False
-    """Whether keys of the terminal are read."""
+    """Whether the run reads keys of the terminal."""
 
     @property
     def chart_facts(self) -> ChartFacts:
@@ -78,92 +78,92 @@ class ViewEvent(NamedTuple):
     elapsed_s: float
     kind: str
     text: str
-    """Most informative line."""
+    """Most informative line of the event."""
 
     @property
     def alarm(self) -> bool:
-        """Return whether it states why the run stops."""
+        """Whether the event states why the run stops."""
         return self.kind in ALARMS
 
     @property
     def caution(self) -> bool:
-        """Return whether it reports a disturbance or an operator action."""
+        """Whether the event reports a disturbance or an operator action."""
         return self.kind in CAUTIONS
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """State of a run at one moment."""
+    """State of a run at a given time."""
 
     scene: Scene
 
     phase: str
     elapsed_s: float
     tracked_s: float
-    """Tracking time so far."""
+    """Tracking time so far, s."""
     reference_n: float
     newest: CycleRecord | None
     forces_n: tuple[float, ...]
-    """Forces of the last cycles, oldest first."""
+    """Forces of the last cycles, N, oldest first."""
     latency: Latency | None
-    """Latency of the same cycles, from the arrival of the sensor frame to the move's answer."""
+    """Latency of the cycles in `forces_n`, from the arrival of the sensor frame to the robot's response to the move."""
     sensor_age_s: float | None
     link_errors: int
     frames_lost: int
     link: Mapping[str, int]
     """Counters of the robot link by name."""
     check: str = ""
-    """Last result of the sensor checks before contact, as text."""
+    """Text of the last result of the sensor checks before contact."""
     warning: str = ""
-    """Warning that the operator should read at once, in addition to the run's own reactions."""
+    """Warning that needs the operator's immediate attention, in addition to the reactions of the run itself."""
     period_s: float | None = None
-    """Time between the starts of the last two cycles."""
+    """Time between the starts of the last two cycles, s."""
     depths_mm: tuple[float, ...] = ()
-    """Reported depths of the last cycles, oldest first."""
+    """Reported depths of the last cycles, mm, oldest first."""
     cycle_times_ms: tuple[float, ...] = ()
-    """Times of the last cycles, oldest first."""
+    """Durations of the last cycles, ms, oldest first."""
     references_n: tuple[float, ...] = ()
-    """Target forces of the last cycles, oldest first."""
+    """Target forces of the last cycles, N, oldest first."""
     step: int = 0
-    """Number of the current step, from 1; 0 before the first and without a program."""
+    """Number of the current step, from 1; 0 before the first step and without a program."""
     events: tuple[ViewEvent, ...] = ()
     """Events, oldest first."""
 
     @property
     def cause(self) -> str:
-        """Return why the run stops; empty if it does not."""
+        """Reason why the run stops; empty if it does not stop."""
         return next((event.text for event in self.events if event.kind == EventKind.STOP), "")
 
     @property
     def held(self) -> bool:
-        """Return whether the operator holds the tool in place on the surface."""
+        """Whether the operator holds the tool at its position on the surface."""
         return self.newest is not None and self.newest.sample.held
 
     @property
     def lateral_n(self) -> float | None:
-        """Return the magnitude of the contact force across the approach, N."""
+        """Magnitude of the contact force perpendicular to the approach, N."""
         if self.newest is None or not math.isfinite(self.newest.force):
             return None
         return math.sqrt(max(0.0, self.resultant_n**2 - self.newest.force**2))
 
     @property
     def resultant_n(self) -> float:
-        """Return the magnitude of the contact force, N; NaN before the first cycle."""
+        """Magnitude of the contact force, N; NaN before the first cycle."""
         return math.nan if self.newest is None else math.hypot(*self.newest.sample.wrench[:3])
 
     @property
     def moment_nm(self) -> float:
-        """Return the magnitude of the contact moment about the tool frame's origin, N·m; NaN before the first cycle."""
+        """Magnitude of the contact moment about the tool frame's origin, N·m; NaN before the first cycle."""
         return math.nan if self.newest is None else math.hypot(*self.newest.sample.wrench[3:])
 
     @property
-    def wants_force(self) -> bool:
-        """Return whether the force is controlled now; in a program, not while the tool is in free space."""
+    def is_force_controlled(self) -> bool:
+        """Whether the force is controlled now. In a program, this excludes the time in free space."""
         return not self.step or self.phase == "track"
 
     @property
     def step_label(self) -> str:
-        """Return the label of the current step; empty if there is none."""
+        """Label of the current step; empty without a current step."""
         steps = self.scene.steps
         return steps[self.step - 1] if 0 < self.step <= len(steps) else ""
 
@@ -174,7 +174,7 @@ class Snapshot:
 
     @property
     def link_troubles(self) -> dict[str, int]:
-        """Return the nonzero error counters of the robot link, the largest first."""
+        """Nonzero error counters of the robot link, the largest first."""
         robot = self.scene.robot
         counts = {
             robot.counter_label(name): count
@@ -185,7 +185,10 @@ class Snapshot:
 
     @property
     def cycle_time_s(self) -> float | None:
-        """Return the time of the newest cycle: from start to answer, or to the next start of a robot-driven cycle."""
+        """Duration of the newest cycle, s.
+
+        It lasts from its start to the response, or to the start of the next cycle if the robot drives the cycle.
+        """
         if self.scene.robot.cycle_s is not None:
             return self.period_s
         if self.newest is None or not math.isfinite(self.newest.answered_at):
@@ -194,7 +197,7 @@ class Snapshot:
 
 
 class ViewModel:
-    """Newest data of a run. `update` and `enter` only store, so that the control path may call them."""
+    """Newest data of a run. `update` and `event` only store their arguments, so that the control path may call them."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
@@ -223,7 +226,7 @@ class ViewModel:
         self._cycles.append(record)
 
     def event(self, record: EventRecord) -> None:
-        """Add an event, which may begin a phase, also one without cycles."""
+        """Add an event. It may begin a phase, including a phase without cycles."""
         if record.kind == EventKind.PHASE:
             self._phase = record.text
         elif record.kind == EventKind.STOP and self._stop is None:
@@ -236,7 +239,7 @@ class ViewModel:
         self._check = text
 
     def warn(self, text: str) -> None:
-        """Add a warning that stays until the end, before earlier ones."""
+        """Add a warning before all earlier warnings. It stays until the end."""
         self._warning = f"{text}; {self._warning}" if self._warning else text
 
     def snapshot(self, now: float, health: Health) -> Snapshot:

@@ -1,4 +1,4 @@
-"""Panel that fills a terminal of 60 × 20 or more with a snapshot, in one column of rows or two."""
+"""Panel that displays a snapshot in a terminal of at least 60 × 20, in one or two columns of rows."""
 
 import itertools
 from collections.abc import Iterable, Sequence
@@ -14,26 +14,29 @@ from hil_bridge.show.terminal.chart import chart, trend
 from hil_bridge.show.terminal.model import Snapshot
 
 WIDE = 120
-"""Least width for two columns of rows, in characters."""
+"""Smallest width for two columns of rows, in characters."""
 _GAP = 3
 _CHART_SHARE = 4
-"""Least share of the rows for the chart. Chosen."""
+"""Reciprocal of the smallest share of the rows for the chart. Chosen."""
 _EVENTS_MAX = 8
-"""Most rows of events if the chart can use the room. Chosen."""
+"""Maximum number of event rows if the chart can use the remaining rows. Chosen."""
 _TREND_ROWS, _TREND_MOST = 6, 14
-"""Fewest and most rows of a chart next to the facts. Chosen: fewer are unreadable."""
+"""Minimum and maximum number of rows of a chart next to the facts. Chosen: fewer rows are unreadable."""
 _PHASE_STYLES = {"approach": "yellow", "track": "green", "retract": "cyan"}
 
 
 class _Block(NamedTuple):
-    """Rows that stay together; blocks of the largest rank are dropped first if there is no room."""
+    """Rows that stay together.
+
+    If there are too few rows for all blocks, blocks of the largest rank are dropped first.
+    """
 
     lines: Sequence[Text]
     rank: int
 
 
 def panel(snapshot: Snapshot, width: int, height: int) -> RenderableType:
-    """Render the complete view at this width and height."""
+    """Render the complete view with this width and height."""
     inner, room = width - 4, height - 2
     wide = width >= WIDE
     body = _two_columns(snapshot, inner, room) if wide else _one_column(snapshot, inner, room)
@@ -50,7 +53,7 @@ def panel(snapshot: Snapshot, width: int, height: int) -> RenderableType:
 
 
 def _title(snapshot: Snapshot, style: str) -> Text:
-    """Render the head: whether a real robot may move, then the state of the run."""
+    """Render the heading: whether a real robot may move, then the state of the run."""
     scene = snapshot.scene
     named = "  ".join(filter(None, (scene.cell, scene.devices)))
     cell = (f" {named} ", "bold white on red" if scene.real else "bold black on green")
@@ -126,7 +129,7 @@ def _two_columns(snapshot: Snapshot, width: int, room: int) -> list[Text]:
 
 
 def _trends(snapshot: Snapshot, width: int, room: int) -> list[Text]:
-    """Render depth and times of the last cycles if the right column has room."""
+    """Render depth and durations of the last cycles if the right column has enough rows."""
     values = {"depth": snapshot.depths_mm, "times": snapshot.cycle_times_ms}
     count = min(len(values), room // (_TREND_ROWS + 1))
     if not count or not snapshot.depths_mm:
@@ -148,7 +151,7 @@ def _beside(left: Sequence[Text], right: Sequence[Text], width: int, other: int)
 
 
 def _keep(blocks: Sequence[_Block], room: int) -> list[_Block]:
-    """Return the blocks that fit, in their order; those of the largest rank are dropped first."""
+    """Return the blocks that fit, in their order; blocks of the largest rank are dropped first."""
     kept = list(blocks)
     while sum(len(block.lines) for block in kept) > room:
         last = max(kept, key=lambda block: block.rank)
@@ -163,7 +166,7 @@ def _lines(blocks: Iterable[_Block]) -> list[Text]:
 
 
 def _fit(lines: Sequence[Text], width: int, room: int) -> list[Text]:
-    """Pad or cut to exactly this many lines, none wider."""
+    """Pad or cut the rows to exactly this number of lines and at most this width."""
     for line in lines:
         line.truncate(width, overflow="ellipsis")
     return [*lines[:room], *(Text() for _ in range(room - len(lines)))]

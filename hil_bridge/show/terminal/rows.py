@@ -1,4 +1,4 @@
-"""Rows of the panel: one or a few lines of text each, from a snapshot."""
+"""Rows of the panel. Each function renders one or a few lines of text from a snapshot."""
 
 import math
 import textwrap
@@ -14,22 +14,22 @@ from hil_bridge.show.terminal.chart import error_style
 from hil_bridge.show.terminal.model import Snapshot, ViewEvent
 
 _LABEL = 11
-"""Width of a label, in characters."""
+"""Width of a row's label, in characters."""
 _BAR, _SHORT_BAR = 20, 10
 _NARROW = 66
-"""Width below which a bar is short, in characters."""
+"""Panel width below which a bar is shortened, in characters."""
 _NEAR, _CLOSE = 0.5, 0.8
-"""Shares of a limit above which a bar is yellow and red. Chosen."""
+"""Shares of a limit above which a bar is yellow and red, respectively. Chosen."""
 _ALARM_ROWS = 4
-_HOPS_SHOWN = 4
-"""Number of hops with the largest medians that fit a line."""
+_HOPS_MAX = 4
+"""Number of hops that fit on a line; those with the largest medians are shown."""
 _STALE_SENSOR_S = 0.1
-"""Age above which a warning is displayed; the supervisor has its own, stricter limit. Chosen."""
+"""Age of the newest sensor frame above which a warning is displayed, s. Chosen. The supervisor has a stricter limit."""
 _VERDICT_STYLES = {"allow": "green", "clamp": "yellow", "stop": "bold red"}
 
 
 def _row(label: str, *parts: str | tuple[str, str] | Text) -> Text:
-    shown = [
+    visible = [
         part
         if isinstance(part, Text)
         else (harmless(part), "")
@@ -37,7 +37,7 @@ def _row(label: str, *parts: str | tuple[str, str] | Text) -> Text:
         else (harmless(part[0]), part[1])
         for part in parts
     ]
-    return Text.assemble((f"{label:<{_LABEL}} ", "dim"), *shown, no_wrap=True, overflow="ellipsis")
+    return Text.assemble((f"{label:<{_LABEL}} ", "dim"), *visible, no_wrap=True, overflow="ellipsis")
 
 
 def force(snapshot: Snapshot) -> Text:
@@ -46,7 +46,7 @@ def force(snapshot: Snapshot) -> Text:
     if newest is None or not math.isfinite(newest.force):
         return _row("force", (f"{'–':>8}     target {reference:6.2f} N", "dim"))
     value = (f"{newest.force:z8.2f} N", "bold")
-    if not snapshot.wants_force:
+    if not snapshot.is_force_controlled:
         return _row("force", value, "   in free space")
     line = _row("force", value, f"  target {reference:6.2f} N")
     if newest.in_contact:
@@ -89,7 +89,7 @@ def _margin(label: str, value: float, limit: float, unit: str, bar: int) -> Text
 
 
 def values(snapshot: Snapshot, width: int) -> list[Text]:
-    """Render motion and link health, side by side as pairs of rows if the width allows."""
+    """Render motion and link health. Pairs of rows are side by side if the width allows."""
     left = max(20, min(26, (width - 2 * _LABEL - 4) // 2))
     rows = []
     for (name, one), (other, two) in zip(_motion(snapshot), _health(snapshot, width >= _NARROW), strict=True):
@@ -138,7 +138,7 @@ def _health(snapshot: Snapshot, wide: bool) -> Sequence[tuple[str, Text]]:
 
 
 def _answer(snapshot: Snapshot) -> tuple[str, Text]:
-    """Render the time of the newest answer to a robot that drives the cycle, and the number of late ones."""
+    """Render the newest response time to a robot that drives the cycle, and the number of late responses."""
     seconds = math.nan if snapshot.newest is None else snapshot.newest.answer_s
     value = f"{seconds * 1e3:6.2f} ms" if math.isfinite(seconds) else "–"
     return "answer", Text.assemble(value, _count("  late ", snapshot.link.get(LATE, 0)))
@@ -151,7 +151,7 @@ def _count(label: str, number: int, width: int = 0) -> Text:
 def verdict(snapshot: Snapshot) -> Text:
     """Render the supervisor's verdict on the newest command."""
     newest = snapshot.newest
-    if snapshot.cause:  # the word on the last cycle stands no more
+    if snapshot.cause:  # the verdict on the last cycle no longer applies
         return _row("supervisor", ("the run is stopped", "bold red"))
     if newest is None:
         return _row("supervisor", "–")
@@ -160,15 +160,15 @@ def verdict(snapshot: Snapshot) -> Text:
 
 
 def latency(snapshot: Snapshot) -> list[Text]:
-    """Render the total latency of the last cycles, and its largest hops."""
-    found = snapshot.latency
-    if found is None:
+    """Render the total latency of the last cycles, and the largest hops."""
+    measured = snapshot.latency
+    if measured is None:
         return [_row("latency", "–"), Text()]
-    p50, p99, largest = map(in_ms, (found.total.p50_s, found.total.p99_s, found.total.max_s))
-    shown = sorted(found.chain, key=lambda part: -part.times.p50_s)[:_HOPS_SHOWN]
-    hops = [f"{part.hop.name} {in_ms(part.times.p50_s)}" for part in found.chain if part in shown]
+    p50, p99, largest = map(in_ms, (measured.total.p50_s, measured.total.p99_s, measured.total.max_s))
+    largest_hops = sorted(measured.chain, key=lambda part: -part.times.p50_s)[:_HOPS_MAX]
+    hops = [f"{part.hop.name} {in_ms(part.times.p50_s)}" for part in measured.chain if part in largest_hops]
     return [
-        _row("latency", f"{p50} ms p50, {p99} p99, {largest} max  ", (found.name, "dim")),
+        _row("latency", f"{p50} ms p50, {p99} p99, {largest} max  ", (measured.name, "dim")),
         _row("", (f"{' + '.join(hops)} ms", "dim")),
     ]
 
@@ -189,7 +189,7 @@ def link(snapshot: Snapshot) -> list[Text]:
 
 
 def render_alarms(snapshot: Snapshot, width: int) -> list[Text]:
-    """Render the texts that the operator should read at once: stop cause, warning, sensor check."""
+    """Render the texts that need the operator's immediate attention: stop cause, warning, sensor check."""
     rows = _wrap("STOPPED", snapshot.cause, width) if snapshot.cause else []
     if snapshot.warning:
         rows.append(_row("warning", (snapshot.warning, "bold red")))
@@ -199,7 +199,7 @@ def render_alarms(snapshot: Snapshot, width: int) -> list[Text]:
 
 
 def _wrap(label: str, text: str, width: int) -> list[Text]:
-    """Wrap an alarm in up to `_ALARM_ROWS` rows."""
+    """Wrap an alarm into at most `_ALARM_ROWS` rows."""
     parts = textwrap.wrap(text, max(20, width - _LABEL - 1), max_lines=_ALARM_ROWS, placeholder=" …")
     rows = [_row(label if k == 0 else "", (part, "bold red")) for k, part in enumerate(parts)]
     rows[0].stylize("bold red not dim", 0, _LABEL)
@@ -207,8 +207,8 @@ def _wrap(label: str, text: str, width: int) -> list[Text]:
 
 
 def events(snapshot: Snapshot, count: int) -> list[Text]:
-    """Render the newest events, oldest first, in this many rows."""
-    others = [one for one in snapshot.events if one.text != snapshot.check]  # that one has its own row
+    """Render the newest events in this number of rows, oldest first."""
+    others = [one for one in snapshot.events if one.text != snapshot.check]  # the check has its own row
     return [_event(one) for one in others[-count:]] if count > 0 else []
 
 

@@ -1,4 +1,5 @@
-"""A run, a recording or a campaign in the browser, and live in Foxglove. Needs the extra `web`.
+"""Live view of a run, a recording or a campaign in the browser and in Foxglove. Requires the extra `web`.
 
-A run only feeds a process of its own (`feed`), which serves the page (`serving`). So no browser can disturb the loop.
+A separate process serves the page (`serving`). The run only sends data to it (`feed`), so no browser can disturb
+the control loop.
 """

@@ -1,4 +1,4 @@
-"""Started by `feed.Feed`."""
+"""Entry point of the process that `feed.Feed` starts."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Admission of requests to the page's server: Host, Origin, token and rate. It reads no clock."""
+"""Admission of requests to the page's server by Host, Origin, token and rate. This module reads no clock."""
 
 import hmac
 import ipaddress
@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 TOKEN_HEADER = "X-Hil-Bridge-Token"
-"""Custom header: for another origin, a browser sends a preflight request first, which is refused."""
+"""Name of the custom header that holds the token. A browser sends a preflight request before it sends this header
+across origins, and the server refuses the preflight.
+"""
 CSP = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -32,8 +34,9 @@ def host_name(host: str) -> str:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a Host header names this machine's loopback. So a page of another name, whose address was turned to
-    loopback later, is refused.
+    """Return whether a Host header names the loopback address of this machine.
+
+    The check refuses a page under another name whose address was later changed to loopback (DNS rebinding).
     """
     name = host_name(host)
     if name == "localhost":
@@ -51,11 +54,13 @@ class Admission:
     token: str
     """Token that is required to end the run."""
     origins: Collection[str] = ()
-    """Other origins that may read."""
+    """Additional origins that may read the page."""
 
     def refusal(self, host: str, origin: str | None, site: str = "") -> str:
-        """Why a request is refused, or nothing. A program that is no browser sends no Origin. `site` is where a browser
-        says that a part of a page is wanted from, as a picture, for which it sends no Origin either.
+        """Return the reason why a request is refused; empty if it is admitted.
+
+        `site` is the browser's Sec-Fetch-Site header. A browser also sends it, without an Origin, when a page
+        embeds a resource such as an image. A program other than a browser sends no Origin.
         """
         if not is_loopback(host):
             return f"this server is not {host[:80] or 'nameless'}: open it as 127.0.0.1 or localhost"
@@ -66,19 +71,19 @@ class Admission:
         return f"pages of {origin[:80]} may not read this run; --web-origin names one that may"
 
     def may_end(self, token: str) -> bool:
-        """Return whether this is the run's token, compared in constant time."""
+        """Return whether this is the token of the run. The comparison takes constant time."""
         return bool(self.token) and hmac.compare_digest(token.encode(errors="replace"), self.token.encode())
 
 
 class Bucket:
-    """Token bucket: a rate per second, and a burst."""
+    """Token bucket with a rate per second and a burst size."""
 
     def __init__(self, per_s: float, burst: float, clock: Callable[[], float]) -> None:
         self._per_s, self._burst, self._clock = per_s, burst, clock
         self._left, self._at = burst, clock()
 
     def take(self) -> bool:
-        """Return whether one more is allowed now, and count it."""
+        """Return whether one more request is allowed now, and count it."""
         now = self._clock()
         self._left = min(self._burst, self._left + (now - self._at) * self._per_s)
         self._at = now

@@ -1,4 +1,4 @@
-"""Run side of the live page: starts the serving process, and passes it the records without blocking."""
+"""Run side of the live page. It starts the serving process and sends the records to it without blocking."""
 
 import asyncio
 import importlib.util
@@ -26,11 +26,11 @@ from hil_bridge.show.web import wire
 
 LOOPBACK = "127.0.0.1"
 BATCH_S = 0.03
-"""Run time batched in one message, s. Chosen: a page is drawn less often."""
+"""Time on the run's clock that one message covers, s. Chosen: a page is drawn less often."""
 BATCH_RECORDS = 48
-"""Most records in one message. Chosen: far below `wire.MOST_BYTES`."""
+"""Maximum number of records in one message. Chosen: far below `wire.MOST_BYTES`."""
 WAITING_RECORDS = 1024
-"""Most records that wait for the end of a batch."""
+"""Maximum number of records that wait for the end of a batch."""
 BUFFER_BYTES = 1 << 20
 """Requested size of the socket buffer, bytes; Linux may grant less."""
 CLOSE_SECONDS = 3.0
@@ -44,11 +44,11 @@ class WebOptions:
     """Settings of the page."""
 
     port: int = 0
-    """Port on loopback; 0 for a free one."""
+    """Port on the loopback address; 0 for any free port."""
     origins: tuple[str, ...] = ()
-    """Origins of other pages that may read, for example https://app.foxglove.dev."""
+    """Origins of other pages that may read the data, for example https://app.foxglove.dev."""
     page: str = RUN_PAGE
-    """Page of a run, or of an emulated robot's panel."""
+    """Kind of page: for a run, or for the panel of an emulated robot."""
 
 
 def check_extra(what: str) -> None:
@@ -58,7 +58,7 @@ def check_extra(what: str) -> None:
 
 
 def listening(port: int) -> socket.socket:
-    """Open a socket that listens on loopback. Raises ConfigError."""
+    """Open a socket that listens on the loopback address. Raises ConfigError."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -76,12 +76,13 @@ def listening(port: int) -> socket.socket:
 class Feed:
     """Sender of a run's records to the process that serves its page.
 
-    All methods belong to the thread of the run's loop. `put`, `cycle`, `event` and `pulse` never wait: what the socket
-    does not take is dropped and counted. A serving process that ends is told once to `gone`; the run continues.
+    Call all methods from the run's event loop thread. `put`, `cycle`, `event` and `pulse` never wait: data that the
+    socket does not accept are dropped and counted. If the serving process ends, `gone` is called once, and the run
+    continues.
     """
 
     def __init__(self, options: WebOptions) -> None:
-        """Start the process. Raises ConfigError where the extra is missing, or the port is taken."""
+        """Start the serving process. Raises ConfigError if the extra is not installed, or the port is in use."""
         check_extra("--web")
         self._retract: Callable[[], object] | None = None
         self._gone: Callable[[str], object] | None = None
@@ -90,15 +91,15 @@ class Feed:
         self._alive = True
         self._loop: asyncio.AbstractEventLoop | None = None
         self._panel: LocalPanel | None = None
-        self._look: PanelView | None = None
-        """Last state of the panel that was sent."""
+        self._panel_view: PanelView | None = None
+        """State of the panel that was sent last."""
         self.dropped = 0
         """Number of records that were not sent."""
         token = secrets.token_urlsafe(24)
         listener = listening(options.port)
         port: int = listener.getsockname()[1]
         self.url = f"http://{LOOPBACK}:{port}/#token={token}"
-        """Return the URL of the page, with the token of this run in the fragment, which browsers do not send."""
+        """URL of the page, with the token of this run in the fragment, which browsers do not send."""
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
         self._socket.setblocking(False)
@@ -109,8 +110,10 @@ class Feed:
             )
 
     def listen(self, retract: Callable[[], object], gone: Callable[[str], object]) -> None:
-        """Hear the page in the running loop from now on. `retract` is called when the page asks for the end, `gone`
-        with a text when the serving process has ended.
+        """Receive messages of the page in the running event loop.
+
+        `retract` is called when the page requests the end. `gone` is called with a text when the serving process
+        has ended.
         """
         self._retract, self._gone = retract, gone
         self._loop = asyncio.get_running_loop()
@@ -158,9 +161,9 @@ class Feed:
 
     def show_panel(self) -> None:
         """Send the state of the panel if it has changed. Does nothing without a panel."""
-        if self._panel is not None and self._alive and (look := self._panel.view()) != self._look:
-            self._look = look
-            self._send(wire.encode_message(wire.PanelState(look.rows, look.at)), 0)
+        if self._panel is not None and self._alive and (view := self._panel.view()) != self._panel_view:
+            self._panel_view = view
+            self._send(wire.encode_message(wire.PanelState(view.rows, view.at)), 0)
 
     def _operate(self, panel: LocalPanel, request: wire.PanelRequest) -> None:
         error = ""
@@ -172,11 +175,11 @@ class Feed:
         self._send(wire.encode_message(wire.PanelResponse(request.number, error)), 0)
 
     def begin(self, scene: Scene, unix_zero_ns: int) -> None:
-        """Send the facts of the run; call again when they change."""
+        """Send the facts of the run; call it again when they change."""
         self._send(wire.encode_message(wire.Begin(scene, unix_zero_ns)), 0)
 
     def devices(self, facts: Mapping[str, str]) -> None:
-        """Send the facts of the devices, JSON by name, once they are ready."""
+        """Send the facts of the devices, as JSON by name, once the devices are ready."""
         self._send(wire.encode_message(wire.Devices(facts)), 0)
 
     def put(self, record: Record) -> None:
@@ -189,19 +192,19 @@ class Feed:
         self._waiting.append(record)
 
     def cycle(self, record: CycleRecord) -> None:
-        """Use the idle time after a cycle."""
+        """Send the queued records if a batch is due, in the idle time after a cycle."""
         if len(self._waiting) >= BATCH_RECORDS or not 0 <= record.answered_at - self._sent_at < BATCH_S:
             self._sent_at = record.answered_at
             self.flush()
 
     def flush(self) -> None:
-        """Send everything that is queued."""
+        """Send all queued records."""
         while self._waiting:
             batch, self._waiting = self._waiting[:BATCH_RECORDS], self._waiting[BATCH_RECORDS:]
             self._send(wire.encode_records(batch), len(batch))
 
     def pulse(self, now: float, health: Health, check: str = "", warning: str = "") -> None:
-        """Send the time and the link health, after everything that is queued."""
+        """Send the time and the link health, after all queued records."""
         self.flush()
         self._send(wire.encode_message(wire.Pulse(now, health, self.dropped, check, warning)), 0)
 
@@ -223,9 +226,7 @@ class Feed:
         self._send(wire.encode_message(wire.End(end.as_metadata())), 0)
 
     def close(self) -> None:
-        """End the serving process, which first tells its clients. Waits for CLOSE_SECONDS at most. Harmless when called
-        again.
-        """
+        """End the serving process, which first notifies its clients. Waits at most CLOSE_SECONDS. Idempotent."""
         if self._told.closed:
             return
         self._alive = False
@@ -240,16 +241,14 @@ class Feed:
 
 
 def _start(
-    sockets: Sequence[int], token: str, words: Sequence[str], log: IO[bytes]
+    sockets: Sequence[int], token: str, argv: Sequence[str], log: IO[bytes]
 ) -> "subprocess.Popen[bytes]":
-    """Start the serving process.
+    """Start the serving process with the page and the origins as arguments.
 
-    It has a session of its own, so that Ctrl-C reaches the run alone. `words` are its page, and origins that may
-    read.
-
-    The token goes through the environment, which other users cannot read, unlike the arguments.
+    The process has a separate session, so that Ctrl-C reaches only the run. The token is passed in the environment
+    because other users can read the arguments but not the environment.
     """
-    arguments = [sys.executable, "-P", "-m", "hil_bridge.show.web", *map(str, sockets), *words]
+    arguments = [sys.executable, "-P", "-m", "hil_bridge.show.web", *map(str, sockets), *argv]
     return subprocess.Popen(
         arguments,
         pass_fds=sockets,

@@ -1,18 +1,18 @@
-"""A snapshot of a run as plain values for its page."""
+"""Snapshot of a run as plain values for its page."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from hil_bridge.devices.facts import LATE, Pacing
 from hil_bridge.errors.text_files import harmless
-from hil_bridge.record.ending import Check, words_of
+from hil_bridge.record.ending import Check, describe_end
 from hil_bridge.record.records import EventRecord, TruthRecord
-from hil_bridge.show.charts.columns import MILLI, tidy
+from hil_bridge.show.charts.columns import MILLI, round_digits
 from hil_bridge.show.charts.events import line_of, weight_of
 from hil_bridge.show.terminal import Scene, Snapshot
 
 TEXT_LENGTH = 400
-"""Most characters of a text on the page."""
+"""Maximum number of characters in a text on the page."""
 
 
 def scene_values(scene: Scene) -> dict[str, Any]:
@@ -39,16 +39,16 @@ def scene_values(scene: Scene) -> dict[str, Any]:
 
 
 def now_values(snapshot: Snapshot) -> dict[str, Any]:
-    """Return the values of a moment: lengths in mm, times in ms or s by their names, forces in N, moments in N·m."""
+    """Return the values of a snapshot: lengths in mm, times in ms or s as named, forces in N, moments in N·m."""
     newest = snapshot.newest
     latency = snapshot.latency
     values: dict[str, Any] = {
         "phase": snapshot.phase,
-        "elapsed_s": tidy(snapshot.elapsed_s),
-        "tracked_s": tidy(snapshot.tracked_s),
+        "elapsed_s": round_digits(snapshot.elapsed_s),
+        "tracked_s": round_digits(snapshot.tracked_s),
         "remaining_s": snapshot.remaining_s,
-        "target": tidy(snapshot.reference_n),
-        "wants_force": snapshot.wants_force,
+        "target": round_digits(snapshot.reference_n),
+        "wants_force": snapshot.is_force_controlled,
         "held": snapshot.held,
         "step": snapshot.step,
         "step_label": harmless(snapshot.step_label),
@@ -77,23 +77,23 @@ def now_values(snapshot: Snapshot) -> dict[str, Any]:
     if newest is not None:
         values |= {
             "cycle": newest.cycle,
-            "force": tidy(newest.force),
+            "force": round_digits(newest.force),
             "in_contact": newest.in_contact,
-            "lateral": None if snapshot.lateral_n is None else tidy(snapshot.lateral_n),
-            "resultant": tidy(snapshot.resultant_n),
-            "moment": tidy(snapshot.moment_nm),
-            "wrench": [tidy(value) for value in newest.sample.wrench],
-            "depth_mm": tidy(newest.depth * MILLI),
-            "commanded_mm": tidy(newest.depth_commanded * MILLI),
-            "correction_mm": tidy(newest.correction * MILLI),
-            "travel_mm": tidy(newest.travel_commanded * MILLI),
-            "stiffness": None if newest.stiffness is None else tidy(newest.stiffness),
+            "lateral": None if snapshot.lateral_n is None else round_digits(snapshot.lateral_n),
+            "resultant": round_digits(snapshot.resultant_n),
+            "moment": round_digits(snapshot.moment_nm),
+            "wrench": [round_digits(value) for value in newest.sample.wrench],
+            "depth_mm": round_digits(newest.depth * MILLI),
+            "commanded_mm": round_digits(newest.depth_commanded * MILLI),
+            "correction_mm": round_digits(newest.correction * MILLI),
+            "travel_mm": round_digits(newest.travel_commanded * MILLI),
+            "stiffness": None if newest.stiffness is None else round_digits(newest.stiffness),
             "gain": newest.gain,
             "resting": newest.held,
             "verdict": newest.verdict,
             "reasons": list(newest.reasons),
             "answer_ms": _ms(newest.answer_s),
-            "quaternion": [tidy(value) for value in newest.sample.quaternion],
+            "quaternion": [round_digits(value) for value in newest.sample.quaternion],
         }
     return values
 
@@ -101,7 +101,7 @@ def now_values(snapshot: Snapshot) -> dict[str, Any]:
 def event_values(event: EventRecord, began: float) -> dict[str, Any]:
     """Return an event as a row of the page."""
     return {
-        "at": tidy(event.at - began),
+        "at": round_digits(event.at - began),
         "kind": event.kind,
         "text": line_of(event)[:TEXT_LENGTH],
         "weight": weight_of(event),
@@ -109,8 +109,8 @@ def event_values(event: EventRecord, began: float) -> dict[str, Any]:
 
 
 def end_values(end: Mapping[str, str]) -> dict[str, Any]:
-    """How a run ended, by the metadata of its end."""
-    return words_of(end)
+    """Return how a run ended, from the metadata of its end."""
+    return describe_end(end)
 
 
 def is_zero(event: EventRecord) -> bool:
@@ -119,11 +119,11 @@ def is_zero(event: EventRecord) -> bool:
 
 
 def truth_values(truth: TruthRecord) -> dict[str, Any]:
-    """Return the truth of an emulated cell."""
+    """Return the ground truth of an emulated cell."""
     return {
-        "quaternion": [tidy(value) for value in truth.quaternion],
-        "normal": [tidy(value) for value in truth.normal],
-        "force": [tidy(value) for value in truth.force],
+        "quaternion": [round_digits(value) for value in truth.quaternion],
+        "normal": [round_digits(value) for value in truth.normal],
+        "force": [round_digits(value) for value in truth.force],
         "faults": list(truth.faults),
     }
 
@@ -133,4 +133,4 @@ def _text(text: str) -> str:
 
 
 def _ms(seconds: float | None) -> float | None:
-    return None if seconds is None else tidy(seconds * MILLI)
+    return None if seconds is None else round_digits(seconds * MILLI)

@@ -1,4 +1,4 @@
-"""Page updates of an emulated controller's panel: controls and faults once, its state on every change."""
+"""Page updates of an emulated controller's panel: controls and faults once, the state on every change."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ class PanelUpdates:
         self._panel: wire.Panel | None = None
         self._state = wire.PanelState({}, {})
         self._versions = (0, 0)
-        """Of the panel, and of its state."""
+        """Version numbers of the panel and of its state."""
 
     @property
     def is_there(self) -> bool:
@@ -22,19 +22,19 @@ class PanelUpdates:
 
     def take(self, message: wire.Panel | wire.PanelState) -> None:
         """Store a message of the robot's process."""
-        whole, state = self._versions
+        panel_version, state = self._versions
         if isinstance(message, wire.Panel):
-            self._panel, self._versions = message, (whole + 1, state)
+            self._panel, self._versions = message, (panel_version + 1, state)
         else:
-            self._state, self._versions = message, (whole, state + 1)
+            self._state, self._versions = message, (panel_version, state + 1)
 
     def updates(self, cursor: Cursor) -> dict[str, Any]:
         """Return the changes that a page has not received, and advance its cursor."""
-        panel, (whole, state) = self._panel, cursor.panel
+        panel, (panel_version, state) = self._panel, cursor.panel
         if panel is None or cursor.panel == self._versions:
             return {}
         update: dict[str, Any] = {}
-        if whole != self._versions[0]:
+        if panel_version != self._versions[0]:
             update["panel"] = {"robot": panel.robot, "controls": panel.controls, "faults": panel.faults}
         if state != self._versions[1]:
             update["panel_state"] = {"rows": list(self._state.rows.items()), "at": self._state.at}

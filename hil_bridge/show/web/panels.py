@@ -1,7 +1,8 @@
-"""The run in Foxglove's own protocol, by its SDK, which serves an inner address. Clients reach it through our server.
+"""Publisher of a run in Foxglove's protocol, whose SDK serves an internal address.
 
-Topics and schemas are those of a recording and, where the extra `ros` is installed, those of its bag of ROS 2. All that
-a client could write, parameters and services are off.
+Clients reach it through the server of this package. Topics and schemas are those of a recording and, if the extra
+`ros` is installed, those of its ROS 2 bag. Parameters, services and everything else that a client could write are
+disabled.
 """
 
 import logging
@@ -32,11 +33,13 @@ from hil_bridge.record.time_axis import TimeAxis
 from hil_bridge.record.topics import TOPICS, Record, Topic
 
 PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
-"""Names of the protocol in a WebSocket's handshake, newest first. The SDK knows the first alone; older clients, as
-Lichtblick until 2025, ask by the second. The messages are the same. Source: Lichtblick, as it took the first.
+"""Subprotocol names in the handshake of a WebSocket, newest first.
+
+The SDK supports only the first name. Older clients, such as Lichtblick until 2025, request the second name. The
+messages are identical. Source: Lichtblick, when it adopted the first name.
 """
 BACKLOG = 2048
-"""Most messages queued for one client; the oldest are dropped. Chosen: 2 s of a fast run."""
+"""Maximum number of messages queued for one client; the oldest are dropped. Chosen: 2 s of a fast run."""
 AGAIN_S = 2.0
 """Time between two messages of a static object, for clients that connect later, s. Chosen."""
 _STILL = (TOOL, SURFACE, TRAIL)
@@ -46,8 +49,9 @@ class Panels:
     """Publisher of records to Foxglove clients."""
 
     def __init__(self, unix_zero_ns: int) -> None:
-        """Start the inner server. Its address is one of the 16 million of loopback, drawn at random, so that a page of
-        another origin cannot find it behind our back.
+        """Start the inner server at a random address out of the 16 million loopback addresses.
+
+        A page of another origin can therefore not find it and bypass the outer server.
         """
         foxglove.set_log_level(logging.ERROR)
         self._zero_ns = unix_zero_ns
@@ -74,7 +78,7 @@ class Panels:
             message_backlog_size=BACKLOG,
         )
         self.url = f"ws://{host}:{self._server.port}/"
-        """Return the inner URL."""
+        """URL of the inner server."""
 
     def _channel(self, topic: Topic | SceneTopic) -> Channel:
         schema = Schema(name=topic.schema_name, encoding="jsonschema", data=encode(topic.schema))
@@ -92,7 +96,7 @@ class Panels:
         }
 
     def devices(self, facts: Mapping[str, str]) -> None:
-        """Store the device facts: from now on, sensor frames are published as ROS 2 messages."""
+        """Store the device facts; from then on, sensor frames are published as ROS 2 messages."""
         sensor = devices_in(facts).sensor.facts
         if self._ros is not None and sensor is not None:
             self._ros.scales = sensor.scales
@@ -107,7 +111,7 @@ class Panels:
         channel = self._channels[topic.name]
         if channel.has_sinks():
             channel.log(topic.encode(record), log_time=placed)
-        self._give_ros(record)
+        self._publish_ros(record)
         for scene, message in self._scenes.of(record):
             self._show(scene, message, placed)
         if self._axis.newest >= self._again_at:
@@ -115,14 +119,14 @@ class Panels:
             for name, data in self._kept.values():
                 self._channels[name].log(data, log_time=placed)
 
-    def _give_ros(self, record: Record) -> None:
-        """Publish the ROS 2 messages to their subscribers; without subscribers, none is created."""
+    def _publish_ros(self, record: Record) -> None:
+        """Publish the ROS 2 messages to their subscribers; create no messages if there are no subscribers."""
         if self._ros is None:
             return
         if not any(channel.has_sinks() for channel in self._ros_channels_of.get(type(record), ())):
             self._ros.remember(record)
             return
-        with suppress(ConfigError):  # of a clock that is set to a time that no stamp can hold
+        with suppress(ConfigError):  # the clock is set to a time that a time stamp cannot represent
             for stamped in self._ros.of(record):
                 channel = self._ros_channels[stamped.topic]
                 if channel.has_sinks():

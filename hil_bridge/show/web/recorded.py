@@ -1,4 +1,4 @@
-"""Page sources of recordings: a recording with a time slider, a ROS bag as its report."""
+"""Page sources of recordings. A recording of a run has a time slider; a ROS bag has its report."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,7 +21,7 @@ from hil_bridge.show.web.wire import Begin, End, Pulse
 
 
 class ReportState(Struct):
-    """State of one page."""
+    """State of one report page."""
 
     sent: bool = False
 
@@ -30,10 +30,10 @@ class Report:
     """Source of a static report page."""
 
     over = False
-    """Displayed until the server ends."""
+    """Whether the source has no more updates. Always False: a report is displayed until the server ends."""
 
     def __init__(self, title: str, file: str, body: str) -> None:
-        """`body` is trusted HTML; `file` is the displayed name of the reported file."""
+        """`body` is trusted HTML. `file` is the displayed name of the reported file."""
         self._page = {"title": title, "file": file, "body": body, "trouble": "", "still": True}
 
     def first(self) -> ReportState:
@@ -41,7 +41,7 @@ class Report:
         return ReportState()
 
     def handle_request(self, state: Any, message: Mapping[str, Any]) -> None:
-        """Reject every request: a report page is static. Raises ValueError."""
+        """Reject every request, because a report page is static. Raises ValueError."""
         raise ValueError("the page of a report accepts no requests")
 
     def updates(self, state: Any) -> Mapping[str, Any] | None:
@@ -65,14 +65,14 @@ def run_source_of(recording: Recording, name: str) -> RunSource:
             source.take(record)
     source.counters = _counters(recording, scene)
     if recording.truncated:
-        source.lost("the recording was cut")
+        source.lost("the recording was cut off")
     else:
         source.end(End(recording.end))
     return source
 
 
 def _counters(recording: Recording, scene: Scene) -> Mapping[str, Any]:
-    """Counters of the whole run; a recording has none of a moment."""
+    """Return the counters of the complete run; a recording has no counters for a particular time."""
     counters = json_or_none(recording.end.get("link"))
     link = counters if isinstance(counters, dict) else {}
     lost = json_or_none(recording.end.get("sensor_lost"))
@@ -84,7 +84,7 @@ def _counters(recording: Recording, scene: Scene) -> Mapping[str, Any]:
 
 
 def _scene(recording: Recording, name: str) -> Scene:
-    """Return the facts of a recorded run, as far as the recording contains them."""
+    """Return the facts of a recorded run that the recording contains."""
     devices = devices_of(recording)
     recorded = recorded_configuration(recording)
     try:
@@ -92,7 +92,7 @@ def _scene(recording: Recording, name: str) -> Scene:
         cell = name_cell(robot_in(config), sensor_in(config))
         limits, reference = config.limits, config.task.force_n
         total = None if config.task.step else config.run.duration_s
-    except (BridgeError, ValidationError, TypeError, ValueError):  # of a plug-in that is not here
+    except (BridgeError, ValidationError, TypeError, ValueError):  # the plug-in is not installed
         cell = _cell_name(devices)
         references = [cycle.force_reference for cycle in recording.cycles[:1]]
         limits, reference, total = _limits(recorded), max(references, default=0.0), None

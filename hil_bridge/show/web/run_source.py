@@ -1,4 +1,4 @@
-"""Page updates of a run. A live run is a recording that grows, so both use the same messages."""
+"""Page updates of a run. A live run is a growing recording, so live runs and recordings use the same messages."""
 
 import math
 import time
@@ -15,7 +15,7 @@ from hil_bridge.errors.event_kinds import EventKind
 from hil_bridge.record.records import CycleRecord, EventRecord, SensorRecord, StepRecord, TruthRecord
 from hil_bridge.record.topics import Record
 from hil_bridge.show.charts.catalogue import catalogue, layers, time_axis
-from hil_bridge.show.charts.columns import ROW_S, TABLES, Columns, tidy
+from hil_bridge.show.charts.columns import ROW_S, TABLES, Columns, round_digits
 from hil_bridge.show.charts.events import fault_spans, mark_of, mark_of_step, phases_in, spans_of
 from hil_bridge.show.charts.facts import ChartFacts
 from hil_bridge.show.pages.description import Charts, Mark
@@ -32,33 +32,36 @@ from hil_bridge.show.web.page_values import (
 from hil_bridge.show.web.wire import Begin, End, Pulse
 
 EVENTS = 200
-"""Events, marks and steps kept of a live run, and events displayed on a page."""
+"""Maximum number of events, of marks and of steps that are kept of a live run, and of events on a page."""
 SILENT_S = 2.0
-"""Time without messages from the run after which the page reports it, s. Chosen: ten pulses."""
+"""Time without messages from the run after which the page displays a warning, s. Chosen: ten pulses."""
 ROWS_MOST = 8000
-"""Most rows of a recording. Chosen: more than any screen has columns."""
+"""Maximum number of rows of a recording. Chosen: more than any screen has columns."""
 GONE = "gone"
-"""Outcome of a run that ended without a message."""
+"""Outcome of a run that ended without sending its end."""
 
 
 @dataclass(slots=True)
 class Cursor:
-    """Position of one page: what it has received, and the moment that it displays."""
+    """Position of one page: the data that it has received, and the time that it displays."""
 
     rows: Mapping[str, int] = field(default_factory=dict)
     events: int = 0
     marks: int = 0
     version: int = -1
     at: float | None = None
-    """Moment of a recording, s since its start; None for the newest of a live run."""
+    """Displayed time of a recording, s since its start; None for the newest time of a live run."""
     moved: bool = True
-    """True if the page has not yet received the moment at `at`."""
+    """Whether the page still needs the values at the time `at`."""
     panel: tuple[int, int] = (0, 0)
-    """Versions of the panel and of its state that the page has received."""
+    """Versions of the panel and of the panel's state that the page has received."""
 
 
 class RunHistory:
-    """Records of a run so far. A live run keeps the newest, and those that a page always displays."""
+    """Records of a run so far.
+
+    For a live run, only the newest records and the records that a page always displays are kept.
+    """
 
     def __init__(self, bounded: bool) -> None:
         def kept(most: int) -> MutableSequence[Any]:
@@ -116,7 +119,7 @@ class RunHistory:
             self.mark_count += 1
 
     def model(self, scene: Scene, began: float, until: float) -> ViewModel:
-        """Return the view model from the records up to a moment."""
+        """Return the view model built from the records up to a given time."""
         model = ViewModel(scene)
         model.snapshot(began, Health())
         if self.track is not None and self.track.controlled_at <= until:
@@ -140,8 +143,9 @@ class RunSource:
         length_s: float | None = None,
         facts: ChartFacts | None = None,
     ) -> None:
-        """`received_at` is the time on this process's clock, s. `length_s` is the length of a complete recording, whose
-        moments a page may request; its memory is not bounded.
+        """`received_at` is the time on this process's clock, s; `length_s` is the length of a complete recording.
+
+        A page may request any time of a complete recording, for which memory use is not bounded.
         """
         self._begin, self._facts = begin, facts or begin.scene.chart_facts
         self._length_s = length_s
@@ -153,9 +157,9 @@ class RunSource:
         self._received_at = received_at
         self._end: Mapping[str, Any] | None = None
         self.counters: Mapping[str, Any] = {}
-        """Counters of a complete recording, which has none for a single moment."""
+        """Counters of a complete recording, which has no counters for a particular time."""
         self.over = False
-        """True if the run is gone and sends nothing more."""
+        """Whether the run has ended and sends no more messages."""
 
     # --- messages of the run
 
@@ -178,7 +182,7 @@ class RunSource:
         self._history.take(record, self._began or 0.0)
 
     def _since(self, at: float) -> Columns:
-        """Return the columns; the first record sets the zero of the page's time."""
+        """Return the columns. The first record sets the zero of the page's time."""
         if self._columns is None:
             self._began = at
             if self._length_s is None:
@@ -197,18 +201,18 @@ class RunSource:
         self._end = end_values(end.facts)
 
     def lost(self, cause: str = "the run's process ended unexpectedly") -> None:
-        """Mark the run as ended without a message."""
+        """Record that the run ended without sending its end."""
         if self._end is None:
             self._end = {"outcome": GONE, "cause": cause, "left": "", "retracted": None, "followed": []}
 
     # --- requests of pages
 
     def first(self) -> Cursor:
-        """Return the cursor of a new page; for a recording it is at the end."""
+        """Return the cursor of a new page. For a recording, the cursor is at the end."""
         return Cursor(at=self._length_s)
 
     def handle_request(self, state: Any, message: Mapping[str, Any]) -> None:
-        """Go to a moment of a recording: `{"at": seconds}`. Raises ValueError for an invalid request."""
+        """Go to a given time of a recording: `{"at": seconds}`. Raises ValueError for an invalid request."""
         if self._length_s is None:
             raise ValueError("the page of a live run accepts no requests")
         at = message.get("at")
@@ -225,7 +229,10 @@ class RunSource:
         return self.update_for(state, time.monotonic())
 
     def update_for(self, cursor: Cursor, present: float) -> dict[str, Any]:
-        """Return the changes since a page's cursor, and advance it. `present` is this process's clock, s."""
+        """Return the changes since a page's cursor, and advance the cursor.
+
+        `present` is the time on this process's clock, s.
+        """
         began = self._began or 0.0
         passed = 0.0 if self._end is not None else max(0.0, present - self._received_at)
         now = self._pulse.now + passed if cursor.at is None else began + cursor.at
@@ -235,14 +242,14 @@ class RunSource:
         update |= self._moment(now, math.inf if cursor.at is None else now, passed)
         update |= self._changes(cursor, now)
         if cursor.at is not None:
-            update["at"] = tidy(cursor.at)
+            update["at"] = round_digits(cursor.at)
         cursor.moved = False
         if self._end is not None:
             update["end"] = self._end
         return update
 
     def _initial_update(self, cursor: Cursor) -> dict[str, Any]:
-        """Reset a page; return its scene and charts."""
+        """Reset a page: return its scene and charts."""
         cursor.rows, cursor.events, cursor.marks, cursor.version = {}, -1, 0, self._version
         scene, zero_ns = self._begin.scene, self._begin.unix_zero_ns
         start = None if self._began is None or not zero_ns else zero_ns * 1e-9 + self._began
@@ -259,7 +266,7 @@ class RunSource:
         )
 
     def _moment(self, now: float, until: float, silent_s: float) -> dict[str, Any]:
-        """Return the values of a moment, from the records up to it."""
+        """Return the values at a given time, from the records up to it."""
         history, health = self._history, self._pulse.health
         if self._length_s is not None:
             frame = _newest(history.sensors, until)
@@ -269,7 +276,7 @@ class RunSource:
         update = now_values(snapshot) | {
             "zero": "" if zero is None else zero.text,
             "dropped": pulse.dropped,
-            "silent_s": tidy(silent_s) if silent_s > SILENT_S else 0,
+            "silent_s": round_digits(silent_s) if silent_s > SILENT_S else 0,
             "warning": pulse.warning,
         }
         update["check"] = update["check"] or pulse.check
@@ -303,7 +310,7 @@ class RunSource:
 
 
 def _until(records: Sequence[Any], now: float, name: str, most: int) -> list[Any]:
-    """Return the newest records at a moment, oldest first."""
+    """Return the newest records at a given time, oldest first."""
     count = bisect_right(records, now, key=lambda record: getattr(record, name))
     return list(islice(records, max(0, count - most), count))
 

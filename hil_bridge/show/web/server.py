@@ -1,4 +1,4 @@
-"""HTTP server of a page: static files, live data and limits, per client and in total."""
+"""HTTP server of a page: static files and live data, with limits per client and in total."""
 
 import asyncio
 import json
@@ -16,37 +16,41 @@ from hil_bridge.show.pages import chart_script, skeleton, style
 from hil_bridge.show.web.admission import HEADERS, TOKEN_HEADER, Admission, Bucket
 
 CLIENTS = 12
-"""Most concurrent WebSockets, of pages and Foxglove together."""
+"""Maximum number of concurrent WebSockets of pages and Foxglove together."""
 CONNECTIONS = 64
-"""Most concurrent connections. A further one replaces the one that has been idle longest."""
+"""Maximum number of concurrent connections. One more connection replaces the connection that has been idle longest."""
 MESSAGE_BYTES = 1 << 14
-"""Largest message of a client, bytes; a page sends far less."""
+"""Largest message of a client, bytes. The messages of a page are far smaller."""
 MESSAGES_PER_S, MESSAGES_BURST = 40.0, 80.0
 REQUESTS_PER_S, REQUESTS_BURST = 100.0, 200.0
 TRIES_PER_S, TRIES_BURST = 1.0, 5.0
-"""Rate limit of requests with a wrong token. A request with the right token is always accepted."""
+"""Rate limit of requests with a wrong token: requests per second, and burst size. A request with the right token is
+always accepted.
+"""
 SLOW_S = 5.0
-"""Time after which a client that reads nothing is dropped, s. Chosen."""
+"""Time after which a client that does not read its data is dropped, s. Chosen."""
 IDLE_S = 20.0
-"""Time without a complete request after which a connection is closed, s. Chosen."""
+"""Time without a complete request after which an open connection is closed, s. Chosen."""
 FIRST_S = 3.0
-"""A connection is closed that has sent no complete request by then. Chosen: a browser sends one at once, or, where it
-opens a connection beforehand, opens another."""
+"""Time after which a new connection without any complete request is closed, s.
+
+Chosen: a browser sends a request at once, or opens another connection if it has opened one in advance.
+"""
 PICTURE_S = 0.05
-"""Time between two messages to a page, s. Chosen: perceived as motion."""
+"""Time between two messages to a page, s. Chosen: motion looks continuous."""
 BODY_BYTES = 1024
 END, PANEL = "/end", "/panel"
 
 _TYPES = {"js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
 _SHARED: Mapping[str, Callable[[], str]] = {"charts.js": chart_script, "charts.css": style}
-"""Scripts and styles of `hil_bridge.show.pages`, each combined in one file."""
+"""Scripts and styles of `hil_bridge.show.pages`, each combined into one file."""
 _OWN = ("page.js", "page.css", "panel.js", "panel.css", "robot.js", "sketch.js", "table.js", "icon.svg")
 _STYLES: Mapping[str, Sequence[str]] = {
     "page.html": ("charts.css", "page.css", "panel.css"),
     "panel.html": ("charts.css", "page.css", "panel.css"),
     "table.html": ("charts.css",),
 }
-"""Style sheets of a page."""
+"""Style sheets of each page."""
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -61,11 +65,11 @@ class PageSource(Protocol):
         """Return the changes since the last call for this state, or None."""
 
     def handle_request(self, state: Any, message: Mapping[str, Any]) -> None:
-        """Handle a request of a page. Raises ValueError for an invalid one."""
+        """Handle a request of a page. Raises ValueError for an invalid request."""
 
     @property
     def over(self) -> bool:
-        """Whether no more updates will come; the server may then end once every page has received all."""
+        """Whether the source has no more updates. The server may then end once every page has received all updates."""
 
 
 class Server:
@@ -79,22 +83,24 @@ class Server:
         self._tries = Bucket(TRIES_PER_S, TRIES_BURST, time.monotonic)
         self._sockets: dict[web.WebSocketResponse, web.Request] = {}
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._seen: dict[asyncio.BaseTransport, float] = {}
+        self._opened_at: dict[asyncio.BaseTransport, float] = {}
         """Time at which each connection opened."""
-        self._asked: dict[asyncio.BaseTransport, float] = {}
+        self._requested_at: dict[asyncio.BaseTransport, float] = {}
         """Time of each connection's newest request."""
         self._busy: set[asyncio.BaseTransport] = set()
         """Connections with a request in progress."""
         self.retract: Callable[[], object] | None = None
-        """Ends the run like the key `r`; None if there is no run."""
+        """Callback that ends the run like the key `r`; None if there is no run."""
         self.operate: Callable[[Mapping[str, Any]], Awaitable[str]] | None = None
-        """Carries out a request to the panel of an emulated controller; why it was not, or nothing. None where there is
-        none. Raises ConnectionError where the run does not answer.
+        """Callback that carries out a request to the panel of an emulated controller, and returns the error; empty
+        on success.
+
+        None if there is no panel. Raises ConnectionError if the run does not respond.
         """
         self.splice: Handler | None = None
-        """Serves a Foxglove client."""
+        """Callback that serves a Foxglove client."""
         self.dropped: list[str] = []
-        """Why the last few clients were dropped."""
+        """Reasons why the last few clients were dropped."""
 
     # --- requests
 
@@ -103,8 +109,8 @@ class Server:
         """Check every request before it is handled."""
         transport = request.transport
         if transport is None:
-            return _refuse(400, "the connection has gone")
-        self._asked[transport] = time.monotonic()
+            return _refuse(400, "the connection was closed")
+        self._requested_at[transport] = time.monotonic()
         self._busy.add(transport)
         try:
             return await self._check(request, handler)
@@ -116,8 +122,8 @@ class Server:
             origin = request.headers.getall("Origin", [])
             hosts = request.headers.getall("Host", [])
             if len(hosts) != 1 or len(origin) > 1:
-                return _refuse(400, "one Host and at most one Origin are needed")
-            opened = request.headers.get("Sec-Fetch-Mode") == "navigate"  # a link was followed to the page
+                return _refuse(400, "expected exactly one Host and at most one Origin header")
+            opened = request.headers.get("Sec-Fetch-Mode") == "navigate"  # by a link to the page
             site = "" if opened else request.headers.get("Sec-Fetch-Site", "")
             if refusal := self._admission.refusal(hosts[0], origin[0] if origin else None, site):
                 return _refuse(403, refusal)
@@ -133,49 +139,52 @@ class Server:
     async def _root(self, request: web.Request) -> web.StreamResponse:
         if request.headers.get("Upgrade", "").lower() == "websocket":
             if self.splice is None:
-                return _refuse(404, "no run continues here; open the recording in Foxglove instead")
+                return _refuse(404, "no live run here; open the recording in Foxglove instead")
             return await self.splice(request)
         return _page(self._page)
 
     async def _static(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]
         if name not in (*_SHARED, *_OWN):
-            return _refuse(404, "there is no such file")
+            return _refuse(404, "no such file")
         return _file(name)
 
     async def _end(self, request: web.Request) -> web.StreamResponse:
-        """Retract and end: requires the token in a header, and JSON, which no form of another page can send."""
+        """Retract the tool and end the run.
+
+        The request needs the token in a header, and JSON, which no form of another page can send.
+        """
         if self.retract is None:
-            return _refuse(404, "no run continues here")
-        wanted = await self._read_trusted(request)
-        if isinstance(wanted, web.Response):
-            return wanted
-        if wanted != {"do": "retract and end"}:
+            return _refuse(404, "no live run here")
+        request_body = await self._read_trusted(request)
+        if isinstance(request_body, web.Response):
+            return request_body
+        if request_body != {"do": "retract and end"}:
             return _refuse(400, 'send {"do": "retract and end"}')
         self.retract()
         return web.json_response({"done": "asked the run to retract and end"})
 
     async def _panel(self, request: web.Request) -> web.StreamResponse:
-        """Operate the panel of an emulated controller, with the same token and format as the end."""
+        """Operate the panel of an emulated controller. The token and the format are as for `_end`."""
         if self.operate is None:
-            return _refuse(404, "no emulated robot is operated here")
-        wanted = await self._read_trusted(request)
-        if isinstance(wanted, web.Response):
-            return wanted
-        if not isinstance(wanted, dict):
-            return _refuse(400, "send an object of JSON")
+            return _refuse(404, "no emulated robot to operate here")
+        request_body = await self._read_trusted(request)
+        if isinstance(request_body, web.Response):
+            return request_body
+        if not isinstance(request_body, dict):
+            return _refuse(400, "send a JSON object")
         try:
-            refusal = await self.operate(wanted)
+            refusal = await self.operate(request_body)
         except ConnectionError as error:
             return _refuse(503, str(error))
         return _refuse(409, refusal) if refusal else web.json_response({"done": "carried out"})
 
     async def _read_trusted(self, request: web.Request) -> Any:
-        """Return the JSON of a page with the token, or the refusal."""
+        """Return the JSON of a page that has the token, or the refusal."""
         if not self._admission.may_end(request.headers.get(TOKEN_HEADER, "")):
             if not self._tries.take():
-                return _refuse(429, "too many tries; wait some seconds")
-            return _refuse(403, "this needs the token of the run's address")
+                return _refuse(429, "too many attempts; wait a few seconds")
+            return _refuse(403, "this needs the token in the run's URL")
         if request.content_type != "application/json" or (request.content_length or 0) > BODY_BYTES:
             return _refuse(415, "send JSON")
         try:
@@ -197,14 +206,14 @@ class Server:
         self._tasks.add(task)
 
     def release(self, socket: web.WebSocketResponse) -> None:
-        """Remove a socket from the count."""
+        """Remove a WebSocket from the count."""
         self._sockets.pop(socket, None)
         task = asyncio.current_task()
         assert task is not None
         self._tasks.discard(task)
 
     def record_drop(self, why: str) -> None:
-        """Record why a client was dropped."""
+        """Store the reason why a client was dropped."""
         self.dropped = [*self.dropped[-20:], why]
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
@@ -235,7 +244,7 @@ class Server:
         state: object,
         receiving: "asyncio.Task[None]",
     ) -> None:
-        """Send updates until the page closes. One message at a time, so that a slow page receives fewer."""
+        """Send updates until the page closes, one message at a time, so that a slow page receives fewer messages."""
         while not (socket.closed or receiving.done()):
             over = self._source.over
             update = self._source.updates(state)
@@ -244,7 +253,7 @@ class Server:
                     async with asyncio.timeout(SLOW_S):
                         await socket.send_str(msgspec.json.encode(update).decode())
                 except TimeoutError:
-                    self.record_drop("a page took nothing for too long")
+                    self.record_drop("a page did not read for too long")
                     abort(request)
                     return
                 except (ConnectionError, RuntimeError):
@@ -278,7 +287,7 @@ class Server:
     # --- the server
 
     async def serve(self, listener: Any) -> None:
-        """Serve on this listening socket until the source is over, or forever."""
+        """Serve on this listening socket until the source has no more updates, or forever."""
         app = web.Application(middlewares=[self._guard], client_max_size=BODY_BYTES)
         app.router.add_get("/", self._root)
         app.router.add_get("/static/{name}", self._static)
@@ -309,27 +318,31 @@ class Server:
                     await runner.cleanup()
 
     def _has_room(self, server: web.Server) -> bool:
-        """Return whether one more connection is admitted; at the limit, the one idle longest is closed."""
+        """Return whether one more connection is admitted.
+
+        At the limit, the connection that has been idle longest is closed.
+        """
         present = _transports(server)
         if len(present) < CONNECTIONS:
             return True
         idle = [one for one in present if one not in self._busy]
         if not idle:
             return False
-        _abort(min(idle, key=lambda one: self._asked.get(one, 0.0)))  # without any request: the oldest
+        _abort(min(idle, key=lambda one: self._requested_at.get(one, 0.0)))  # without requests, the oldest
         return True
 
     def _close_idle(self, server: web.Server) -> None:
-        """Close connections that have been there for IDLE_S without being a WebSocket, slow requests among them. One
-        that has asked for nothing is closed after FIRST_S.
+        """Close connections that are not WebSockets after IDLE_S, or after FIRST_S if they have sent no request.
+
+        This includes connections with a slow request in progress.
         """
         now = time.monotonic()
         live = {request.transport for request in self._sockets.values()}
         present = _transports(server)
-        self._seen = {one: self._seen.get(one, now) for one in present}
-        self._asked = {one: at for one, at in self._asked.items() if one in self._seen}
-        for one, since in self._seen.items():
-            if one not in live and now - since > (IDLE_S if one in self._asked else FIRST_S):
+        self._opened_at = {one: self._opened_at.get(one, now) for one in present}
+        self._requested_at = {one: at for one, at in self._requested_at.items() if one in self._opened_at}
+        for one, since in self._opened_at.items():
+            if one not in live and now - since > (IDLE_S if one in self._requested_at else FIRST_S):
                 _abort(one)
 
 
@@ -340,7 +353,7 @@ def _transports(server: web.Server) -> list[asyncio.BaseTransport]:
 
 
 class _Refusing(asyncio.Protocol):
-    """Close a connection at once."""
+    """Protocol that closes a connection at once."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -370,7 +383,7 @@ def _file(name: str) -> web.Response:
 
 
 def _page(name: str) -> web.Response:
-    """Render a page: its body in the common skeleton."""
+    """Render a page: its body inside the common skeleton."""
     links = "\n".join(f'<link rel="stylesheet" href="/static/{sheet}">' for sheet in _STYLES[name])
     body = files("hil_bridge.show.web").joinpath("static", name).read_text(encoding="utf-8")
     icon = '<link rel="icon" href="/static/icon.svg" type="image/svg+xml">'

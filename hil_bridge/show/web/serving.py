@@ -1,4 +1,4 @@
-"""Process that serves the page of a run. It ends with the run, even a killed one."""
+"""Process that serves the page of a run. It ends with the run, even if the run is killed."""
 
 import asyncio
 import ctypes
@@ -25,15 +25,15 @@ from hil_bridge.show.web.server import PageSource, Server
 from hil_bridge.show.web.splicing import Splicing
 
 NICE = 10
-"""Niceness relative to the run. Chosen."""
+"""Niceness of the process relative to the run. Chosen."""
 LOG_BYTES = 1 << 20
-"""Largest log file, bytes; the process writes no other file."""
+"""Largest size of the log file, bytes. The process writes no other file."""
 ANSWER_SECONDS = 5.0
-"""Longest wait for a response of the panel, s. Chosen: it responds at once, even on a busy computer."""
+"""Longest wait for a response of the panel, s. Chosen: the panel responds at once, even on a busy computer."""
 LAST_SECONDS = 5
-"""Time to notify the pages of the end of the run, s. Chosen."""
+"""Time limit for notifying the pages of the end of the run, s. Chosen."""
 _PR_SET_PDEATHSIG = 1
-"""Source: Linux, prctl(2)."""
+"""Operation code of prctl. Source: Linux, prctl(2)."""
 
 
 class Live:
@@ -45,17 +45,17 @@ class Live:
         self.panels: Panels | None = None
         self.begun = asyncio.Event()
         self._panel = PanelUpdates()
-        self._asked: dict[int, asyncio.Future[str]] = {}
-        """Pending panel requests, by number."""
+        self._pending: dict[int, asyncio.Future[str]] = {}
+        """Pending panel requests, by request number."""
         self.over = False
-        """True after the run has ended."""
+        """Whether the run has ended."""
 
     def first(self) -> Cursor:
         """Return the state of a new page."""
         return Cursor()
 
     def updates(self, state: Cursor) -> Mapping[str, Any] | None:
-        """Return the changes of the run and of its panel, or None."""
+        """Return the changes of the run and of the panel, or None."""
         update = (None if self.source is None else self.source.updates(state)) or {}
         return {**update, **self._panel.updates(state)} or None
 
@@ -64,17 +64,20 @@ class Live:
         raise ValueError("the page of a live run accepts no requests")
 
     def retract(self) -> None:
-        """Ask the run to retract and end."""
+        """Request the run to retract and end."""
         with suppress(OSError):
             self._run.send(wire.RETRACT)
 
     async def operate(self, request: Mapping[str, Any]) -> str:
-        """Send a request to the run's panel; return the error, empty on success. Raises ConnectionError."""
+        """Send a request to the panel of the run; return the error, or an empty text on success.
+
+        Raises ConnectionError.
+        """
         if not self._panel.is_there:
             return "there is no panel yet"
         number = next(self._numbers)
         answer: asyncio.Future[str]
-        answer = self._asked[number] = asyncio.get_running_loop().create_future()
+        answer = self._pending[number] = asyncio.get_running_loop().create_future()
         try:
             self._run.send(wire.encode_message(wire.PanelRequest(number, request)))
             async with asyncio.timeout(ANSWER_SECONDS):
@@ -82,10 +85,10 @@ class Live:
         except (OSError, TimeoutError):
             raise ConnectionError("the robot's process does not answer") from None
         finally:
-            del self._asked[number]
+            del self._pending[number]
 
     def receive(self) -> None:
-        """Receive some messages of the run at a time, so that clients are served in between."""
+        """Receive messages of the run in small batches, so that clients are served in between."""
         for _ in range(32):
             try:
                 data = self._run.recv(wire.MOST_BYTES)
@@ -130,12 +133,12 @@ class Live:
     def _receive_panel(self, message: wire.Panel | wire.PanelState | wire.PanelResponse) -> None:
         if not isinstance(message, wire.PanelResponse):
             self._panel.take(message)
-        elif (waiting := self._asked.get(message.number)) is not None and not waiting.done():
+        elif (waiting := self._pending.get(message.number)) is not None and not waiting.done():
             waiting.set_result(message.error)
 
 
 async def serve(run: socket.socket, listener: socket.socket, admission: Admission, page: str) -> None:
-    """Serve until the run has ended and the pages have received everything."""
+    """Serve until the run has ended and the pages have received all updates."""
     run.setblocking(False)
     listener.setblocking(False)
     live = Live(run)
@@ -161,7 +164,7 @@ async def _open(live: Live, server: Server, session: ClientSession) -> None:
 
 
 def show(source: PageSource, page: str, port: int, say: Callable[[str], object]) -> None:
-    """Serve a static page from this process until Ctrl-C. `say` prints its URL.
+    """Serve a static page from this process until Ctrl-C. `say` is called with the URL of the page.
 
     Raises ConfigError.
     """
@@ -172,24 +175,27 @@ def show(source: PageSource, page: str, port: int, say: Callable[[str], object])
 
 
 def settle(parent: int) -> None:
-    """Limit this process: it ends with the run's process, yields to it, and writes little.
+    """Limit this process: end it with the run's process, lower its priority, and limit the size of its files.
 
-    The end of the run's socket ends it, after its pages have been told. A signal from the system does so for certain.
+    Normally the process ends when the run's socket closes, after it has notified the pages. A signal from the
+    system ensures that it ends.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: signal.alarm(LAST_SECONDS))  # SIGALRM ends the process
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:
-        raise SystemExit("the run has gone")
+        raise SystemExit("the run has ended")
     with suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # takes no processor from one that works
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # does not preempt a running process
     os.nice(NICE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (LOG_BYTES, LOG_BYTES))
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Serve on inherited sockets: that of the run and the listening one, then the page, then origins. The token is in
-    the environment.
+    """Serve on inherited sockets.
+
+    The arguments are the run's socket, the listening socket, the page, then the origins. The token is in the
+    environment.
     """
     run, listener, page, *origins = arguments
     token = os.environ.pop("HIL_BRIDGE_WEB_TOKEN")

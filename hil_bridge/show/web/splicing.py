@@ -11,9 +11,9 @@ from hil_bridge.show.web.panels import PROTOCOLS
 from hil_bridge.show.web.server import SLOW_S, Server, abort
 
 CLIENT_BYTES = 1 << 16
-"""Largest message of a client, bytes: it names the requested channels."""
+"""Largest message of a client, bytes. A client only names the channels that it requests."""
 PER_S, BURST = 100.0, 300.0
-"""Most messages of a client per second, and in a burst."""
+"""Maximum number of messages of a client per second, and in a burst."""
 
 
 class Splicing:
@@ -24,8 +24,8 @@ class Splicing:
 
     async def __call__(self, request: web.Request) -> web.StreamResponse:
         """Serve one client until it disconnects or is dropped."""
-        wanted = [each.strip() for each in request.headers.get("Sec-WebSocket-Protocol", "").split(",")]
-        chosen = next((one for one in PROTOCOLS if one in wanted), None)
+        protocols = [each.strip() for each in request.headers.get("Sec-WebSocket-Protocol", "").split(",")]
+        chosen = next((one for one in PROTOCOLS if one in protocols), None)
         if chosen is None:
             return web.Response(status=400, text=f"this WebSocket speaks {' and '.join(PROTOCOLS)}\n")
         if not self._server.admit():
@@ -39,7 +39,7 @@ class Splicing:
                 self._url, protocols=PROTOCOLS[:1], max_msg_size=0, compress=0
             ) as inner:
                 await outer.prepare(request)
-                await self._carry(request, outer, inner)
+                await self._forward(request, outer, inner)
         except (ClientError, ConnectionError, TimeoutError):
             if not outer.prepared:
                 return web.Response(status=502, text="Foxglove's server does not answer\n")
@@ -47,19 +47,19 @@ class Splicing:
             self._server.release(outer)
         return outer
 
-    async def _carry(
+    async def _forward(
         self, request: web.Request, outer: web.WebSocketResponse, inner: ClientWebSocketResponse
     ) -> None:
-        ways = [
+        tasks = [
             asyncio.create_task(self._inwards(outer, inner)),
             asyncio.create_task(self._outwards(request, outer, inner)),
         ]
         try:
-            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            for way in ways:
-                way.cancel()
-            await asyncio.gather(*ways, return_exceptions=True)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
             with suppress(TimeoutError, ConnectionError):
                 async with asyncio.timeout(1.0):
                     await outer.close(code=WSCloseCode.GOING_AWAY, message=b"closed")
@@ -87,6 +87,6 @@ class Splicing:
                     elif message.type is WSMsgType.BINARY:
                         await outer.send_bytes(message.data)
             except TimeoutError:
-                self._server.record_drop("a client of Foxglove's protocol took nothing for too long")
+                self._server.record_drop("a client of Foxglove's protocol did not read for too long")
                 abort(request)
                 return

@@ -1,7 +1,7 @@
 """Messages from a run to the process that serves its page: MessagePack over a pair of local sockets.
 
-The socket keeps the bounds of messages and its buffer is all that can wait. The other way go one word, and requests
-of a page to the panel of an emulated controller.
+The socket preserves message boundaries, and its buffer limits the amount of waiting data. The opposite direction
+carries one command, and requests of a page to the panel of an emulated controller.
 """
 
 from collections.abc import Mapping
@@ -14,23 +14,23 @@ from hil_bridge.record.topics import TOPICS, Record
 from hil_bridge.show.terminal import Health, Scene
 
 RETRACT = b"retract"
-"""The only word that the serving process says."""
+"""Command to retract and end, the only one that the serving process sends."""
 REQUEST_BYTES = 1 << 12
-"""Size of what the serving process says at most."""
+"""Largest message from the serving process, bytes."""
 MOST_BYTES = 1 << 17
-"""Size of a message at most: records that do not fit are dropped."""
+"""Largest message from the run, bytes; records that do not fit are dropped."""
 
 
 class Begin(Struct, tag="begin", frozen=True):
-    """Facts of the run; a later one takes the place of an earlier one."""
+    """Facts of the run. A later message replaces an earlier one."""
 
     scene: Scene
     unix_zero_ns: int
-    """Time at 0 of the run's clock, ns since 1970."""
+    """UNIX time at which the run's clock was 0, ns."""
 
 
 class Devices(Struct, tag="devices", frozen=True):
-    """The devices are ready: their facts, JSON by name, as a recording keeps them."""
+    """Facts of the devices once they are ready, as JSON by name, as in a recording."""
 
     facts: Mapping[str, str]
 
@@ -42,13 +42,13 @@ class Records(Struct, tag="records", frozen=True):
 
 
 class Pulse(Struct, tag="pulse", frozen=True):
-    """The run's clock and the health of its wires, now and then."""
+    """Time on the run's clock and health of its links, sent periodically."""
 
     now: float
-    """s on the run's clock."""
+    """Time on the run's clock, s."""
     health: Health
     dropped: int = 0
-    """Records that the page was not given, since it did not keep up."""
+    """Number of records that were not sent to the page because the page did not keep up."""
     check: str = ""
     """Newest finding about the sensor."""
     warning: str = ""
@@ -56,13 +56,13 @@ class Pulse(Struct, tag="pulse", frozen=True):
 
 
 class End(Struct, tag="end", frozen=True):
-    """The run has ended by itself, and how: `RunEnd.as_metadata`."""
+    """Orderly end of the run, with the metadata of `RunEnd.as_metadata`."""
 
     facts: Mapping[str, str]
 
 
 class Panel(Struct, tag="panel", frozen=True):
-    """Controls and faults of an emulated controller, as its panel lists them."""
+    """Controls and faults of an emulated controller, in the form in which its panel lists them."""
 
     robot: str
     controls: Mapping[str, Any]
@@ -70,18 +70,18 @@ class Panel(Struct, tag="panel", frozen=True):
 
 
 class PanelState(Struct, tag="state", frozen=True):
-    """State of the panel for people, as of `PanelView`."""
+    """State of the panel for display, as in `PanelView`."""
 
     rows: Mapping[str, str]
     at: Mapping[str, str | float]
 
 
 class PanelResponse(Struct, tag="answered", frozen=True):
-    """Response to a request."""
+    """Response to a panel request."""
 
     number: int
     error: str
-    """Why the request failed; empty on success."""
+    """Reason why the request failed; empty on success."""
 
 
 class PanelRequest(Struct, frozen=True):

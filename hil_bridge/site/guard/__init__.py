@@ -1,1 +1,1 @@
-"""Questions to the guard: its conditions as a table, and what it would do with an observation."""
+"""Queries to the guard: its conditions as a table, and its decision for an observation."""

@@ -1,7 +1,7 @@
-"""Explanation of the supervisor's decision for an observation, by the control loop of a run.
+"""Explanation of the supervisor's decision about an observation, from the control loop of a run.
 
-Nothing is decided here. Which setting ruled is found by asking again with each setting loosened, and how far a limit
-is by asking with larger and larger values.
+This module does not decide anything itself. It finds the decisive setting by repeating the query with each setting
+relaxed, and the distance to a limit by queries with increasing values.
 """
 
 import dataclasses
@@ -17,47 +17,49 @@ from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.errors.causes import Cause
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import robot_in
-from hil_bridge.site.guard.asking import Asked, Situation, middle
+from hil_bridge.site.guard.asking import LoopQuery, Situation, middle
 from hil_bridge.site.guard.margins import Margin, margins, number
 
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """Decision of the loop, and its causes."""
+    """Decision of the loop, with its causes."""
 
     verdict: str
-    """allow, clamp or stop."""
+    """Verdict: allow, clamp or stop."""
     cause: Cause | None
     reasons: tuple[str, ...]
-    """Why less is ordered, why it stops, or why the task ends."""
+    """Reasons why the order is reduced, the run stops, or the task ends."""
     settings: tuple[str, ...]
-    """The settings that decided, as `section.name = value`."""
+    """Decisive settings in the form `section.name = value`."""
     rows: tuple[CauseRow, ...]
-    """Rows of the table of conditions."""
+    """Rows of the table of conditions that apply."""
     then: str
-    """Reaction of the tool."""
+    """Description of the tool's next reaction."""
     deepest_mm: float | None
-    """Deepest order that would be sent in this cycle; None if no such order is sent."""
+    """Deepest order that would be sent in this cycle, mm; None if the depth is not limited, the run stops, or the
+    tool retracts.
+    """
     deepest_because: str
-    """Why no deeper one."""
+    """Reason why no deeper order is sent."""
     margins: tuple[Margin, ...]
-    """Margins, nearest first."""
+    """Margins of all quantities, smallest relative margin first."""
 
     def lines(self) -> Iterator[str]:
-        """Lines for a terminal."""
+        """Explanation as lines for a terminal."""
         yield _line("verdict", self.verdict if self.cause is None else f"{self.verdict}: {self.cause}")
         for reason in self.reasons:
             yield _line("because", reason)
         for setting in self.settings:
-            yield _line("ruled by", setting)
+            yield _line("decided by", setting)
         if self.verdict == "stop" and not self.settings:
-            yield _line("ruled by", "no setting")
+            yield _line("decided by", "no setting")
         yield _line("then", self.then)
         for leads in dict.fromkeys(_leads_to(row) for row in self.rows):
             yield _line("leads to", leads)
         if self.cause is not None:
-            looks = (row.look.format(robot="", sensor="", recording="FILE") for row in self.rows)
-            yield from (_line("look at", look) for look in dict.fromkeys(looks))
+            checks = (row.look.format(robot="", sensor="", recording="FILE") for row in self.rows)
+            yield from (_line("check", check) for check in dict.fromkeys(checks))
         if self.deepest_mm is not None:
             yield _line("deepest order", f"{number(self.deepest_mm)} mm: {self.deepest_because}")
         for margin in self.margins:
@@ -73,9 +75,11 @@ def _leads_to(row: CauseRow) -> str:
 
 
 def explain(config: Config, situation: Situation) -> Explanation:
-    """Decision of a run with this configuration. Raises ConfigError for a situation that no run can be in."""
-    ask = Asked(config)
-    # values that follow from the configuration must stay when a setting is loosened
+    """Return the explanation of the decision of a run with this configuration. Raises ConfigError if the situation
+    cannot occur in a run.
+    """
+    ask = LoopQuery(config)
+    # values that follow from the configuration must not change when a setting is relaxed
     situation = dataclasses.replace(
         situation,
         start_m=situation.start_m or middle(config),
@@ -87,7 +91,7 @@ def explain(config: Config, situation: Situation) -> Explanation:
     ruled = tuple(
         key
         for key in LOOSE
-        if _without_numbers(Asked(_loosen(config, key))(situation)) != _without_numbers(decision)
+        if _without_numbers(LoopQuery(_loosen(config, key))(situation)) != _without_numbers(decision)
     )
     rows = tuple(ROWS[each] for each in _causes(decision))
     robot = robot_in(config).kind
@@ -151,11 +155,13 @@ LOOSE: Mapping[str, Any] = {
     "limits.force_margin_share": 0.0,
     "task.expected_stiffness_n_m": 1e-3,
 }
-"""Settings, with values at which they do not limit anything."""
+"""Settings, each with a value at which it does not limit anything."""
 
 
 def _loosen(config: Config, key: str) -> Config:
-    """Return the configuration with one setting that limits nothing any more, without the validation of a file."""
+    """Return the configuration with one setting relaxed so that it does not limit anything. The result is not
+    validated as a file would be.
+    """
     section, name = key.split(".")
     before: Any = getattr(config, section)
     change = {name: LOOSE[key]}
@@ -169,19 +175,19 @@ def _value(config: Config, key: str) -> str:
     for name in key.split("."):
         value = getattr(value, name)
     if value is None:
-        return "that of the robot's facts"
+        return "from the robot's facts"
     if isinstance(value, tuple):
         return str(list(value))
     return str(value).lower() if isinstance(value, bool) else f"{value:g}"
 
 
 def _without_numbers(decision: Decision) -> tuple[object, ...]:
-    """Parts of a decision that a setting may change, without its numbers."""
+    """Return the parts of a decision that a setting may change, without numeric values."""
     return decision.verdict.kind, *_causes(decision)
 
 
 def _causes(decision: Decision) -> Iterator[Cause]:
-    """Causes for which a decision stops, orders less, or ends an approach that is held."""
+    """Yield the causes for which a decision stops, reduces an order, or ends a suspended approach."""
     verdict, reason = decision.verdict, decision.intent.reason
     if isinstance(verdict, Stop):
         yield verdict.reason.cause
@@ -192,24 +198,24 @@ def _causes(decision: Decision) -> Iterator[Cause]:
 
 
 def _then(decision: Decision, situation: Situation, commanded_mm: float) -> str:
-    """Next reaction of the tool, in words."""
-    way = round(decision.target.depth * 1e3 - commanded_mm, 6)
+    """Describe the next reaction of the tool."""
+    step_mm = round(decision.target.depth * 1e3 - commanded_mm, 6)
     depth = f"{number(decision.target.depth * 1e3)} mm"
     if decision.ended and situation.phase is not Phase.RETRACT:
-        return f"the tool stands still at {depth}; the run ends"
+        return f"the tool stops at {depth}; the run ends"
     if decision.ended:
-        still = "stands still" if isinstance(decision.verdict, Stop) else "has come as far back as it can"
-        return f"the tool {still} at {depth}; the run ends"
+        reaction = "stops" if isinstance(decision.verdict, Stop) else "cannot retract further, and stops"
+        return f"the tool {reaction} at {depth}; the run ends"
     if decision.intent.phase is Phase.RETRACT:
-        goes = f"to {depth}" if way else f"from {depth}"
-        return f"the tool retracts, now {goes}; the run ends when it is back"
-    if way > 0:
-        return f"the tool goes deeper, to {depth}"
-    return f"the tool goes back, to {depth}" if way < 0 else f"the tool stays at {depth}"
+        destination = f"to {depth}" if step_mm else f"from {depth}"
+        return f"the tool retracts, now {destination}; the run ends when it is back"
+    if step_mm > 0:
+        return f"the tool moves deeper, to {depth}"
+    return f"the tool moves back, to {depth}" if step_mm < 0 else f"the tool stays at {depth}"
 
 
-def _deepest(ask: Asked, situation: Situation, decision: Decision) -> tuple[float | None, str]:
-    """Return the deepest order that would be sent, and why none is deeper."""
+def _deepest(ask: LoopQuery, situation: Situation, decision: Decision) -> tuple[float | None, str]:
+    """Return the deepest order that would be sent, mm, and the reason why no deeper order is sent."""
     if isinstance(decision.verdict, Stop) or situation.phase is Phase.RETRACT:
         return None, ""
     answer = ask(

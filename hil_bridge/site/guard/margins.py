@@ -1,4 +1,6 @@
-"""Margin of each quantity of an observation to the value at which it alone would stop a run, by bisection."""
+"""Margins between the quantities of an observation and the values at which each of them alone would stop a run, by
+bisection.
+"""
 
 import dataclasses
 import math
@@ -8,21 +10,21 @@ from typing import Any, NamedTuple
 
 from hil_bridge.control import Phase, Stop
 from hil_bridge.errors.causes import Cause
-from hil_bridge.site.guard.asking import Asked, Situation
+from hil_bridge.site.guard.asking import LoopQuery, Situation
 
 
 class Margin(NamedTuple):
-    """Margin of a quantity to the value at which it alone would stop the run."""
+    """Margin between a quantity and the value at which it alone would stop the run."""
 
     name: str
     unit: str
     value: float
     limit: float
-    """The largest value that does not stop."""
+    """Largest value that does not stop the run."""
 
     @property
     def share(self) -> float:
-        """Value over limit."""
+        """Ratio of value to limit."""
         return self.value / self.limit
 
     @property
@@ -34,25 +36,25 @@ class Margin(NamedTuple):
 
 
 def number(value: float) -> str:
-    """Format a value, rounded for display."""
+    """Format a value rounded for display."""
     return f"{round(value, 6):.6g}"
 
 
 class _Quantity(NamedTuple):
-    """Quantity that stops a run when it is large enough."""
+    """Quantity that stops a run if it is large enough."""
 
     name: str
     unit: str
     causes: tuple[Cause, ...]
-    value: Callable[[Asked, Situation], float]
+    value: Callable[[LoopQuery, Situation], float]
     largest: float
-    """End of the search."""
+    """Largest value in the search."""
     make: Callable[[Situation, float], Situation]
-    """Returns an undisturbed situation with this value."""
+    """Returns an undisturbed situation in which the quantity has this value."""
 
 
-def _field(name: str) -> Callable[[Asked, Situation], float]:
-    return lambda ask, seen: getattr(seen, name)
+def _field(name: str) -> Callable[[LoopQuery, Situation], float]:
+    return lambda ask, situation: getattr(situation, name)
 
 
 def _put(name: str, calm: Situation, value: Any) -> Situation:
@@ -60,35 +62,35 @@ def _put(name: str, calm: Situation, value: Any) -> Situation:
     return dataclasses.replace(calm, **change)
 
 
-def _lagging(calm: Situation, value: float) -> Situation:
+def _lagging_situation(calm: Situation, value: float) -> Situation:
     assert calm.commanded_mm is not None
     return dataclasses.replace(calm, depth_mm=calm.commanded_mm - value)
 
 
-def _largest_force(ask: Asked, seen: Situation) -> float:
-    force = ask.force(seen)
-    return max(abs(force), abs(force if seen.peak_n is None else seen.peak_n))
+def _largest_force(ask: LoopQuery, situation: Situation) -> float:
+    force = ask.force(situation)
+    return max(abs(force), abs(force if situation.peak_n is None else situation.peak_n))
 
 
-def _pull(ask: Asked, seen: Situation) -> float:
-    return max(0.0, -ask.force(seen))
+def _pull(ask: LoopQuery, situation: Situation) -> float:
+    return max(0.0, -ask.force(situation))
 
 
-def _resultant(ask: Asked, seen: Situation) -> float:
-    return _largest_force(ask, seen) if seen.resultant_n is None else seen.resultant_n
+def _resultant(ask: LoopQuery, situation: Situation) -> float:
+    return _largest_force(ask, situation) if situation.resultant_n is None else situation.resultant_n
 
 
-def _apart(ask: Asked, seen: Situation) -> float:
-    return 0.0 if seen.witness_n is None else abs(seen.witness_n - ask.force(seen))
+def _apart(ask: LoopQuery, situation: Situation) -> float:
+    return 0.0 if situation.witness_n is None else abs(situation.witness_n - ask.force(situation))
 
 
-def _disagreeing(calm: Situation, value: float) -> Situation:
-    """Return a situation in which the sensor measures nothing and the robot this force."""
+def _disagreeing_situation(calm: Situation, value: float) -> Situation:
+    """Return a situation in which the sensor measures no force and the robot measures this force, N."""
     return dataclasses.replace(calm, force_n=0.0, witness_n=value)
 
 
-def _lag(ask: Asked, seen: Situation) -> float:
-    return 0.0 if seen.depth_mm is None else abs(ask.commanded_mm(seen) - seen.depth_mm)
+def _lag(ask: LoopQuery, situation: Situation) -> float:
+    return 0.0 if situation.depth_mm is None else abs(ask.commanded_mm(situation) - situation.depth_mm)
 
 
 def _simple(name: str, unit: str, cause: Cause, key: str, largest: float) -> _Quantity:
@@ -99,18 +101,18 @@ _QUANTITIES = (
     _Quantity("force", "N", (Cause.FORCE,), _largest_force, 1e6, partial(_put, "peak_n")),
     _Quantity("pull", "N", (Cause.PULL,), _pull, 1e6, lambda calm, value: _put("force_n", calm, -value)),
     _Quantity("resultant", "N", (Cause.RESULTANT_FORCE,), _resultant, 1e6, partial(_put, "resultant_n")),
-    _Quantity("witness", "N", (Cause.WITNESS,), _apart, 1e6, _disagreeing),
+    _Quantity("witness", "N", (Cause.WITNESS,), _apart, 1e6, _disagreeing_situation),
     _simple("moment", "N·m", Cause.MOMENT, "moment_nm", 1e6),
     _simple("age", "ms", Cause.FORCE_TOO_OLD, "age_ms", 1e6),
     _simple("unchanged", "ms", Cause.SAME_COUNTS, "unchanged_ms", 1e6),
     _simple("still", "ms", Cause.NO_NEW_FRAME, "still_ms", 1e6),
     _simple("unanswered", "mm", Cause.UNANSWERED, "unanswered_mm", 1e6),
-    _Quantity("following", "mm", (Cause.FOLLOWING,), _lag, 1e6, _lagging),
+    _Quantity("following", "mm", (Cause.FOLLOWING,), _lag, 1e6, _lagging_situation),
     _simple("jump", "mm", Cause.JUMP, "moved_mm", 1e6),
     _simple("tilt", "°", Cause.TILT, "tilt_deg", 180.0),
     _simple("gap", "ms", Cause.DEADLINE, "gap_ms", 1e6),
 )
-"""Quantities of a run that continues."""
+"""Quantities that apply while a run continues."""
 _RISE = _Quantity(
     "force",
     "N",
@@ -119,11 +121,13 @@ _RISE = _Quantity(
     1e6,
     lambda calm, value: dataclasses.replace(calm, resultant_n=value),
 )
-"""Quantities of a retraction."""
+"""Quantities that apply during a retraction."""
 
 
-def margins(ask: Asked, situation: Situation) -> Iterator[Margin]:
-    """How far each quantity is from where it would stop the run by itself, all others calm."""
+def margins(ask: LoopQuery, situation: Situation) -> Iterator[Margin]:
+    """Return the margin between each quantity and the value at which it alone would stop the run. All other
+    quantities are undisturbed.
+    """
     if situation.phase is Phase.RETRACT:
         lowest = _resultant(ask, situation) if situation.lowest_n is None else situation.lowest_n
         calm = dataclasses.replace(situation, peak_n=0.0, force_n=0.0, lowest_n=lowest)
@@ -143,8 +147,10 @@ def margins(ask: Asked, situation: Situation) -> Iterator[Margin]:
             yield Margin(quantity.name, quantity.unit, value, limit)
 
 
-def _limit(ask: Asked, calm: Situation, quantity: _Quantity) -> float | None:
-    """Value at which the loop begins to stop for this quantity, by halving; None where it never does, or always."""
+def _limit(ask: LoopQuery, calm: Situation, quantity: _Quantity) -> float | None:
+    """Return the value of this quantity above which the loop stops, by bisection, or None if the loop never stops
+    or always stops.
+    """
 
     def stops(value: float) -> bool:
         verdict = ask(quantity.make(calm, value)).verdict

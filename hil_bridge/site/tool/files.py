@@ -1,4 +1,4 @@
-"""Files of the identification of a tool: poses as CSV, and the result as TOML for a configuration."""
+"""Files of a tool identification: poses as CSV, and the result as TOML for a configuration."""
 
 import csv
 import io
@@ -14,24 +14,24 @@ from hil_bridge.errors.text_files import read_text, toml_value
 FORCE_AXES = ("fx", "fy", "fz")
 _AXES = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 ORIENTATION_COLUMNS = ("qw", "qx", "qy", "qz")
-"""Orientation of the tool in the base frame; need not have unit length."""
+"""Columns with the orientation of the tool in the base frame, as a quaternion that need not have unit length."""
 WRENCH_COLUMNS = _AXES
-"""Mean reading in the sensor frame."""
+"""Columns with the mean reading in the sensor frame."""
 SCATTER_COLUMNS = tuple(f"sd_{axis}" for axis in _AXES)
-"""Standard deviation of the readings; optional."""
+"""Columns with the standard deviation of the readings; optional."""
 
 
 def read_poses(path: Path) -> list[ToolPose]:
-    """Read the poses of a CSV file with a line of column names; other columns are ignored.
+    """Read the poses of a CSV file with a header line. Other columns are ignored.
 
-    Raises ConfigError with file, line and column.
+    Raises ConfigError that names file, line and column if an entry is invalid.
     """
     text = read_text(path)
     lines = csv.DictReader(io.StringIO(text), skipinitialspace=True)
     names = lines.fieldnames or ()
     if missing := [name for name in (*ORIENTATION_COLUMNS, *WRENCH_COLUMNS) if name not in names]:
         refuse_known(str(path), text[:HEAD_BYTES].encode())
-        raise ConfigError(f"{path}: there is no column {missing[0]}; the first line names the columns")
+        raise ConfigError(f"{path}: missing column {missing[0]}; the first line must name the columns")
     scattered = set(SCATTER_COLUMNS) <= set(names)
 
     def numbers(row: dict[str, str | None], columns: Sequence[str]) -> tuple[float, ...]:
@@ -54,7 +54,7 @@ def read_poses(path: Path) -> list[ToolPose]:
         quaternion = numbers(row, ORIENTATION_COLUMNS)
         if math.hypot(*quaternion) < 1e-6:
             raise ConfigError(
-                f"{path}, line {lines.line_num}: {', '.join(ORIENTATION_COLUMNS)} are no rotation"
+                f"{path}, line {lines.line_num}: {', '.join(ORIENTATION_COLUMNS)} are not a rotation"
             )
         scatter = numbers(row, SCATTER_COLUMNS) if scattered else (0.0,) * len(_AXES)
         poses.append(ToolPose(quaternion, numbers(row, WRENCH_COLUMNS), scatter))
@@ -62,14 +62,14 @@ def read_poses(path: Path) -> list[ToolPose]:
 
 
 def poses_as_csv(poses: Sequence[ToolPose]) -> str:
-    """Return the table that `read_poses` reads back, bit for bit."""
+    """Return the poses as a table in the format of `read_poses`, exact to the last bit."""
     lines = [",".join((*ORIENTATION_COLUMNS, *WRENCH_COLUMNS, *SCATTER_COLUMNS))]
     lines += [",".join(map(repr, (*pose.quaternion, *pose.wrench, *pose.scatter))) for pose in poses]
     return "\n".join(lines) + "\n"
 
 
 def tool_as_toml(estimate: ToolEstimate) -> str:
-    """Tables that a configuration takes as they are, uncertainties as comments."""
+    """Return the tables to paste into a configuration, with uncertainties as comments."""
 
     def vector(values: Sequence[float], digits: int) -> str:
         # Adding zero turns −0.0 into 0.0.

@@ -1,6 +1,8 @@
-"""Measuring what hangs below the sensor: hold the tool in several ways, free in space, and average the readings.
+"""Measurement of the load below the sensor: hold the tool in several orientations in free space, and average the
+readings.
 
-The shell around the pure `identify_tool`. No zero is taken: it would hide the weight and the sensor's bias.
+This is the device side of the pure function `identify_tool`. No zero is set, because it would hide the weight and
+the sensor's bias.
 """
 
 import math
@@ -36,45 +38,55 @@ from protocol.wrench import WrenchFrame
 Tell = Callable[[str], None]
 
 POSITION_TOLERANCE_M = 0.5e-3
-"""Reported position this near to the ordered one counts as there. Chosen: four steps of a coarse robot."""
+"""Largest distance between the reported and the ordered position on arrival, m. Chosen: four steps of a coarse
+robot.
+"""
 ANGLE_TOLERANCE = math.radians(0.1)
-"""The same for the orientation, rad. Chosen: coarser than a robot rounds what it reports."""
+"""Largest angle between the reported and the ordered orientation on arrival, rad. Chosen: coarser than the rounding
+of reports.
+"""
 ARRIVAL_S = 10.0
-"""Chosen: how long after the last order the robot may take to report to be there."""
+"""Time limit for the robot to report its arrival after the last order, s. Chosen."""
 FRAMES_MIN = 10
-"""Fewest frames to average. Chosen."""
+"""Minimum number of frames to average. Chosen."""
 TIME_CONSTANTS = 7.0
-"""Time constants of the sensor's filter, beside the settling. Derived: after as many less than 0.1 % is left."""
-USUAL_DEG = 30.0
-"""Chosen: turn of a sweep where an operator asks for none."""
-_LESS_DEG = (25.0, 20.0, 15.0)
-"""Chosen: turns that are tried where the arm does not reach the usual one; the least tells a centre of gravity."""
-_BELOW_LIMIT = 0.95
-"""Chosen: share of a client's limit that a sweep uses, so that it is not met by noise."""
-_OF_FORCE = frozenset({Cause.FORCE, Cause.RESULTANT_FORCE, Cause.PULL, Cause.SATURATED})
-"""Stops that the weight of a tool can bring about, which is not known yet."""
+"""Waiting time in addition to the settling time, in time constants of the sensor's filter. Derived: the remainder
+is then below 0.1 %.
+"""
+DEFAULT_DEG = 30.0
+"""Default angle of a sweep, °. Chosen."""
+_SMALLER_DEG = (25.0, 20.0, 15.0)
+"""Smaller angles to try if the arm cannot reach the default, °. Chosen: the smallest one still resolves a centre of
+gravity.
+"""
+_LIMIT_SHARE = 0.95
+"""Share of the client's rotation limit that a sweep uses, so that noise does not exceed the limit. Chosen."""
+_FORCE_CAUSES = frozenset({Cause.FORCE, Cause.RESULTANT_FORCE, Cause.PULL, Cause.SATURATED})
+"""Causes of stops that the still unknown weight of a tool can trigger."""
 _BY_WEIGHT = "free the tool, or raise the limit if its weight alone does this"
 
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """How the tool is turned. All of it is chosen."""
+    """Motion that turns the tool through several orientations. All default values are chosen."""
 
-    angle_deg: float = USUAL_DEG
-    """Turn about each level axis of the base, to either side of the start orientation."""
+    angle_deg: float = DEFAULT_DEG
+    """Rotation about each horizontal axis of the base, to either side of the start orientation, °."""
     lift_mm: float = 50.0
-    """Way back from the surface, against the approach direction, before the first turn."""
+    """Distance of the lift before the first turn, against the approach direction, mm."""
     settle_s: float = 1.0
-    """Wait at each pose before averaging, beside the filter's own time."""
+    """Wait at each pose before averaging, in addition to the settling time of the filter, s."""
     average_s: float = 1.0
-    """Time over which readings are averaged."""
+    """Time over which readings are averaged, s."""
     lift_step_mm: ClassVar[float] = 1.0
-    """Farthest move between two looks at the sensor."""
+    """Largest translation between two sensor checks, mm."""
     turn_step_deg: ClassVar[float] = 2.0
-    """Largest turn between two: about 10° a second over a slow link."""
+    """Largest rotation between two sensor checks, °. The speed is approximately 10° per second over a slow link."""
 
     def orientations(self, start: Quaternion) -> tuple[Quaternion, ...]:
-        """Return the start orientation, to either side about two level axes, and the start again, which shows drift."""
+        """Return the orientations of the sweep: the start, turns to either side about two horizontal axes, and the
+        start again, to reveal drift.
+        """
         tilts = [
             product(turn_about(axis, math.radians(angle)), start)
             for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
@@ -83,34 +95,37 @@ class Sweep:
         return (start, *tilts, start)
 
 
-def choose_angle(setup: Setup, asked_deg: float | None, lift_mm: float) -> float:
-    """Angle of the sweep, degrees: the one that an operator asks for, else the usual one, or as much as the robot can.
+def choose_angle(setup: Setup, requested_deg: float | None, lift_mm: float) -> float:
+    """Return the angle of the sweep, °: the requested angle, or otherwise the default or the largest angle that the
+    robot can turn.
 
-    What a robot can is known of its client's limit, and of the arm of an emulated one. Raises ConfigError where it
-    cannot turn so far.
+    The limit follows from the settings of the robot's client and, for an emulated robot, from the arm. Raises
+    ConfigError if the robot cannot turn that far.
     """
-    usual = USUAL_DEG
+    usual = DEFAULT_DEG
     turn = setup.robot.kind.largest_turn
-    most = math.inf if turn is None else _BELOW_LIMIT * math.degrees(turn(setup.robot.settings))
-    choices = [usual, *_LESS_DEG] if asked_deg is None else [asked_deg]
-    if asked_deg is None and min(choices) <= most < usual:
+    most = math.inf if turn is None else _LIMIT_SHARE * math.degrees(turn(setup.robot.settings))
+    choices = [usual, *_SMALLER_DEG] if requested_deg is None else [requested_deg]
+    if requested_deg is None and min(choices) <= most < usual:
         choices.append(most)
     for angle in sorted(choices, reverse=True):
-        if angle <= most and _arm_holds(setup, Sweep(angle, lift_mm)):
+        if angle <= most and _arm_reaches(setup, Sweep(angle, lift_mm)):
             return angle
     if min(choices) > most:
         raise ConfigError(
             f"the tool cannot be turned by {min(choices):g}° (--angle-deg): the robot's client turns it by less than "
-            f"{most / _BELOW_LIMIT:g}°; raise that limit of [robot.{setup.robot.kind.name}]"
+            f"{most / _LIMIT_SHARE:g}°; raise that limit of [robot.{setup.robot.kind.name}]"
         )
     raise ConfigError(
-        f"the tool cannot be turned by {min(choices):g}° (--angle-deg): the emulated arm does not reach so far; turn "
-        "it less, or begin where it has more room (cell.start_position_mm, --lift-mm)"
+        f"the tool cannot be turned by {min(choices):g}° (--angle-deg): the emulated arm cannot reach that far; turn "
+        "it less, or start where it has more room (cell.start_position_mm, --lift-mm)"
     )
 
 
-def _arm_holds(setup: Setup, sweep: Sweep) -> bool:
-    """Whether an emulated arm holds each pose of the sweep; of a real one that is not known, and taken for true."""
+def _arm_reaches(setup: Setup, sweep: Sweep) -> bool:
+    """Return whether an emulated arm reaches each pose of the sweep. Return True for a real arm, for which this is
+    unknown.
+    """
     if not setup.robot.is_emulated:
         return True
     cell, away = setup.config.cell, sweep.lift_mm * 1e-3
@@ -120,10 +135,11 @@ def _arm_holds(setup: Setup, sweep: Sweep) -> bool:
 
 
 def measure(config: Config, virtual: bool, sweep: Sweep, tell: Tell) -> list[ToolPose]:
-    """Move through the sweep's poses, on the configuration's ports or on the emulated cell, and back to the start.
+    """Measure at the poses of the sweep, on the configured devices or in the emulated cell, and move back to the
+    start.
 
-    `tell` is given a line of progress now and then. Raises SafetyStop when a limit was met, and BridgeError as a
-    run does.
+    `tell` receives progress messages. Raises SafetyStop if a limit is exceeded, and the errors of a run
+    (BridgeError).
     """
     frames: list[WrenchFrame] = []
 
@@ -140,15 +156,15 @@ def measure(config: Config, virtual: bool, sweep: Sweep, tell: Tell) -> list[Too
 
 
 class _Cell(NamedTuple):
-    """Devices that have been started."""
+    """Devices of the cell that have been started."""
 
     devices: Devices
     frames: list[WrenchFrame]
-    """Frames of the sensor so far; the sweep empties it."""
+    """Sensor frames received since the sweep last cleared this list."""
 
 
 class _Measuring:
-    """One sweep over a robot link and a force sensor that have been started; call it once."""
+    """Sweep with a robot link and a force sensor that have been started. It can be called once."""
 
     def __init__(self, config: Config, clock: Clock, cell: _Cell, sweep: Sweep, tell: Tell) -> None:
         self._config, self._clock = config, clock
@@ -159,7 +175,7 @@ class _Measuring:
         self._supervisor = Supervisor(config.limits)
         self._wrist = wrist(config)
         self._decided_at: float | None = None
-        """Time of the newest decision, s; None before the first."""
+        """Time of the newest decision, s; None before the first decision."""
         self._state: SupervisorState
         self._start: RobotReport
         self._at_start: tuple[float, ...]
@@ -169,7 +185,7 @@ class _Measuring:
         self._start = start = await self._robot.report()
         upright = _unit(start.pose.quaternion)
         self._state = self._supervisor.initial(start.pose.position)
-        lifted = self._lifted()
+        lifted = self._lift_position()
         self._at_start, _ = await self._average()
         poses = []
         still = self._sweep.settle_s + self._sweep.average_s + TIME_CONSTANTS * self._sensor.delay
@@ -180,27 +196,27 @@ class _Measuring:
         limits = MotionLimits(speed, give_up_after=GIVE_UP_AFTER_S + still, bounds=bounds)
         try:
             async with self._robot.motion(limits) as motion:
-                await self._go(motion, lifted, upright)
+                await self._move(motion, lifted, upright)
                 orientations = self._sweep.orientations(upright)
                 for number, orientation in enumerate(orientations, 1):
-                    await self._go(motion, lifted, orientation)
+                    await self._move(motion, lifted, orientation)
                     mean, spread = await self._average()
                     rests = (
                         await self._robot.report()
-                    )  # on arrival it was still on the last tenth of a degree
+                    )  # on arrival, the robot was still moving through the last tenth of a degree
                     poses.append(ToolPose(rests.pose.quaternion, mean, spread))
                     self._tell(f"pose {number} of {len(orientations)} measured")
-                await self._go(motion, start.pose.position, upright)
+                await self._move(motion, start.pose.position, upright)
         except BridgeError:
             self._tell(
                 f"left: where it stopped, up to {self._sweep.lift_mm:g} mm above its start and turned by up to "
-                f"{self._sweep.angle_deg:g}°; jog the tool back before the next try"
+                f"{self._sweep.angle_deg:g}°; jog the tool back before the next attempt"
             )
             raise
         return poses
 
-    def _lifted(self) -> Vector:
-        """Where the tool is turned. Raises ConfigError when that is outside the workspace."""
+    def _lift_position(self) -> Vector:
+        """Return the position at which the tool turns. Raises ConfigError if it is outside the workspace."""
         away = self._sweep.lift_mm * 1e-3
         x, y, z = (
             p - away * n for p, n in zip(self._start.pose.position, self._config.frame.approach, strict=True)
@@ -213,10 +229,10 @@ class _Measuring:
             )
         return x, y, z
 
-    async def _go(self, motion: Motion, position: Vector, orientation: Quaternion) -> RobotReport:
-        """Move and turn in small steps, each supervised, until the robot reports to be there.
+    async def _move(self, motion: Motion, position: Vector, orientation: Quaternion) -> RobotReport:
+        """Move and turn in small supervised steps until the robot reports its arrival.
 
-        Raises SafetyStop for a limit, DeviceError when the robot does not come.
+        Raises SafetyStop if a limit is exceeded, DeviceError if the robot does not arrive.
         """
         report = await self._robot.report()
         turned, began = _unit(report.pose.quaternion), self._clock.now()
@@ -225,28 +241,28 @@ class _Measuring:
             before = self._state.position, turned
             # A tool that only moves keeps its weight on the same axes, so its counts may well repeat.
             judged_from = max(self._sensor.unchanged_since, began) if turned != orientation else math.inf
-            at = self._supervised(report, _step_to(self._state.position, position), judged_from)
+            at = self._supervise(report, _step_to(self._state.position, position), judged_from)
             turned = _turn_to(turned, orientation)
             if (at, turned) != before:
                 await motion.to(Pose(at, turned))
                 await motion.settled()
                 patience = self._clock.now() + ARRIVAL_S
             elif self._clock.now() > patience:
-                way = math.dist(report.pose.position, position) * 1e3
+                distance_mm = math.dist(report.pose.position, position) * 1e3
                 turn = math.degrees(angle_between(_unit(report.pose.quaternion), orientation))
                 raise DeviceError(
-                    f"robot on {self._robot.name} does not reach the ordered pose: it stands {way:.1f} mm and "
-                    f"{turn:.1f}° from it",
-                    remedy="look at its controller, or turn the tool less (--angle-deg)",
+                    f"robot on {self._robot.name} does not reach the ordered pose: it is {distance_mm:.1f} mm and "
+                    f"{turn:.1f}° away",
+                    remedy="check its controller, or turn the tool less (--angle-deg)",
                 )
             report = await self._robot.report()
         return report
 
-    def _supervised(self, report: RobotReport, target: Vector, judged_from: float) -> Vector:
-        """Return the target after the supervisor's clamps, m. Raises SafetyStop for its stop.
+    def _supervise(self, report: RobotReport, target: Vector, judged_from: float) -> Vector:
+        """Return the target after the supervisor's clamps, m. Raises SafetyStop if the supervisor stops.
 
-        Counts that repeat are judged from that moment on, s. Forces are those that came since the start; what the
-        weight adds by turning is not known yet and part of them.
+        Repeated counts are judged from `judged_from` on, s. Forces are relative to the start. They include the
+        effect of the still unknown weight during a turn.
         """
         frame, approach = self._sensor.newest, self._config.frame.approach
         quaternion = report.pose.quaternion
@@ -276,29 +292,31 @@ class _Measuring:
             reason = verdict.reason
             raise SafetyStop(
                 f"stopped: {reason.text}",
-                remedy=reason.remedy or (_BY_WEIGHT if reason.cause in _OF_FORCE else ""),
+                remedy=reason.remedy or (_BY_WEIGHT if reason.cause in _FORCE_CAUSES else ""),
                 cause=reason.cause,
             )
         return verdict.position
 
     async def _average(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Mean reading and standard deviation of its frames, sensor frame, N and N·m, once all has come to rest."""
-        settled = self._clock.now() + self._sweep.settle_s + TIME_CONSTANTS * self._sensor.delay
-        await self._clock.sleep_until(settled)
+        """Return mean and standard deviation of the readings in the sensor frame, N and N·m, after the motion has
+        settled.
+        """
+        settled_at = self._clock.now() + self._sweep.settle_s + TIME_CONSTANTS * self._sensor.delay
+        await self._clock.sleep_until(settled_at)
         self._frames.clear()
-        await self._clock.sleep_until(settled + self._sweep.average_s)
+        await self._clock.sleep_until(settled_at + self._sweep.average_s)
         self._sensor.check()
         if len(self._frames) < FRAMES_MIN:
             raise DeviceError(
                 f"force sensor on {self._sensor.name} sent {len(self._frames)} frames in {self._sweep.average_s:g} s, "
-                f"{FRAMES_MIN} are the least to average; average for longer (--average-s)"
+                f"at least {FRAMES_MIN} are needed; average for longer (--average-s)"
             )
         axes = list(zip(*map(self._sensor.wrench, self._frames), strict=True))
         return tuple(map(statistics.fmean, axes)), tuple(map(statistics.pstdev, axes))
 
 
 def _unit(quaternion: Quaternion) -> Quaternion:
-    """Device words are rounded; turns are calculated with unit length."""
+    """Normalise an orientation, which is not exact because devices round it."""
     if math.hypot(*quaternion) < 0.5:
         raise DeviceError(f"the robot reports the orientation {quaternion}, which is invalid")
     return normalise(quaternion)

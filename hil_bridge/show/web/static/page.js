@@ -4,7 +4,7 @@
   const $ = id => document.getElementById(id);
   const token = new URLSearchParams(location.hash.slice(1)).get("token") || "";
   const KEEP_S = 120, FOLLOW_S = 30, QUIET_MS = 4000, EVENTS = 200;
-  let charts = null, sketch = null, scene = null, socket = null, tries = 0, heard = 0, over = false, playback = null;
+  let charts = null, sketch = null, scene = null, socket = null, tries = 0, receivedAt = 0, over = false, playback = null;
 
   const fixed = (value, digits, unit) => (Number.isFinite(value) ? `${value.toFixed(digits)}${unit ? ` ${unit}` : ""}` : "–");
   const signed = (value, digits, unit) => {   // a value that rounds to 0 has no sign
@@ -33,9 +33,9 @@
     while (element.children.length > 2 * pairs.length) element.lastChild.remove();
   };
 
-  function begin(told) {
-    scene = told.scene;
-    playback = told.playback || null;
+  function begin(update) {
+    scene = update.scene;
+    playback = update.playback || null;
     const cell = $("cell"), word = scene.cell || "–";
     cell.replaceChildren(word);
     const small = document.createElement("small");
@@ -44,11 +44,11 @@
     cell.className = scene.real ? "real" : "emulated";
     document.title = `${word} · hil-bridge`;
     if (charts) charts.destroy();
-    charts = HilCharts.draw($("charts"), told.charts, playback ? {} : {keep: KEEP_S, follow: FOLLOW_S});
+    charts = HilCharts.draw($("charts"), update.charts, playback ? {} : {keep: KEEP_S, follow: FOLLOW_S});
     sketch = sketch || HilSketch.make($("side"), $("space"), $("side-scale"));
     sketch.rows({}, true);
     $("list").replaceChildren();
-    $("key-true").hidden = !(told.charts.layers || []).some(layer => layer.id === "truth");
+    $("key-true").hidden = !(update.charts.layers || []).some(layer => layer.id === "truth");
     const foot = $("foot");
     foot.replaceChildren(scene.record ? "Recording: " : "No recording is kept.");
     if (scene.record) { const code = document.createElement("code"); code.textContent = scene.record; foot.append(code); }
@@ -77,10 +77,10 @@
     set($("force"), fixed(now.force, 2));
     set($("target"), now.wants_force ? fixed(now.target, 2, "N") : "none, in free space");
     const off = now.force - now.target, part = Math.abs(off) / Math.max(Math.abs(now.target), 1e-9);
-    const beside = $("off");
-    if (!Number.isFinite(now.force)) { set(beside, "–"); beside.className = ""; }
-    else if (!now.in_contact) { set(beside, "no contact"); beside.className = "away"; }
-    else { set(beside, `off by ${signed(off, 2, "N")}`); beside.className = part < 0.1 ? "near" : part < 0.3 ? "away" : "far"; }
+    const deviation = $("off");
+    if (!Number.isFinite(now.force)) { set(deviation, "–"); deviation.className = ""; }
+    else if (!now.in_contact) { set(deviation, "no contact"); deviation.className = "away"; }
+    else { set(deviation, `off by ${signed(off, 2, "N")}`); deviation.className = part < 0.1 ? "near" : part < 0.3 ? "away" : "far"; }
     const pulls = now.force < 0;
     set(document.querySelector('[data-margin="force"] span'), pulls ? "pull limit" : "force limit");
     margin("force", now.force, pulls ? scene.limits.pull : scene.limits.force, "N");
@@ -126,13 +126,13 @@
   }
 
   function ended(end, cause) {
-    const words = {completed: "Completed", stopped: "Stopped", interrupted: "Ended by the operator", gone: "The run ended unexpectedly"};
-    const shown = $("outcome"), said = [end.cause, ...end.followed.map(text => `Then: ${text}`)];
+    const outcomes = {completed: "Completed", stopped: "Stopped", interrupted: "Ended by the operator", gone: "The run ended unexpectedly"};
+    const outcome = $("outcome"), lines = [end.cause, ...end.followed.map(text => `Then: ${text}`)];
     bar("left", end.left && " ", end.left && `Tool ${end.left}`);
     $("left").className = `bar ${end.retracted === false ? "alarm" : ""}`;
-    const why = said.filter(Boolean).join("\n");
-    bar("outcome", why || " ", (words[end.outcome] || end.outcome) + (why && ":"));
-    shown.className = `bar ${end.outcome === "completed" ? "good" : end.outcome === "interrupted" ? "caution" : "alarm"}`;
+    const why = lines.filter(Boolean).join("\n");
+    bar("outcome", why || " ", (outcomes[end.outcome] || end.outcome) + (why && ":"));
+    outcome.className = `bar ${end.outcome === "completed" ? "good" : end.outcome === "interrupted" ? "caution" : "alarm"}`;
     if (!cause || end.cause === cause) $("cause").hidden = true;
     set($("link"), playback ? "recording" : "the run has ended");
     $("link").className = "";
@@ -143,33 +143,33 @@
 
   const panel = HilPanel.draw($("robot-panel"), token);
 
-  function take(told) {
-    heard = performance.now();
-    if (told.panel) { panel.describe(told.panel); $("hands").hidden = false; }
-    if (told.panel_state) panel.show(told.panel_state);
-    if (told.scene) begin(told);
+  function take(update) {
+    receivedAt = performance.now();
+    if (update.panel) { panel.describe(update.panel); $("hands").hidden = false; }
+    if (update.panel_state) panel.show(update.panel_state);
+    if (update.scene) begin(update);
     if (!scene) return;
-    const now = told.now;
+    const now = update.now;
     if (now) numbers(now);
-    if (told.rows) { charts.append(told.rows); sketch.rows(told.rows, false); }
-    if (told.marks) for (const mark of told.marks) charts.mark(mark);
-    if (told.spans) charts.spans(told.spans);
-    if (told.events) events(told.events, told.events_whole);
+    if (update.rows) { charts.append(update.rows); sketch.rows(update.rows, false); }
+    if (update.marks) for (const mark of update.marks) charts.mark(mark);
+    if (update.spans) charts.spans(update.spans);
+    if (update.events) events(update.events, update.events_whole);
     if (now) {
       bar("cause", now.cause, "Stopped:");
       bar("warning", now.warning, "Warning:");
       bar("silent", now.silent_s ? `no data from the run for ${now.silent_s.toFixed(0)} s` : "", "");
-      const until = told.at === undefined ? null : told.at;
-      sketch.show({approach: told.approach, quaternion: now.quaternion, wrench: now.wrench, truth: told.truth, limit: scene.limits.force, until});
+      const until = update.at === undefined ? null : update.at;
+      sketch.show({approach: update.approach, quaternion: now.quaternion, wrench: now.wrench, truth: update.truth, limit: scene.limits.force, until});
     }
-    if (told.end) ended(told.end, now && now.cause);
-    if (playback && told.at !== undefined) playing.arrived(told.at);
+    if (update.end) ended(update.end, now && now.cause);
+    if (playback && update.at !== undefined) playing.arrived(update.at);
   }
 
   function connect() {
     socket = new WebSocket(`ws://${location.host}/live`);
     socket.onopen = () => {
-      tries = 0; heard = performance.now();
+      tries = 0; receivedAt = performance.now();
       scene = null; over = false;
       set($("link"), "live"); $("link").className = "live"; $("cause").hidden = true;
       bar("cut", "", "");
@@ -188,8 +188,8 @@
     };
   }
 
-  setInterval(() => {   // a connection that is there, and says nothing
-    if (!over && !playback && socket && socket.readyState === WebSocket.OPEN && performance.now() - heard > QUIET_MS) socket.close();
+  setInterval(() => {   // an open connection without messages
+    if (!over && !playback && socket && socket.readyState === WebSocket.OPEN && performance.now() - receivedAt > QUIET_MS) socket.close();
   }, 1000);
 
   $("end").addEventListener("click", () => $("sure").showModal());
@@ -207,19 +207,19 @@
     }
   });
 
-  // a recording
+  // playback of a recording
 
   const playing = {
-    timer: 0, waits: false, wanted: null,
+    timer: 0, waits: false, pending: null,
     go(at) {
-      this.wanted = at;
+      this.pending = at;
       set($("at-told"), fixed(at, 2, "s"));
-      if (!this.waits && socket && socket.readyState === WebSocket.OPEN) { this.waits = true; socket.send(JSON.stringify({at})); this.wanted = null; }
+      if (!this.waits && socket && socket.readyState === WebSocket.OPEN) { this.waits = true; socket.send(JSON.stringify({at})); this.pending = null; }
     },
     arrived(at) {
       this.waits = false;
       charts.here(at);
-      if (this.wanted !== null) this.go(this.wanted);
+      if (this.pending !== null) this.go(this.pending);
       else if (document.activeElement !== $("at") || this.timer) { $("at").value = at; set($("at-told"), fixed(at, 2, "s")); }
     },
     toggle() {

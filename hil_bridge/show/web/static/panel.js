@@ -8,12 +8,12 @@ window.HilPanel = (() => {
     if (text !== undefined) element.textContent = text;
     return element;
   };
-  const words = name => name.replace(/-/g, " ");
+  const spaced = name => name.replace(/-/g, " ");
 
-  /* A panel in `place`. `token` is that of the page's address; without it the panel is read-only. */
+  /* Draw a panel in `place`. `token` comes from the URL of the page; without it the panel is read-only. */
   function draw(place, token) {
     const state = make("dl", "state"), controls = make("div", "controls"), faults = make("div", "faults"), said = make("p", "said");
-    const hands = make("div", "all"), lamps = new Map(), dials = new Map();   // by name of the control
+    const hands = make("div", "all"), lamps = new Map(), dials = new Map();   // by control name
     said.setAttribute("role", "status");
     let busy = false;
     const say = (text, failed) => { said.textContent = text; said.className = `said ${failed ? "failed" : ""}`; };
@@ -39,27 +39,27 @@ window.HilPanel = (() => {
       return made;
     };
 
-    function control(name, told) {
+    function control(name, spec) {
       const row = make("div", "control"), hands = make("div", "hands");
-      row.title = told.meaning;
-      const label = make("span", "name", words(name));
+      row.title = spec.meaning;
+      const label = make("span", "name", spaced(name));
       row.append(label, hands);
-      if (told.unit === undefined) {
+      if (spec.unit === undefined) {
         const positions = new Map();
-        for (const to of told.to) {
+        for (const to of spec.to) {
           const stops = name === "emergency-stop" && to === "press";
-          const made = button(words(to), stops ? "danger" : "", () => ask({do: name, to}, `${words(name)}: ${words(to)}`));
+          const made = button(spaced(to), stops ? "danger" : "", () => ask({do: name, to}, `${spaced(name)}: ${spaced(to)}`));
           positions.set(to, made);
           hands.append(made);
         }
         lamps.set(name, positions);
       } else {
         const value = make("input");
-        Object.assign(value, {type: "number", min: told.least, max: told.greatest, step: "any", value: told.greatest, disabled: !token});
-        value.setAttribute("aria-label", `${words(name)}, ${told.unit}`);
-        const act = () => ask({do: name, to: value.value}, `${words(name)}: ${value.value} ${told.unit}`);
+        Object.assign(value, {type: "number", min: spec.least, max: spec.greatest, step: "any", value: spec.greatest, disabled: !token});
+        value.setAttribute("aria-label", `${spaced(name)}, ${spec.unit}`);
+        const act = () => ask({do: name, to: value.value}, `${spaced(name)}: ${value.value} ${spec.unit}`);
         value.addEventListener("keydown", event => { if (event.key === "Enter") act(); });
-        hands.append(value, make("span", "quiet", told.unit), button("set", "", act));
+        hands.append(value, make("span", "quiet", spec.unit), button("set", "", act));
         dials.set(name, value);
       }
       return row;
@@ -81,11 +81,11 @@ window.HilPanel = (() => {
       }
       const fields = new Map();
       const choose = () => {
-        const [target, fault] = JSON.parse(which.value), told = table[target][fault];
-        meaning.textContent = told.meaning;
+        const [target, fault] = JSON.parse(which.value), spec = table[target][fault];
+        meaning.textContent = spec.meaning;
         fields.clear();
         given.replaceChildren();
-        for (const [key, parameter] of Object.entries(told.parameters || {})) {
+        for (const [key, parameter] of Object.entries(spec.parameters || {})) {
           const label = make("label"), value = make("input");
           value.placeholder = parameter.default === null || parameter.default === undefined ? "" : String(parameter.default);
           value.title = `${parameter.meaning}, ${parameter.range}`;
@@ -113,14 +113,14 @@ window.HilPanel = (() => {
     hands.append(controls, said, faults);
     place.replaceChildren(state, hands);
     return {
-      close() {   // nothing hears the panel any more
+      close() {   // the panel is no longer connected
         for (const one of place.querySelectorAll("button, input, select")) one.disabled = true;
       },
-      describe(told) {
+      describe(spec) {
         lamps.clear(); dials.clear();
-        controls.replaceChildren(...Object.entries(told.controls).map(([name, one]) => control(name, one)));
+        controls.replaceChildren(...Object.entries(spec.controls).map(([name, one]) => control(name, one)));
         if (!token) controls.append(make("p", "quiet", "To operate the panel, open the printed URL with its token."));
-        faults.replaceChildren(injector(told.faults));
+        faults.replaceChildren(injector(spec.faults));
         place.hidden = false;
       },
       show({rows, at}) {

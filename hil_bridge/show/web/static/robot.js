@@ -7,13 +7,13 @@
   const panel = HilPanel.draw($("robot"), token);
   let tries = 0;
 
-  function take(told) {
-    if (told.panel) {
-      $("phase").textContent = told.panel.robot;
-      document.title = `${told.panel.robot} · hil-bridge`;
-      panel.describe(told.panel);
+  function take(update) {
+    if (update.panel) {
+      $("phase").textContent = update.panel.robot;
+      document.title = `${update.panel.robot} · hil-bridge`;
+      panel.describe(update.panel);
     }
-    if (told.panel_state) panel.show(told.panel_state);
+    if (update.panel_state) panel.show(update.panel_state);
   }
   function connect() {
     const socket = new WebSocket(`ws://${location.host}/live`);

@@ -1,6 +1,6 @@
 /* Tool on the surface: side view and 3-D view. Positions are mm from the start point in the robot's base frame.
 
-   const sketch = HilSketch.make(side, space, scale)   two canvases, and an element that is told the scale
+   const sketch = HilSketch.make(side, space, scale)   two canvases, and an element that displays the scale
    sketch.rows(rows, whole)    columns of cycles and of the truth; `whole` instead of those before
    sketch.show({approach, quaternion, wrench, truth, limit, until})   `until`: x of the last row to draw, or null */
 "use strict";
@@ -93,7 +93,7 @@ var HilSketch = (() => {
 
     soon() { if (!this.frame) this.frame = requestAnimationFrame(() => { this.frame = 0; this.draw(); }); }
 
-    upTo(table) {   // the rows until the moment that is shown
+    upTo(table) {   // the rows up to the displayed moment
       const until = this.now.until;
       if (until === null || until === undefined) return table.x.length;
       let low = 0, high = table.x.length;
@@ -118,7 +118,7 @@ var HilSketch = (() => {
       return known(quaternion) && known(wrench) ? turn(quaternion, wrench.slice(0, 3)) : null;
     }
 
-    along(n) {   // the way that the tool has gone across the approach
+    along(n) {   // distance of the tool across the approach
       const {p} = this.tables.cycle, end = this.ends.cycle;
       if (end > 1) {
         const way = plus(p[end - 1], p[0], -1), across = plus(way, n, -dot(way, n));
@@ -162,7 +162,7 @@ var HilSketch = (() => {
         arrow(ctx, place, to, this.colour("c3"));
         ctx.fillStyle = this.colour("text");
         const label = `${size(force).toFixed(1)} N`;
-        const left = place[0] - 12 - ctx.measureText(label).width;   // at the right the truth has its tool
+        const left = place[0] - 12 - ctx.measureText(label).width;   // the true tool is on the right
         ctx.fillText(label, left > 2 ? left : Math.min(place[0] + 24, width - 46), Math.max(place[1] - 20, 12));
       }
       this.ruler(ctx, sx, height, this.colour("quiet"));

@@ -5,14 +5,14 @@
   let tries = 0;
   const open = () => [...document.querySelectorAll("details[open][id]")].map(one => one.id);
   const scrolled = () => [...document.querySelectorAll(".scroll")].map(one => [one.scrollLeft, one.scrollTop]);
-  function take(told) {
+  function take(update) {
     const opened = open(), places = scrolled();
-    document.title = told.title;
-    $("file").textContent = told.file;
-    $("trouble").hidden = !told.trouble;
-    $("trouble").textContent = told.trouble;
-    if (told.still) $("link").textContent = "";
-    if (told.body !== undefined) $("body").innerHTML = told.body;   // by our own renderer, which escapes every text
+    document.title = update.title;
+    $("file").textContent = update.file;
+    $("trouble").hidden = !update.trouble;
+    $("trouble").textContent = update.trouble;
+    if (update.still) $("link").textContent = "";
+    if (update.body !== undefined) $("body").innerHTML = update.body;   // by our own renderer, which escapes every text
     for (const place of document.querySelectorAll("[data-charts]"))
       HilCharts.draw(place, JSON.parse($(place.dataset.charts).textContent));
     for (const id of opened) if ($(id)) $(id).open = true;
