@@ -53,7 +53,7 @@ def _register() -> None:
 
 
 def __getattr__(name: str) -> Any:
-    """Return the environment class, which requires Gymnasium. Raises ConfigError if it is missing."""
+    """Return the environment class on first use. Raises ConfigError if Gymnasium is not installed."""
     if name != "FollowEnv":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     try:

@@ -1,4 +1,4 @@
-"""Configuration of each episode: a base, and settings and faults drawn by a seed, as in a campaign."""
+"""Configuration of each episode: a base configuration, with settings and faults drawn from a seed as in a campaign."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
@@ -24,7 +24,7 @@ class Episodes(NamedTuple):
     base: str
     """Common configuration, as JSON."""
     draw: Draw | None
-    """Settings and faults drawn for each episode; None for none."""
+    """Settings and faults drawn for each episode; None if nothing is drawn."""
 
     def drawn(self, seed: int) -> str:
         """Return the settings and faults drawn for a seed, as JSON."""
@@ -47,8 +47,9 @@ def plan_episodes(
 ) -> Episodes:
     """Plan the episodes of an environment.
 
-    `over` are settings by dotted key that override `source`. `randomise` is as [campaign.draw], `faults` as the tables
-    [[campaign.fault]] of a campaign; `faults_per_run` is their number, one if None. Raises ConfigError.
+    `over` contains settings by dotted key that override `source`. `randomise` has the format of [campaign.draw],
+    and `faults` has the format of the [[campaign.fault]] tables of a campaign. `faults_per_run` is the number of
+    faults per episode; None means one. Raises ConfigError.
     """
     values = config_of(source).model_dump(mode="json")
     lay_over(values, over)
@@ -82,7 +83,7 @@ def plan_episodes(
 
 
 def _name(key: str) -> str:
-    """Translate a key of a campaign file to the environment's argument."""
+    """Translate a key of a campaign file to the corresponding argument of the environment."""
     for of_file, argument in (
         ("campaign.draw", "randomise"),
         ("campaign.faults_per_run", "faults_per_run"),

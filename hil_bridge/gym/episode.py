@@ -1,7 +1,7 @@
 """Episode: a run of the bridge in virtual time that pauses at each decision until it receives an action.
 
-The run has its own thread and event loop. Virtual time does not pass while the policy computes. One side always waits
-for the other, so that both never share data at the same time.
+The run has its own thread and event loop. Virtual time does not advance while the policy computes. One of the two
+threads always waits for the other, so they never access shared data at the same time.
 """
 
 import threading
@@ -24,13 +24,13 @@ Action: TypeAlias = NDArray[np.float64]
 
 
 class Decision(NamedTuple):
-    """Decision that the run requests."""
+    """Request of the run for a decision, with the true state of the tool."""
 
     observation: Observed
     at: float
     """Time on the run's clock, s."""
     cycles: tuple[CycleRecord, ...]
-    """Control cycles since the previous decision."""
+    """Number of control cycles since the previous decision."""
     position: Vector
     """True position of the tool, base frame, m."""
     force: Vector
@@ -38,21 +38,21 @@ class Decision(NamedTuple):
 
 
 class EpisodeEnd(NamedTuple):
-    """End of the run."""
+    """End of the run, with its result."""
 
     result: Result | None
-    """Result of the run; None if a device refused before any motion."""
+    """Result of the run; None if a device refused to start before any motion."""
     cycles: tuple[CycleRecord, ...]
-    """Control cycles since the previous decision."""
+    """Number of control cycles since the previous decision."""
     text: str
-    """Reason; empty if the run completed."""
+    """Reason why the run ended; empty if it completed."""
 
 
 class Episode:
-    """Run that is executed one decision at a time."""
+    """Run of the bridge that is executed one decision at a time."""
 
     def __init__(self, config: Config, axes: tuple[Axis, ...], speeds: tuple[float, float]) -> None:
-        """`speeds` are the speeds for an action of 1, mm/s and °/s."""
+        """Create an episode. `speeds` are the speeds for an action of 1, mm/s and °/s."""
         self.config = config_of(config, controller=PolicyController(self._ask, axes, *speeds))
         self._hold = np.zeros(len(axes))
         self._cycles: list[CycleRecord] = []
@@ -74,7 +74,7 @@ class Episode:
         return self._next()
 
     def leave(self) -> None:
-        """End a run that waits for an action: it holds its position, and retracts. Idempotent."""
+        """End a run that waits for an action: the tool holds its position and then retracts. Idempotent."""
         if self._thread.is_alive():
             self._actions.put(None)
             self._thread.join()
@@ -113,7 +113,7 @@ class Episode:
         return cycles
 
     def _ask(self, observation: Observed) -> Action:
-        """Request an action from the other thread, as the policy of the run."""
+        """Request an action from the thread of the policy."""
         simulation = self._simulation
         if self._left or simulation is None:
             return self._hold

@@ -23,10 +23,12 @@ from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.given import Source
 
 SENSORS: Mapping[str, str] = {"s3": "jr3"}
-"""Default sensor by robot; `netft` for all others."""
+"""Default sensor kind for each robot kind; all other robots use `netft`."""
 _USUAL_SENSOR = "netft"
 SKIPPED_MAX = 50
-"""Consecutive runs that may end before their first contact. Chosen: after more, the settings must be wrong."""
+"""Maximum number of consecutive runs that end before their first contact. Chosen: after more, the settings must be
+wrong.
+"""
 _SEEDS = 2**31
 _NONE_YET = {"episodes": 0, "stops": 0, "skipped": 0}
 
@@ -50,16 +52,16 @@ class Options(TypedDict, total=False):
     faults: Tables
     """Faults from which each episode draws, as in the tables [[campaign.fault]]."""
     faults_per_run: int | Mapping[str, int]
-    """Faults per episode: a number, or `{"from": 0, "to": 2}`; default 1 if `faults` are given."""
+    """Number of faults per episode, or its range such as `{"from": 0, "to": 2}`; default 1 if `faults` is set."""
     keep: Path | str
-    """Folder for the recordings of stopped runs; default none."""
+    """Folder for the recordings of stopped runs; by default they are not saved."""
 
 
 class FollowEnv(gymnasium.Env[Observed, Action]):
-    """Environment `hil-bridge/Follow-v0`.
+    """Gymnasium environment `hil-bridge/Follow-v0`.
 
-    A run that ends before it touches the surface is not an episode: it is counted in `info["skipped"]`, and the next
-    seed is used.
+    A run that ends before the tool touches the surface does not become an episode. It is counted in
+    `info["skipped"]`, and the next seed is used.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  the class of Gymnasium declares it so
@@ -71,8 +73,8 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
         surface: Mapping[str, Any] | str | None = None,
         **options: Unpack[Options],
     ) -> None:
-        """`robot` and `sensor` are kinds of emulated devices. `surface` are settings of [cell.surface], or the kind of
-        a surface. Raises ConfigError for an invalid setting.
+        """Create the environment. `robot` and `sensor` are kinds of emulated devices. `surface` contains settings
+        of [cell.surface], or is the kind of a surface. Raises ConfigError for an invalid setting.
         """
         if unknown := set(options) - set(Options.__annotations__):
             known = ", ".join(Options.__annotations__)
@@ -111,17 +113,17 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
     def config(self, seed: int) -> Config:
         """Return the configuration of the episode with this `info["seed"]`, for `hil_bridge.simulate`.
 
-        Raises ConfigError for drawn settings that contradict each other.
+        Raises ConfigError if the drawn settings contradict each other.
         """
         return self._episodes.config(seed)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observed, dict[str, Any]]:
-        """Begin an episode; a running one retracts first.
+        """Begin an episode. An episode that is still running is ended first, and its tool retracts.
 
-        `seed` determines all following episodes, and resets the counts. `options={"episode": N}` gives this episode the
-        `info["seed"]` N. Raises ConfigError if no run reaches a contact.
+        `seed` determines all following episodes, and resets the counts. `options={"episode": N}` sets the
+        `info["seed"]` of this episode to N. Raises ConfigError if no run reaches a contact.
         """
         super().reset(seed=seed)
         if seed is not None:
@@ -147,28 +149,28 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
     def step(self, action: Action) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
         """Apply an action and run to the next decision.
 
-        `terminated` means that the run was stopped or ended, `truncated` that its time is up. The last observation of
-        an episode is that of its last decision. Raises ResetNeeded without a running episode, and ValueError for an
-        invalid action.
+        `terminated` means that the run was stopped or has ended, `truncated` that its time is up. The last
+        observation of an episode is the observation at its last decision. Raises ResetNeeded if no episode is
+        running, and ValueError for an invalid action.
         """
         episode, before = self._episode, self._decision
         if episode is None or before is None:
             raise gymnasium.error.ResetNeeded("no episode is running; call reset()")
-        given = np.array(action, np.float64).reshape(-1)
-        if given.shape != self.action_space.shape or not np.isfinite(given).all():
+        values = np.array(action, np.float64).reshape(-1)
+        if values.shape != self.action_space.shape or not np.isfinite(values).all():
             raise ValueError(f"an action must be {len(self._axes)} numbers from -1 to 1, got {action!r}")
-        after = episode.act(given)
+        after = episode.act(values)
         if isinstance(after, Decision):
             self._decision = after
-            transition = Transition(after.cycles, after.at - before.at, given, None, stopped=False)
+            transition = Transition(after.cycles, after.at - before.at, values, None, stopped=False)
             return after.observation, float(self._reward(transition)), False, False, self._info(after)
         self._decision = None
-        return before.observation, *self._end(before, after, given)
+        return before.observation, *self._end(before, after, values)
 
     def _end(
         self, before: Decision, end: EpisodeEnd, action: Action
     ) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Return reward, terminated, truncated and info of the last step."""
+        """Return reward, terminated, truncated and info of the last step of an episode."""
         result = end.result
         stopped = result is None or result.outcome is Outcome.STOPPED
         self._counts["stops"] += stopped
@@ -210,7 +212,7 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
 
 
 def _is_time(cause: Cause | None) -> bool:
-    """Return whether a run ended because its time or distance was used up."""
+    """Return whether a run ended because its time limit or its distance limit was reached."""
     return cause in (Cause.TIME_IS_UP, Cause.TRAVELLED)
 
 

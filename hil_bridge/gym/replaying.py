@@ -10,10 +10,10 @@ from hil_bridge.runs.replay import ReplayedCycle, recorded_config, replay
 def replay_policy(
     recording: Recording | Path | str, controller: PolicyController
 ) -> tuple[ReplayedCycle, ...]:
-    """Replay every recorded cycle with this controller; `differences` of a cycle lists what differs.
+    """Replay every recorded cycle with this controller; `differences` of a cycle lists the values that differ.
 
-    The original policy reproduces the run bit by bit. With another one, each cycle starts from the recorded previous
-    command. Raises ConfigError for a recording that cannot be replayed.
+    The original policy reproduces the run bit by bit. With another policy, each cycle starts from the recorded
+    previous command. Raises ConfigError for a recording that cannot be replayed.
     """
     records = read(Path(recording)) if isinstance(recording, (str, Path)) else recording
     config = recorded_config(records, {}, controller)

@@ -1,7 +1,7 @@
-"""Rewards by name: built-in ones, and those of plug-ins in the entry point group `hil_bridge.rewards`.
+"""Rewards by name: the built-in rewards, and plug-in rewards from the entry point group `hil_bridge.rewards`.
 
-A reward maps the cycles that resulted from an action to a number per step. A plug-in provides a class or a function
-without parameters that creates one.
+A reward maps the cycles that resulted from an action to one number per step. A plug-in provides a class or a
+function without parameters that creates a reward.
 """
 
 from collections.abc import Callable, Mapping
@@ -24,43 +24,43 @@ _AT_WORK = ("approach", "track")
 
 
 class Transition(NamedTuple):
-    """Step of an environment: the result of an action."""
+    """One step of an environment: an action and its result."""
 
     cycles: tuple[CycleRecord, ...]
-    """Control cycles from the one with the action to the next decision or the end of the run."""
+    """Control cycles from the cycle that applied the action to the next decision or the end of the run."""
     seconds: float
-    """Time from the decision to the next one, or to the end of the tracking, s."""
+    """Time from the decision to the next decision, or to the end of the tracking, s."""
     action: NDArray[np.float64]
-    """Action, -1 to 1 for each axis."""
+    """Action of each axis, -1 to 1."""
     result: Result | None
-    """Result of the run, if this step ended it."""
+    """Result of the run if this step ended the run, otherwise None."""
     stopped: bool
     """Whether the run was stopped by the guard, a device or a limit of the task."""
 
     @property
     def at_work(self) -> tuple[CycleRecord, ...]:
-        """Cycles that tracked, or searched for a lost contact, without retractions."""
+        """Cycles in which the run tracked the surface or searched for a lost contact; retractions are excluded."""
         return tuple(cycle for cycle in self.cycles if cycle.phase in _AT_WORK)
 
 
 class Reward(Protocol):
-    """Reward: a pure function of a step."""
+    """Pure function that maps a step to a number."""
 
     def __call__(self, transition: Transition) -> float:
-        """Return the reward of a step; more is better."""
+        """Return the reward of a step; higher is better."""
 
 
 @dataclass(frozen=True, slots=True)
 class ForceError:
-    """Reward −∫ (|f − f_d| / f_d + p · lost) dt, minus a penalty for a stopped run.
+    """Reward −∫ (|f − f_d| / f_d + p · lost) dt, minus a penalty if the run was stopped.
 
-    The integral is over seconds, so that robots with different cycles give comparable sums.
+    The integral is over time in seconds, so that the sums of robots with different cycle times are comparable.
     """
 
     lost_per_s: float = 5.0
     """Penalty p while contact is lost, 1/s. Chosen: five times the cost of zero force."""
     stopped: float = 50.0
-    """Penalty for a stop. Chosen: more than the cost of any ten-second episode without one."""
+    """Penalty for a stop. Chosen: more than the cost of any ten-second episode that is not stopped."""
 
     def __call__(self, transition: Transition) -> float:
         """Return the reward of a step."""
@@ -78,7 +78,7 @@ class ForceError:
 
 @dataclass(frozen=True, slots=True)
 class ForceAndEffort:
-    """Reward of small force error and small actions, for smooth policies."""
+    """Reward for a small force error and small actions, for smooth policies."""
 
     effort_per_s: float = 0.1
     """Cost of an action of 1, 1/s. Chosen: a tenth of the cost of zero force."""
@@ -98,7 +98,7 @@ REWARDS: Mapping[str, Maker] = MappingProxyType(
 
 
 def make_reward(name: str) -> Reward:
-    """Create a reward by name. Raises ConfigError for an unknown or ambiguous name, and for a broken plug-in."""
+    """Create a reward by name. Raises ConfigError for an unknown or ambiguous name, and for an invalid plug-in."""
     plugin = find_plugin(GROUP, "reward", name, REWARDS)
     if plugin is None:
         if name not in REWARDS:

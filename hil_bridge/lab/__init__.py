@@ -1,1 +1,3 @@
-"""Batches of runs: campaigns, tuning, identification, conformance tests, experiments of the paper, process pool."""
+"""Batches of runs: campaigns, tuning, identification, conformance tests, experiments of the paper, and the process
+pool.
+"""

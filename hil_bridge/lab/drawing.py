@@ -1,4 +1,4 @@
-"""Line charts of the lab as files: panels in one style, reproducible byte for byte."""
+"""Line charts of the lab as files: panels in a common style, reproducible byte for byte."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31", "#808080")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", ".")
 _WIDTH, _HEIGHT = 4.6, 3.4
-"""Size of one panel, in. Chosen."""
+"""Width and height of one panel, inches. Chosen."""
 _STYLE: dict[Any, Any] = {
     **STYLE,
     "axes.titlesize": 10.5,
@@ -24,40 +24,41 @@ _STYLE: dict[Any, Any] = {
 
 
 class Line(NamedTuple):
-    """One line of a panel: a column of rows."""
+    """One line of a panel: the values of one column over rows."""
 
     column: str
     label: str
     rows: Sequence[Mapping[str, Any]]
     joined: bool = True
-    """Whether a line joins the points."""
+    """Whether the points are joined by a line."""
 
 
 class Panel(NamedTuple):
-    """One pair of axes."""
+    """One pair of axes with its lines."""
 
     title: str
     x: tuple[str, str]
-    """Column of the x values of every line, and the label of the axis."""
+    """Column with the x values of every line, and label of the x axis."""
     y_label: str
     lines: Sequence[Line]
     target: float | None = None
-    """Value of y marked by a dashed line."""
+    """y value to be marked by a dashed line."""
     log: bool = False
     """Whether both axes are logarithmic."""
 
 
 def lines_by(rows: Sequence[Mapping[str, Any]], key: str, column: str, label: str = "{}") -> list[Line]:
-    """Return one line of `column` for each value of `key`; `label` is a format string for that value."""
+    """Return one line of `column` for each value of `key`. `label` is a format string for the value."""
     values = dict.fromkeys(row[key] for row in rows)
     return [Line(column, label.format(value), [row for row in rows if row[key] == value]) for value in values]
 
 
 def draw(panels: Sequence[Panel], columns: int, kind: str = "png") -> bytes:
-    """Draw the panels in `columns` columns, as `png`, `pdf` or `svg`. With the same version of matplotlib, the same
-    panels give the same bytes.
+    """Draw the panels in `columns` columns, as `png`, `pdf` or `svg`.
+
+    With the same version of matplotlib, identical panels give identical bytes.
     """
-    matplotlib = drawing_library()  # late: the command line imports this package
+    matplotlib = drawing_library()  # imported late, because the command line imports this package
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -78,7 +79,10 @@ def draw(panels: Sequence[Panel], columns: int, kind: str = "png") -> bytes:
 
 
 def _with_palette(png: bytes) -> bytes:
-    """Reduce a PNG to a palette, a third of its size: line charts are stored with the documentation."""
+    """Reduce the colours of a PNG to a palette.
+
+    Line charts are stored with the documentation, and a palette reduces their size to a third.
+    """
     from PIL import Image  # comes with matplotlib
 
     buffer = io.BytesIO()

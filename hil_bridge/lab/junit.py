@@ -8,13 +8,13 @@ from xml.etree import ElementTree
 
 _NOT_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 REQUIREMENT, RECORDING = "hil_requirement", "hil_recording"
-"""Properties of a test case, also written by the pytest plug-in: a requirement that it verifies, and a recording of it.
-Each may occur several times.
+"""Properties of a test case, which the pytest plug-in also writes: a requirement that the case verifies, and a
+recording of the case. Each may occur several times.
 """
 
 
 class Verdict(StrEnum):
-    """Verdict on a case; the values are JUnit element names."""
+    """Verdict on a test case. The values are JUnit element names."""
 
     PASSED = "passed"
     FAILED = "failure"
@@ -24,23 +24,23 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class JunitCase:
-    """One test case."""
+    """JUnit test case."""
 
     group: str
-    """JUnit class name, by which build servers group cases."""
+    """JUnit class name, by which build servers group the cases."""
     name: str
     seconds: float
     verdict: Verdict = Verdict.PASSED
     message: str = ""
-    """Why it did not pass, in one line."""
+    """Reason why the case did not pass, in one line."""
     details: str = ""
-    """The full text; empty for the message alone."""
+    """Complete text of the reason; empty if the message is sufficient."""
     properties: Sequence[tuple[str, str]] = field(default=())
     output: str = ""
 
 
 def encode_junit(suite: str, cases: Sequence[JunitCase], properties: Iterable[tuple[str, str]] = ()) -> bytes:
-    """Encode a suite of cases as a JUnit file. Characters that XML does not allow are replaced."""
+    """Encode a suite of cases as a JUnit file. Characters that are not allowed in XML are replaced."""
     counts = {
         "tests": str(len(cases)),
         "failures": str(sum(one.verdict is Verdict.FAILED for one in cases)),
@@ -83,5 +83,5 @@ def _properties(parent: ElementTree.Element, named: Iterable[tuple[str, str]]) -
 
 
 def _xml(text: str) -> str:
-    """Replace the characters that XML does not allow."""
+    """Replace the characters that are not allowed in XML."""
     return _NOT_XML.sub("\ufffd", text)

@@ -1,4 +1,4 @@
-"""Optimiser of tuning searches and fault hunts, from SciPy, an optional dependency."""
+"""Optimiser for tuning searches and fault hunts, provided by SciPy, which is an optional dependency."""
 
 from collections.abc import Callable
 

@@ -1,9 +1,9 @@
-"""Process pool: jobs in chunks, with results as they complete or in the order of the jobs.
+"""Process pool that executes jobs in chunks, and returns results as they complete or in the order of the jobs.
 
     with own_processes(workers, len(jobs)) as pool:
         results = in_order(pool, work, jobs, advance)
 
-The processes live as long as the context is open. With one worker, the jobs run in this process.
+The processes run as long as the context is open. With one worker, the jobs run in this process.
 """
 
 import multiprocessing
@@ -22,11 +22,13 @@ from typing import Generic, NamedTuple, NoReturn, TypeVar
 from hil_bridge.errors import BridgeError
 
 CHUNK = 4
-"""Jobs handed to a process at once. Chosen: a few seconds of work, which is what a power failure loses."""
+"""Number of jobs that a process receives at once. Chosen: a few seconds of work, which is what a power failure
+loses.
+"""
 WAITING = 2
-"""Chunks queued for each process. Chosen: enough to keep every process busy."""
+"""Number of chunks that wait for each process. Chosen: enough to keep every process busy."""
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-"""Environment variables that numpy's linear algebra libraries read when they are loaded."""
+"""Environment variables for the number of threads, which numpy's linear algebra libraries read when they are loaded."""
 
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
@@ -34,28 +36,29 @@ Outcome = TypeVar("Outcome")
 
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """Worker processes on this or other machines."""
+    """Worker processes on this machine or on other machines."""
 
     executor: Executor | None
-    """None: the jobs run in this process."""
+    """Executor of the jobs; None to run them in this process."""
     count: Callable[[], int]
-    """Return the current number of processes."""
+    """Function that returns the current number of processes."""
 
 
 class Chunk(NamedTuple, Generic[Item, Outcome]):
     """Jobs that completed together, with their results."""
 
     first: int
-    """Index of its first job among all."""
+    """Index of the first job of the chunk among all jobs."""
     items: Sequence[Item]
     results: Sequence[Outcome]
 
 
 @contextmanager
 def own_processes(count: int | None = None, jobs: int | None = None) -> Iterator[Workers]:
-    """Run a pool of `count` processes on this machine, by default one per core, and no more than `jobs` keep busy.
+    """Provide a pool of `count` processes on this machine.
 
-    An exception, Ctrl-C or SIGTERM in the context ends them at once. Raises BridgeError if one was killed externally.
+    The default is one process per core, but no more than `jobs` jobs keep busy. An exception, Ctrl-C or SIGTERM in
+    the context ends the processes at once. Raises BridgeError if a process was killed externally.
     """
     count = count or os.cpu_count() or 1
     if jobs is not None:
@@ -66,7 +69,7 @@ def own_processes(count: int | None = None, jobs: int | None = None) -> Iterator
     # Spawned, not forked: the same on every platform, and no lock is copied while a thread holds it.
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
-    with _ending_by_sigterm(), one_thread_each(), ProcessPoolExecutor(count, context, begin_worker) as pool:
+    with _end_by_sigterm(), one_thread_each(), ProcessPoolExecutor(count, context, begin_worker) as pool:
         try:
             yield Workers(pool, lambda: count)
         except BaseException as error:
@@ -85,7 +88,9 @@ def own_processes(count: int | None = None, jobs: int | None = None) -> Iterator
 def as_completed(
     workers: Workers, work: Callable[[Item], Outcome], items: Iterable[Item], chunk: int = CHUNK
 ) -> Iterator[Chunk[Item, Outcome]]:
-    """Yield each chunk of items with the results of `work`, in the order of completion. Raises what `work` raises."""
+    """Yield each chunk of items with the results of `work`, in the order of completion. Errors of `work` are
+    propagated.
+    """
     chunks = _in_chunks(items, chunk)
     if workers.executor is None:
         for first, some in chunks:
@@ -110,7 +115,9 @@ def in_order(
     advance: Callable[[int], object] = lambda count: None,
     chunk: int = CHUNK,
 ) -> list[Outcome]:
-    """Return the results of `work` in the order of the items. `advance` receives the number of newly ended items."""
+    """Return the results of `work` in the order of the items. `advance` receives the number of newly completed
+    items.
+    """
     results: dict[int, Outcome] = {}
     alone = workers.executor is None
     for ended in as_completed(workers, work, items, 1 if alone else chunk):
@@ -132,8 +139,10 @@ def _in_chunks(items: Iterable[Item], size: int) -> Iterator[tuple[int, list[Ite
 
 
 def begin_worker() -> None:
-    """Initialise a worker. Ctrl-C reaches every process of a terminal, but only the parent handles it. A worker whose
-    parent was killed exits instead of waiting forever.
+    """Initialise a worker process.
+
+    The worker ignores Ctrl-C, which reaches every process of a terminal, because only the parent handles it. The
+    worker exits if its parent was killed, instead of waiting forever.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
@@ -147,12 +156,12 @@ def begin_worker() -> None:
 
 
 @contextmanager
-def _ending_by_sigterm() -> Iterator[None]:
-    """End this process and its workers on SIGTERM, as on Ctrl-C; by default the workers would be left running.
+def _end_by_sigterm() -> Iterator[None]:
+    """End this process and its workers on SIGTERM, as on Ctrl-C. By default, the workers would continue to run.
 
     A handler that is already installed is kept.
     """
-    in_main_thread = threading.current_thread() is threading.main_thread()  # only there may handlers be set
+    in_main_thread = threading.current_thread() is threading.main_thread()  # handlers can be set only there
     if not in_main_thread or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
         yield
         return
@@ -169,8 +178,9 @@ def _ending_by_sigterm() -> Iterator[None]:
 
 @contextmanager
 def one_thread_each() -> Iterator[None]:
-    """Limit the linear algebra of processes started in this context to one thread. Their matrices have three rows, for
-    which waking a thread on every core takes longer than the product.
+    """Limit the linear algebra of processes that are started in this context to one thread.
+
+    The matrices have three rows. Waking a thread on every core would take longer than computing their product.
     """
     before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))

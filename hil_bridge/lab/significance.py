@@ -11,19 +11,20 @@ from collections.abc import Sequence
 import numpy as np
 
 LEVEL = 0.05
-"""A difference is significant below this probability, adjusted for the number of tests. Standard."""
+"""Probability, adjusted for the number of tests, below which a difference is significant. Standard."""
 EXACT_PAIRS = 400
-"""Product of the two sizes up to which the rank sum is exact. Chosen: two samples of 20."""
+"""Largest product of the two sample sizes for which the rank sum test is exact. Chosen: two samples of 20."""
 _SAME = 1e-7
 """Relative difference below which two probabilities are equal up to rounding. Source: SciPy, `fisher_exact`."""
 
 
 def fisher_exact(first: tuple[int, int], second: tuple[int, int]) -> float:
-    """Return the two-sided probability of counts at least as different if both samples have the same rate; 1 without
-    counts.
+    """Return the two-sided probability of Fisher's exact test that two samples with the same rate differ at least
+    as much.
 
-    Each sample is its number of runs that passed and of those that did not. The probability is the sum over all tables
-    with the same margins that are at most as likely as the observed one.
+    Each sample contains the number of runs that passed, and the number of runs that did not. The probability is the
+    sum over all tables with the same margins that are at most as likely as the observed table. It is 1 if there are
+    no runs.
     """
     passed, size, total = first[0] + second[0], sum(first), sum(first) + sum(second)
     least, most = max(0, passed + size - total), min(passed, size)
@@ -40,10 +41,11 @@ def fisher_exact(first: tuple[int, int], second: tuple[int, int]) -> float:
 
 
 def rank_sum(first: Sequence[float], second: Sequence[float]) -> float:
-    """Return the two-sided probability of the Mann-Whitney-Wilcoxon rank sum test if both samples have the same
-    distribution. Ties share their rank; infinite values rank too. 1 if a sample is empty.
+    """Return the two-sided probability of the Mann-Whitney-Wilcoxon rank sum test for two samples.
 
-    Exact up to EXACT_PAIRS, ties included; above, the normal approximation with tie and continuity correction.
+    It is the probability of a rank sum at least as extreme if both samples have the same distribution. Equal values
+    share their rank, and infinite values are ranked too. The probability is 1 if a sample is empty. It is exact up
+    to EXACT_PAIRS, including ties; beyond, it is the normal approximation with tie and continuity correction.
     """
     n, m = len(first), len(second)
     if not n or not m:
@@ -64,7 +66,7 @@ def rank_sum(first: Sequence[float], second: Sequence[float]) -> float:
 
 
 def _twice_ranks(values: Sequence[float]) -> tuple[list[int], list[int]]:
-    """Return twice the mean rank of each value, from 2 on, and how many values share each rank."""
+    """Return twice the mean rank of each value, at least 2, and the number of values that share each rank."""
     counts, ranks, below = Counter(values), {}, 0
     for value in sorted(counts):
         ranks[value] = 2 * below + counts[value] + 1
@@ -73,7 +75,7 @@ def _twice_ranks(values: Sequence[float]) -> tuple[list[int], list[int]]:
 
 
 def _rank_sum_counts(ranks: Sequence[int], size: int) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
-    """Return the number of subsets of `size` ranks with each sum."""
+    """Return the number of subsets with `size` ranks, by the sum of the ranks."""
     counts = np.zeros((size + 1, sum(ranks) + 1))
     counts[0, 0] = 1.0
     for rank in ranks:
@@ -83,7 +85,10 @@ def _rank_sum_counts(ranks: Sequence[int], size: int) -> "np.ndarray[tuple[int],
 
 
 def holm(probabilities: Sequence[float]) -> list[float]:
-    """Adjust probabilities for their number (Holm): the chance that any falls below LEVEL is that of a single test."""
+    """Adjust probabilities for their number by Holm's method.
+
+    The chance that any adjusted probability falls below LEVEL is then the same as for a single test.
+    """
     order = sorted(range(len(probabilities)), key=probabilities.__getitem__)
     adjusted, largest = [1.0] * len(probabilities), 0.0
     for place, number in enumerate(order):

@@ -23,25 +23,29 @@ from hil_bridge.lab.campaign.inputs import computing_packages, hash_file, pack_i
 from hil_bridge.lab.campaign.plan import Plan, code_version
 from hil_bridge.lab.campaign.repeating import RepeatedRun, repeat_of, repeat_runs
 from hil_bridge.lab.campaign.store import Done, Store, now
-from hil_bridge.record.files import check_place, write_whole
+from hil_bridge.record.files import check_place, write_atomically
 
 MANIFEST, RESULTS, RECORDINGS = "manifest.json", "results.sqlite", "recordings"
 FILES_MOST = 2000
-"""Most files in a bundle. Chosen: more recordings than anyone inspects."""
+"""Maximum number of files in a bundle. Chosen: more recordings than anyone inspects."""
 UNPACKED_LIMIT_BYTES = 1 << 30
-"""Limit for all its files, unpacked, and for the bundle itself. Chosen: a thousand recordings of 1 MB."""
+"""Largest total size of the unpacked files of a bundle, and largest size of the bundle itself, bytes. Chosen: a
+thousand recordings of 1 MB.
+"""
 FORMAT = "hil-bridge bundle 3"
 """Format identifier of the bundle."""
 PACKAGES = ("numpy",)
-"""Other packages whose arithmetic affects a run."""
+"""Third-party packages whose arithmetic affects a run."""
 _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
-"""Time stamp of every file: two bundles of the same files differ in the manifest alone."""
+"""Time stamp of every file in a bundle, so that two bundles of the same files differ only in the manifest."""
 
 MISSING = "none"
-"""Version of a package that is not installed."""
+"""Version text of a package that is not installed."""
 
 Advance = Callable[[int, int], object]
-"""Receives the number of runs repeated since the last call, and how many of them differ."""
+"""Progress callback. It receives the number of runs repeated since the last call, and the number of these runs that
+differ.
+"""
 
 
 class Manifest(Struct, frozen=True):
@@ -54,25 +58,25 @@ class Manifest(Struct, frozen=True):
     versions: Mapping[str, str]
     """Versions of this package (with a hash of its source), Python, numpy and the platform."""
     files: Mapping[str, str]
-    """SHA-256 of each other file."""
+    """SHA-256 of every file in the bundle except the manifest, by name."""
     drawn: tuple[int, ...]
-    """Sampled seeds: their runs were repeated before packing, and their recordings are in the bundle."""
+    """Sampled seeds. The runs of these seeds were repeated before packing, and their recordings are in the bundle."""
     inputs: Mapping[str, str] = {}
-    """SHA-256 of the files named by settings, by the path in the settings."""
+    """SHA-256 of each file named by a setting, by the path in the setting."""
 
 
 class Packed(Struct, frozen=True):
-    """Summary of a written bundle, or the differing runs that prevented it."""
+    """Summary of a written bundle, or the differing runs for which no bundle was written."""
 
     bundle: str
-    """File name."""
+    """File name of the bundle."""
     sha256: str
     """SHA-256 of the bundle; empty if none was written."""
     runs: int
     drawn: tuple[int, ...]
     recordings: int
     left_out: int
-    """Recordings of failed runs for which there was no room."""
+    """Number of recordings of failed runs that did not fit in the bundle."""
     differing: tuple[RepeatedRun, ...]
     """Repeated runs whose figures differ from the results."""
     inputs: int = 0
@@ -80,29 +84,29 @@ class Packed(Struct, frozen=True):
 
     @property
     def lines(self) -> Iterator[str]:
-        """Text for the terminal, line by line."""
+        """Summary as text for the terminal, line by line."""
         if self.differing:
             yield f"not packed: repeated runs differ from the results, {len(self.differing)} of them"
             for run in self.differing:
                 yield from run.lines
             return
         seeds = ", ".join(map(str, self.drawn)) or "none"
-        parts = [count_words(self.runs, "run"), count_words(self.recordings, "recording")]
+        parts = [format_count(self.runs, "run"), format_count(self.recordings, "recording")]
         if self.inputs:
-            parts.append(f"{count_words(self.inputs, 'file')} that settings name")
+            parts.append(f"{format_count(self.inputs, 'file')} that settings name")
         yield f"{self.bundle}: {', '.join(parts)}; repeated seeds: {seeds}"
         if self.left_out:
             yield f"  no room for {self.left_out} recordings of runs that failed"
         yield f"  SHA-256 {self.sha256}"
 
 
-def count_words(count: int, word: str) -> str:
-    """Format a count with its noun, in the plural if needed."""
+def format_count(count: int, word: str) -> str:
+    """Format a count with its noun, which is plural if needed."""
     return f"{count} {word}" if count == 1 else f"{count} {word}s"
 
 
 def versions(more: Iterable[str] = ()) -> dict[str, str]:
-    """Return the versions of everything that affects the bits of a run, and of `more` packages."""
+    """Return the versions of everything that affects the bits of a run, and the versions of the packages in `more`."""
     return {
         "hil-bridge": code_version(),
         "Python": platform.python_version(),
@@ -119,8 +123,9 @@ def _version(package: str) -> str:
 
 
 def draw_seeds(plan: Plan, runs: Iterable[Done], count: int) -> tuple[int, ...]:
-    """Return a sample of `count` seeds of these runs. It depends on the plan alone; a larger sample contains every
-    smaller one.
+    """Return a sample of `count` seeds of these runs.
+
+    The order of selection depends on the plan alone, so a larger sample contains every smaller one.
     """
 
     def place(seed: int) -> str:
@@ -132,9 +137,10 @@ def draw_seeds(plan: Plan, runs: Iterable[Done], count: int) -> tuple[int, ...]:
 def pack(
     store: Store, path: Path, count: int, overwrite: bool, advance: Advance = lambda *counts: None
 ) -> Packed:
-    """Write a bundle of these results. The runs of `count` seeds are repeated first; none may differ.
+    """Write a bundle of these results. The runs of `count` seeds are repeated first; if any differs, no bundle is
+    written.
 
-    Raises ConfigError for results of another version of the code, for a missing file named by settings, and if the
+    Raises ConfigError for results of another version of the code, for a missing file named by a setting, and if the
     bundle cannot be written.
     """
     check_place(path, overwrite)
@@ -165,14 +171,14 @@ def pack(
         known = versions(computing_packages(plan))
         manifest = Manifest(FORMAT, plan.name, now(), known, files, drawn, inputs)
         data = _zip(folder, names, msgspec.json.format(msgspec.json.encode(manifest), indent=1))
-    write_whole(path, data, overwrite)
+    write_atomically(path, data, overwrite)
     count_recordings = sum(name.startswith(RECORDINGS) for name in names)
     sha256 = hashlib.sha256(data).hexdigest()
     return Packed(path.name, sha256, len(runs), drawn, count_recordings, left_out, (), len(inputs))
 
 
 def _add_failing(folder: Path, store: Store, runs: Iterable[Done]) -> int:
-    """Add the recordings of failed runs, worst first; return the number for which there is no room."""
+    """Add the recordings of failed runs, worst first; return the number of recordings that did not fit."""
     size = sum(one.stat().st_size for one in folder.rglob("*") if one.is_file())
     count, left_out = sum(1 for _ in folder.rglob("*")), 0
     for done in worst_first(runs):

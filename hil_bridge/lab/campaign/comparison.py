@@ -13,15 +13,15 @@ from hil_bridge.record.analysis.figures import JUDGED
 from hil_bridge.show.report.differences import describe_value, flat
 
 LINES = 50
-"""Most runs listed individually. Chosen: a screen or two."""
+"""Maximum number of runs listed individually. Chosen: a screen or two."""
 _NOTHING = "nothing"
-"""Text for a figure that a run does not have."""
+"""Text shown for a figure that a run does not have."""
 _Name: TypeAlias = tuple[str, str, str, int]
-"""Cell, fault, phase and seed that identify a run in both campaigns."""
+"""Cell, fault, phase and seed, which identify a run in both campaigns."""
 
 
 class Difference(Struct, frozen=True):
-    """Figure that differs between two runs; None if a run does not have it."""
+    """Figure whose value differs between two runs; a value is None if the run does not have the figure."""
 
     figure: str
     before: Figure
@@ -29,12 +29,14 @@ class Difference(Struct, frozen=True):
 
     @property
     def text(self) -> str:
-        """One line of text."""
+        """Difference as one line of text."""
         return f"{self.figure} {figure_text(self.before) or _NOTHING} → {figure_text(self.after) or _NOTHING}"
 
 
 class SettingChange(Struct, frozen=True):
-    """Setting that differs between two campaigns: all its values in each, "–" where it is missing."""
+    """Setting that differs between two campaigns, with all its values in each campaign; "–" if a campaign does not
+    have it.
+    """
 
     key: str
     before: str
@@ -42,28 +44,28 @@ class SettingChange(Struct, frozen=True):
 
     @property
     def text(self) -> str:
-        """One line of text."""
+        """Change as one line of text."""
         return f"setting {self.key}: {self.before} → {self.after}"
 
 
 class Side(Struct, frozen=True):
-    """One of the two campaigns."""
+    """One of the two campaigns in a comparison."""
 
     results: str
-    """File name of its results."""
+    """File name of the campaign's results."""
     name: str
     code: str
-    """Version of the code."""
+    """Version of the code that produced the results."""
     runs: int
 
     @property
     def text(self) -> str:
-        """One line of text."""
+        """Campaign as one line of text."""
         return f"{self.results}: {self.name}, code {self.code}, {self.runs} runs"
 
 
 class ChangedRun(Struct, frozen=True):
-    """Run present in both campaigns with different figures."""
+    """Run that both campaigns contain, with different figures."""
 
     cell: str
     fault: str
@@ -73,9 +75,9 @@ class ChangedRun(Struct, frozen=True):
 
     @property
     def text(self) -> str:
-        """One line of text."""
-        words = "; ".join(one.text for one in self.differences)
-        return f"{self.cell} | {self.fault} {self.phase} | seed {self.seed}: {words}"
+        """Changed run as one line of text."""
+        differences = "; ".join(one.text for one in self.differences)
+        return f"{self.cell} | {self.fault} {self.phase} | seed {self.seed}: {differences}"
 
 
 class Compared(Struct, frozen=True):
@@ -84,19 +86,19 @@ class Compared(Struct, frozen=True):
     before: Side
     after: Side
     settings: tuple[SettingChange, ...]
-    """Settings that differ, and may explain differing runs."""
+    """Settings that differ between the campaigns, and may explain differing runs."""
     common: int
-    """Runs present in both."""
+    """Number of runs that both campaigns contain."""
     worse: int
-    """Runs that passed before and fail now."""
+    """Number of runs that passed in the first campaign and fail in the second."""
     better: int
-    """Runs that failed before and pass now."""
+    """Number of runs that failed in the first campaign and pass in the second."""
     changed: tuple[ChangedRun, ...]
-    """Runs that differ, those with a different outcome first."""
+    """Runs that differ, beginning with the runs whose outcome changed."""
 
     @property
     def differing(self) -> int:
-        """Number of common runs that differ."""
+        """Number of runs that both campaigns contain and that differ."""
         return len(self.changed)
 
     @property
@@ -114,7 +116,7 @@ class Compared(Struct, frozen=True):
 
 
 def differences(before: Figures, after: Figures) -> Iterator[Difference]:
-    """Yield the figures that differ."""
+    """Yield the figures that differ between two runs."""
     for name in JUDGED:
         old, new = before.get(name), after.get(name)
         if old != new:
@@ -122,7 +124,7 @@ def differences(before: Figures, after: Figures) -> Iterator[Difference]:
 
 
 def setting_changes(first: Store, second: Store) -> Iterator[SettingChange]:
-    """Yield the settings whose values over all cases differ between the campaigns, by key."""
+    """Yield the settings whose values, taken over all cases, differ between the campaigns, sorted by key."""
     before, after = _settings(first), _settings(second)
     for key in sorted(before | after):
         old, new = (", ".join(sorted(side.get(key, {"–"}))) for side in (before, after))
@@ -131,14 +133,14 @@ def setting_changes(first: Store, second: Store) -> Iterator[SettingChange]:
 
 
 def setting_lines(changes: Sequence[SettingChange]) -> Iterator[str]:
-    """Yield text lines for at most LINES differing settings."""
+    """Yield one text line per differing setting, at most LINES of them."""
     yield from (harmless(one.text) for one in changes[:LINES])
     if len(changes) > LINES:
         yield f"and {len(changes) - LINES} more settings"
 
 
 def _settings(store: Store) -> dict[str, set[str]]:
-    """Return all values of each setting in the cases of a campaign."""
+    """Return all values that each setting has in the cases of a campaign."""
     values: dict[str, set[str]] = {}
     for config in {case.config for case in store.plan().cases}:
         for key, value in flat(json.loads(config)).items():
@@ -147,7 +149,7 @@ def _settings(store: Store) -> dict[str, set[str]]:
 
 
 def compare_campaigns(first: Store, second: Store) -> Compared:
-    """Compare the runs of two campaigns that share cell, fault, phase and seed."""
+    """Compare the runs of two campaigns that have the same cell, fault, phase and seed."""
     old, new = _by_name(first), _by_name(second)
     common = [name for name in old if name in new]
     changed = {

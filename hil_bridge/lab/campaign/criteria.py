@@ -8,50 +8,52 @@ from typing import Any, TypeAlias
 from hil_bridge.record.analysis.figures import COUNTED, FIGURES, JUDGED
 
 Figure: TypeAlias = int | float | bool | str | dict[str, str | int] | None
-"""A number in the unit of its name, a flag, a word, texts by name of a promise, or counts by name; None if the run does
-not have it.
+"""Value of a figure: a number in the unit of its name, a flag, a word, texts by promise, or counts by name. None if
+the run does not have the figure.
 """
 Figures: TypeAlias = Mapping[str, Figure]
 
 OUTCOMES = ("completed", "stopped", "interrupted", "refused", "error")
-"""Outcomes of a run: those of a recording, `refused` by a device before any motion, and `error` for a bug."""
+"""Outcomes of a run: the outcomes of a recording, `refused` by a device before any motion, and `error` for a bug."""
 BOUNDS: Mapping[str, Callable[[float, float], bool]] = {
     "below": operator.lt,
     "above": operator.gt,
     "at_most": operator.le,
     "at_least": operator.ge,
 }
-"""Comparison for each keyword of a bound."""
+"""Comparison function for each keyword of a bound."""
 _ONLY = "outcomes"
 _IS = "is"
 
 
 @dataclass(frozen=True, slots=True)
 class Unmet:
-    """Criterion that a run did not meet, with the value and its bounds as text."""
+    """Criterion that a run did not meet, with the value and the bounds as text."""
 
     figure: str
     """Key of the figure."""
     value: str
-    """With its unit."""
+    """Value of the figure, with its unit."""
     wanted: str
 
     @property
     def text(self) -> str:
-        """One line of text: `overshoot 17.3 %, wanted below 10`."""
+        """Unmet criterion as one line of text, such as `overshoot 17.3 %, wanted below 10`."""
         return f"{FIGURES[self.figure].words} {self.value}, wanted {self.wanted}"
 
 
 @dataclass(frozen=True, slots=True)
 class Criterion:
-    """Allowed values of one figure."""
+    """Criterion of a campaign: the allowed values of one figure."""
 
     figure: str
     allowed: Any
-    """A value, a list of values, or a table of bounds, as in the file."""
+    """Allowed values as in the file: a value, a list of values, or a table of bounds."""
 
     def judge(self, figures: Figures) -> bool | None:
-        """Return whether the run meets it; None if it does not apply to the run, or the run has no such figure."""
+        """Return whether the run meets the criterion; None if the criterion does not apply, or the run does not
+        have the figure.
+        """
         value = figures.get(self.figure)
         if value is None:
             return None
@@ -71,12 +73,12 @@ class Criterion:
 
     @property
     def text(self) -> str:
-        """One line of text."""
+        """Criterion as one line of text."""
         return f"{self.figure} {self.bounds}"
 
     @property
     def bounds(self) -> str:
-        """The allowed values as text, without the figure."""
+        """Allowed values as text, without the name of the figure."""
         match self.allowed:
             case dict() as bounds:
                 parts = [f"{name.replace('_', ' ')} {bounds[name]:g}" for name in BOUNDS if name in bounds]
@@ -92,12 +94,12 @@ class Criterion:
 
 
 def figure_text(figure: Figure) -> str:
-    """Format a figure as text; empty for None."""
+    """Format a figure as text; None becomes an empty text."""
     match figure:
         case None:
             return ""
         case dict():
-            return "; ".join(f"{name}: {words}" for name, words in figure.items())
+            return "; ".join(f"{name}: {text}" for name, text in figure.items())
         case float():
             return f"{figure:.6g}"
         case _:
@@ -105,7 +107,7 @@ def figure_text(figure: Figure) -> str:
 
 
 def find_unmet(criteria: Sequence[Criterion], figures: Figures) -> list[str]:
-    """Return the criteria that a run did not meet, as text. A bug fails every run."""
+    """Return the criteria that a run did not meet, as text. A run that ended by a bug always fails."""
     unmet = ["no bug"] if figures.get("outcome") == "error" else []
     return unmet + [criterion.text for criterion in criteria if criterion.judge(figures) is False]
 

@@ -1,6 +1,6 @@
-"""Digest of a campaign's results: counts, cases, unmet criteria, figures by cell.
+"""Digest of a campaign's results: counts, cases, unmet criteria, and figures by cell.
 
-The page, the text, Markdown, JSON and JUnit are all rendered from it, and therefore agree.
+The page, the text, Markdown, JSON and JUnit are all rendered from this digest, and therefore agree.
 """
 
 import math
@@ -17,11 +17,11 @@ from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.record.analysis.figures import JUDGED, WORDS
 
 NUMBERS = tuple(key for key in JUDGED if key not in WORDS)
-"""Figures of a run that are numbers."""
+"""Names of the figures of a run that are numbers."""
 
 
 class Tally(Struct, frozen=True):
-    """Number of runs that met every criterion, missed one, or ended by a bug."""
+    """Numbers of runs that met every criterion, that missed a criterion, and that ended by a bug."""
 
     passed: int = 0
     failed: int = 0
@@ -29,57 +29,59 @@ class Tally(Struct, frozen=True):
 
     @property
     def total(self) -> int:
-        """Number of all runs."""
+        """Total number of runs."""
         return self.passed + self.failed + self.errors
 
     @property
     def good(self) -> bool:
-        """Whether there is a run, and every run passed."""
+        """Whether there is at least one run, and every run passed."""
         return 0 < self.passed == self.total
 
     @property
     def text(self) -> str:
-        """One line of text."""
+        """Counts as one line of text."""
         return f"{self.passed} passed, {self.failed} failed, {self.errors} error{'s' * (self.errors != 1)}"
 
 
 class CaseResult(Struct, frozen=True):
-    """Results of a cell of the matrix with one fault."""
+    """Results of one cell of the matrix with one fault."""
 
     cell: str
     fault: str
     phase: str
     impossible: str
-    """Why the cell does not support the fault; empty if it does."""
+    """Reason why the cell does not support the fault; empty if it does."""
     tally: Tally
 
 
 class CriterionResult(Struct, frozen=True):
-    """How often a criterion was met."""
+    """Number of runs that met a criterion, that did not, and to which it does not apply."""
 
     criterion: str
     met: int
     not_met: int
     no_concern: int
-    """Runs to which it does not apply, or that have no such figure."""
+    """Number of runs to which the criterion does not apply, or that do not have its figure."""
 
 
 class FigureResult(Struct, frozen=True):
-    """Distribution of a figure in one cell of the matrix. The numbers are None if no run has a finite one."""
+    """Distribution of a figure in one cell of the matrix. Smallest, median and largest value are None if no run has
+    a finite value.
+    """
 
     figure: str
     cell: str
     runs: int
     """Number of runs that have the figure."""
     endless: int
-    """Number of runs in which it is infinite."""
+    """Number of runs in which the figure is infinite."""
     least: float | None
     median: float | None
     largest: float | None
 
 
 class FailedRun(Struct, frozen=True):
-    """Run that did not pass."""
+    """Run that did not meet every criterion, or ended by a bug."""
 
     key: str
     seed: int
@@ -90,7 +92,7 @@ class FailedRun(Struct, frozen=True):
     unmet: tuple[Unmet, ...]
     force_true_max_n: float | None
     recording: str
-    """File name of its recording in the folder of recordings; empty if there is none."""
+    """File name of the run's recording in the folder of recordings; empty if there is none."""
 
 
 class Digest(Struct, frozen=True):
@@ -110,7 +112,7 @@ class Digest(Struct, frozen=True):
 
 
 def digest_of(store: Store) -> Digest:
-    """Summarise the runs kept so far. Raises ConfigError for a damaged file."""
+    """Summarise the runs stored so far. Raises ConfigError for a damaged file."""
     plan, runs = store.plan(), list(store.runs())
     return Digest(
         plan.name,
@@ -134,7 +136,7 @@ def tally_of(runs: Iterable[Done]) -> Tally:
 
 
 def facts_of(store: Store, plan: Plan, runs: Sequence[Done]) -> Iterator[tuple[str, str]]:
-    """Yield names and values of the facts: date, host, code version, size and speed."""
+    """Yield names and values of the campaign's facts: date, host, code version, size and speed."""
     sittings = store.sittings()
     begun = store.fact("begun") or (sittings[0].began if sittings else "")
     last = sittings[-1].began if sittings else ""
@@ -190,7 +192,7 @@ def criterion_results(plan: Plan, runs: Sequence[Done]) -> Iterator[CriterionRes
 
 
 def figure_results(plan: Plan, runs: Sequence[Done]) -> Iterator[FigureResult]:
-    """Yield every figure that runs have, by cell."""
+    """Yield every figure that any run has, cell by cell."""
     by_cell = runs_by_cell(plan, runs)
     for key in NUMBERS:
         for cell, of_cell in by_cell.items():
@@ -201,7 +203,7 @@ def figure_results(plan: Plan, runs: Sequence[Done]) -> Iterator[FigureResult]:
 
 
 def runs_by_cell(plan: Plan, runs: Iterable[Done]) -> dict[str, list[Done]]:
-    """Group runs by cell of the matrix, in the order of the plan; cells without a run are left out."""
+    """Group runs by cell of the matrix, in the order of the plan; cells without runs are left out."""
     by_cell: dict[str, list[Done]] = {case.cell: [] for case in plan.cases}
     for run in runs:
         by_cell[plan.cases[run.number].cell].append(run)
@@ -209,25 +211,25 @@ def runs_by_cell(plan: Plan, runs: Iterable[Done]) -> dict[str, list[Done]]:
 
 
 def values_of(key: str, runs: Iterable[Done]) -> list[float]:
-    """Return the values of a numeric figure in ascending order, infinite ones last."""
+    """Return the values of a numeric figure in ascending order, with infinite values last."""
     values = (run.figures.get(key) for run in runs)
     return sorted(float(value) for value in values if isinstance(value, (int, float)) and value == value)
 
 
 def true_force(run: Done) -> float:
-    """Return the largest true force, N; 0 if the run has none."""
+    """Return the largest true force of a run, N; 0 if the run does not have this figure."""
     force = run.figures.get("force_true_max_n")
     return float(force) if isinstance(force, (int, float)) else 0.0
 
 
 def worst_first(runs: Iterable[Done]) -> list[Done]:
-    """Return the failed runs: bugs first, then by number of unmet criteria, then by true force."""
+    """Return the failed runs, worst first: bugs, then by number of unmet criteria, then by true force."""
     failed = [run for run in runs if not run.passed]
     return sorted(failed, key=lambda run: (run.outcome != "error", -len(run.failed), -true_force(run)))
 
 
 def unmet_by(plan: Plan, run: Done) -> tuple[Unmet, ...]:
-    """Return the criteria that a run did not meet, with its values."""
+    """Return the criteria that a run did not meet, with the values of the run."""
     return unmet_of(plan.criteria, run.figures)
 
 

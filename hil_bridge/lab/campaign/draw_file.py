@@ -14,24 +14,24 @@ from hil_bridge.runs.compose import can_hold
 from hil_bridge.runs.setup import Setup
 
 MOST_FAULTS = 9
-"""Most faults of a run. Chosen: a reader can still identify the one that caused a failure."""
+"""Maximum number of faults in a run. Chosen: a reader can still identify the fault that caused a failure."""
 MOST_WEIGHT = 1000
 """Largest weight of an option in a list. Chosen: rarer options would not occur in an overnight campaign."""
 _FAULT_KEYS = ("on", "fault", "phase", "after_s", "for_s", "when", "with", "together")
 Problem = tuple[str, str]
-"""Key, and a description of what is wrong with it."""
+"""Key with a problem, and the description of the problem."""
 
 
 def draw_of(campaign: Mapping[str, Any]) -> tuple[Draw | None, list[Problem]]:
-    """Return the draws of each run, None if there are none, and every problem with them."""
-    given, count = campaign.get("draw", {}), campaign.get("faults_per_run", 0)
-    if not given and not count:
+    """Return the draws of each run, or None if there are none, and every problem with the draws."""
+    draw_table, count = campaign.get("draw", {}), campaign.get("faults_per_run", 0)
+    if not draw_table and not count:
         return None, []
     problems: list[Problem] = []
     fewest, most = _counts(count, problems)
-    if not isinstance(given, dict):
+    if not isinstance(draw_table, dict):
         return None, [("campaign.draw", "must be a table of ranges and lists")]
-    settings = tuple(_settings(given, problems))
+    settings = tuple(_settings(draw_table, problems))
     faults = campaign.get("fault", []) if most else []
     if most and not (isinstance(faults, list) and faults and all(isinstance(one, dict) for one in faults)):
         problems.append(("campaign.fault", "must be tables [[campaign.fault]], from which faults are drawn"))
@@ -47,7 +47,9 @@ class DrawCheck(NamedTuple):
     impossible: tuple[tuple[str, int], ...]
     """Options that the cell does not support."""
     problems: tuple[str, ...]
-    """Settings with no supported option or only part of a range supported, and a plan without a fault for the cell."""
+    """Problems of the draw in this cell: a setting without a supported option, a range that is supported only in
+    part, or a plan without a fault that the cell supports.
+    """
 
 
 def try_options(draw: Draw, config: str) -> DrawCheck:
@@ -86,19 +88,19 @@ def _refusal(config: str, values: Mapping[str, Any]) -> str:
     return ""
 
 
-def _counts(given: object, problems: list[Problem]) -> tuple[int, int]:
-    match given:
+def _counts(value: object, problems: list[Problem]) -> tuple[int, int]:
+    match value:
         case int(count) if type(count) is int and 0 <= count <= MOST_FAULTS:
             return count, count
         case {"from": int(low), "to": int(high), **rest} if not rest and 0 <= low <= high <= MOST_FAULTS:
             return low, high
-    text = f"must be a number from 0 to {MOST_FAULTS}, or {{ from = 1, to = 3 }}, got {format_value(given)}"
+    text = f"must be a number from 0 to {MOST_FAULTS}, or {{ from = 1, to = 3 }}, got {format_value(value)}"
     problems.append(("campaign.faults_per_run", text))
     return 0, 0
 
 
-def _settings(given: Mapping[str, Any], problems: list[Problem], before: str = "") -> Iterator[Setting]:
-    for name, value in given.items():
+def _settings(table: Mapping[str, Any], problems: list[Problem], before: str = "") -> Iterator[Setting]:
+    for name, value in table.items():
         key = f"{before}{name}"
         if isinstance(value, dict) and "from" not in value:
             yield from _settings(value, problems, f"{key}.")
@@ -156,12 +158,12 @@ def _problems_of_fault(table: Mapping[str, Any]) -> Iterator[str]:
         yield from (f"together: {text}" for text in _problems_of_fault(other))
         if EVERY in (other.get("on"), other.get("fault")):
             yield f"together: needs names, not {EVERY!r}"
-    given = table.get("with", {})
-    if not isinstance(given, dict):
+    parameters = table.get("with", {})
+    if not isinstance(parameters, dict):
         yield "with must be a table"
         return
     for key, value in {
-        **given,
+        **parameters,
         **{name: table[name] for name in ("after_s", "for_s") if name in table},
     }.items():
         try:

@@ -1,6 +1,8 @@
-"""Random draws of a run: settings from ranges and several faults at once, each a pure function of numbers from 0 to 1.
+"""Random draws of a run: settings from ranges, and several simultaneous faults, each a pure function of numbers
+from 0 to 1.
 
-A campaign derives these numbers from a seed, a hunt from its optimiser. Both therefore search the same space.
+A campaign derives these numbers from a seed, and a hunt gets them from its optimiser. Both therefore search the
+same space.
 """
 
 import json
@@ -17,19 +19,25 @@ from hil_bridge.runs.faults.wrong_controller import CONTROLLER, CONTROLLER_FAULT
 from hil_bridge.settings.faults import FaultConfig
 
 EVERY = "*"
-"""Wildcard for all targets, or all faults of a target, that no other table of the plan names."""
+"""Wildcard for all targets, or for all faults of a target, except those that another table of the plan names."""
 PARAMETERS = 3
-"""Chosen: number of drawn parameters of a fault, as many as the axes of an offset; the others keep their defaults."""
+"""Maximum number of parameters of a fault that are drawn; the others keep their defaults. Chosen: as many as the
+axes of an offset.
+"""
 SLOT = 4 + PARAMETERS
-"""Numbers consumed by one fault: selection, phase, delay, duration, parameters."""
+"""Number of values from 0 to 1 that one fault consumes: selection, phase, delay, duration, and parameters."""
 FACTOR = 10.0
-"""Chosen: a parameter without a range is drawn within this factor of its default, above and below."""
+"""Factor by which a parameter without a specified range is drawn above or below its default. Chosen."""
 SPREAD: Mapping[str, float] = {"mm": 50.0, "mm/s": 50.0, "N": 50.0}
-"""Chosen: range ±SPREAD, by unit, of a parameter that the fault requires and whose default is 0."""
+"""Half range, by unit, of a parameter that the fault requires and whose default is 0: it is drawn within ±SPREAD.
+Chosen.
+"""
 SHORTEST_S, LONGEST_S = 0.05, 3.0
-"""Chosen: range of durations for half of the faults with a duration but no range; the others keep the default."""
+"""Shortest and longest drawn duration, s, of a fault that has a duration but no specified one. Chosen: half of
+these faults get a drawn duration; the others keep the default.
+"""
 DELAY_S = 1.5
-"""Chosen: longest delay after the begin of its phase for a fault without a specified delay."""
+"""Longest drawn delay of a fault after the beginning of its phase, s, if no delay is specified. Chosen."""
 DRAWN = "drawn"
 """Fault label of a case whose faults are drawn."""
 
@@ -42,11 +50,11 @@ class Between(msgspec.Struct, frozen=True):
     low: float
     high: float
     log: bool = False
-    """Whether to draw logarithmically; both ends are then positive."""
+    """Whether values are drawn on a logarithmic scale; both ends are then positive."""
     whole: bool = False
 
     def value(self, number: float) -> float | int:
-        """Map a number from 0 to 1 to a value of the range."""
+        """Map a number from 0 to 1 to a value in the range."""
         span = self.high - self.low
         drawn = (
             self.low * math.exp(math.log(self.high / self.low) * number)
@@ -59,13 +67,13 @@ class Between(msgspec.Struct, frozen=True):
 
 
 class Setting(msgspec.Struct, frozen=True):
-    """Drawn setting: from a range, or from several sets of values."""
+    """Drawn setting, either from a range or from several sets of values."""
 
     key: str
-    """Dotted key, or a name for the sets of values."""
+    """Dotted key of the setting, or a name for its sets of values."""
     between: Between | None = None
     options: tuple[dict[str, Any], ...] = ()
-    """Values by dotted key."""
+    """Sets of values to draw from, each by dotted key."""
 
     def values(self, number: float) -> Mapping[str, Any]:
         """Map a number from 0 to 1 to values by dotted key."""
@@ -80,15 +88,17 @@ class Draw(msgspec.Struct, frozen=True):
 
     settings: tuple[Setting, ...] = ()
     faults: tuple[dict[str, Any], ...] = ()
-    """Tables as in [[campaign.fault]], with lists of phases, ranges for numbers, and `EVERY` for names."""
+    """Tables of faults as in [[campaign.fault]], with lists of phases, ranges for numbers, and `EVERY` as a name."""
     fewest: int = 1
     most: int = 1
-    """Smallest and largest number of faults of a run."""
+    """Smallest number of faults in a run (`fewest`), and largest number (`most`)."""
     without: dict[str, tuple[tuple[str, int], ...]] = {}
-    """Options that a cell does not support, by its label: key of the setting, and index in its options."""
+    """Options that each cell does not support, by the label of the cell: key of the setting, and index of the
+    option.
+    """
 
     def settings_in(self, cell: str) -> Iterator[Setting]:
-        """Yield the settings, reduced to the options that a cell supports."""
+        """Yield the settings, with only the options that a cell supports."""
         left_out = self.without.get(cell, ())
         for setting in self.settings:
             places = {place for key, place in left_out if key == setting.key}
@@ -102,7 +112,7 @@ class Draw(msgspec.Struct, frozen=True):
 
     @property
     def text(self) -> str:
-        """JSON for the results file."""
+        """Draw as JSON, for the results file."""
         return msgspec.json.encode(self, order="sorted").decode()
 
     @classmethod
@@ -112,16 +122,18 @@ class Draw(msgspec.Struct, frozen=True):
 
 
 def numbers_of(seed: str, count: int) -> list[float]:
-    """Return `count` random numbers from 0 to 1, reproducible from the seed on every machine."""
+    """Return `count` random numbers from 0 to 1, reproducible from the seed on every computer."""
     draw = random.Random(seed)
     return [draw.random() for _ in range(count)]
 
 
 def draw_values(
-    draw: Draw, cell: str, config: str, numbers: Numbers, given: Sequence[Mapping[str, Any]] = ()
+    draw: Draw, cell: str, config: str, numbers: Numbers, overlays: Sequence[Mapping[str, Any]] = ()
 ) -> str:
-    """Return the settings and faults that these numbers select, as JSON to lay over a cell's configuration (JSON).
-    The faults `given` come first.
+    """Return the settings and faults that these numbers select, as JSON that overlays a cell's configuration
+    (JSON).
+
+    The faults in `overlays` come first.
     """
     settings: dict[str, Any] = {}
     for setting, number in zip(draw.settings_in(cell), numbers, strict=False):
@@ -129,12 +141,14 @@ def draw_values(
     rest = numbers[len(draw.settings) :]
     count = draw.fewest + min(int(rest[0] * (draw.most - draw.fewest + 1)), draw.most - draw.fewest)
     slots = [rest[1 + place * SLOT : 1 + (place + 1) * SLOT] for place in range(count)]
-    faults = [*given, *faults_for(draw, config, slots)]
+    faults = [*overlays, *faults_for(draw, config, slots)]
     return json.dumps({"config": settings, "faults": faults}, sort_keys=True)
 
 
 def faults_for(draw: Draw, config: str, slots: Sequence[Numbers]) -> list[dict[str, Any]]:
-    """Return a fault for each slot of numbers, without duplicates and faults that the cell does not support."""
+    """Return the faults for these slots of numbers. Duplicates, and faults that the cell does not support, are left
+    out.
+    """
     templates, chosen = faults_of_cell(draw, config), list[dict[str, Any]]()
     if not templates:
         return chosen
@@ -156,14 +170,14 @@ def _add(chosen: list[dict[str, Any]], table: dict[str, Any], robot: str, sensor
 
 
 def faults_of_cell(draw: Draw, config: str) -> tuple[Mapping[str, Any], ...]:
-    """Return the tables of faults that a cell (JSON) supports, one for each name."""
+    """Return the tables of the faults that a cell (JSON) supports, one table for each name."""
     return possible_faults(draw.text, *_devices(config))
 
 
 def fault_of_slot(
     template: Mapping[str, Any], numbers: Numbers, robot: str, sensor: str, surface: str
 ) -> dict[str, Any]:
-    """Return the table of one fault, as in [[faults]]."""
+    """Return the table of the fault that a slot of numbers determines, as in [[faults]]."""
     _, of_phase, of_delay, of_time, *of_values = numbers
     phases = template.get("phase", "")
     phase = _pick(phases, of_phase) if isinstance(phases, list) else phases
@@ -173,20 +187,20 @@ def fault_of_slot(
     delay = _number(template.get("after_s", {"from": 0.0, "to": DELAY_S}), of_delay)
     if delay:
         table["after_s"] = delay
-    words = _words(robot, sensor, surface)[template["on"]][template["fault"]]
+    words = _fault_names(robot, sensor, surface)[template["on"]][template["fault"]]
     if "for_s" in template:
         table["for_s"] = _number(template["for_s"], of_time)
     elif words.lasts_s is not None and of_time < 0.5:
         table["for_s"] = Between(SHORTEST_S, LONGEST_S, log=True).value(2.0 * of_time)
-    given = template.get("with", {})
+    parameters = template.get("with", {})
     values: dict[str, Any] = {}
     for (name, parameter), number in zip(words.parameters.items(), of_values, strict=False):
-        if name in given:
+        if name in parameters:
             continue
         value = _around(parameter, name in words.amounts, number)
         if value != parameter.default:
             values[name] = value
-    for (name, value), number in zip(given.items(), reversed(of_values), strict=False):
+    for (name, value), number in zip(parameters.items(), reversed(of_values), strict=False):
         values[name] = _pick(value, number) if isinstance(value, list) else _number(value, number)
     if values:
         table["with"] = values
@@ -195,8 +209,8 @@ def fault_of_slot(
 
 @cache
 def possible_faults(text: str, robot: str, sensor: str, surface: str) -> tuple[Mapping[str, Any], ...]:
-    """Return the tables of a plan's faults that a cell with these devices supports, one for each name."""
-    words = _words(robot, sensor, surface)
+    """Return the tables of the plan's faults that a cell with these devices supports, one table for each name."""
+    words = _fault_names(robot, sensor, surface)
     draw = Draw.read(text)
     tables = draw.faults
     named = {(table["on"], table["fault"]) for table in tables}
@@ -216,7 +230,7 @@ def possible_faults(text: str, robot: str, sensor: str, surface: str) -> tuple[M
 def fits(table: Mapping[str, Any], robot: str, sensor: str, surface: str) -> bool:
     """Return whether a cell with these devices supports this fault."""
     fault = FaultConfig.model_validate(table)
-    words = _words(robot, sensor, surface).get(fault.on, {}).get(fault.fault)
+    words = _fault_names(robot, sensor, surface).get(fault.on, {}).get(fault.fault)
     if words is None:
         return False
     try:
@@ -234,7 +248,7 @@ def _names(table: Mapping[str, Any], words: Mapping[str, Mapping[str, Any]]) -> 
 
 
 @cache
-def _words(robot: str, sensor: str, surface: str) -> Mapping[str, Mapping[str, Any]]:
+def _fault_names(robot: str, sensor: str, surface: str) -> Mapping[str, Mapping[str, Any]]:
     """Return all faults that a run with these devices supports, by target and name."""
     return {**EmulatedKinds.named(robot, sensor, surface).faults, CONTROLLER: CONTROLLER_FAULTS}
 
@@ -250,7 +264,8 @@ def _devices(config: str) -> tuple[str, str, str]:
 
 
 def between_of(value: object) -> Between | None:
-    """Return the range of a table `{ from = 0.0, to = 3.0 }`, logarithmic with `log = true`; None for a plain value.
+    """Return the range of a table `{ from = 0.0, to = 3.0 }`, logarithmic with `log = true`; None for a value
+    without a range.
 
     Raises ValueError for an invalid range.
     """
@@ -266,8 +281,8 @@ def between_of(value: object) -> Between | None:
         or (log and low <= 0)
     ):
         raise ValueError("must be a range { from = LOW, to = HIGH }, with log = true for a logarithmic one")
-    whole = type(low) is int and type(high) is int
-    return Between(float(low), float(high), log, whole)
+    integral = type(low) is int and type(high) is int
+    return Between(float(low), float(high), log, integral)
 
 
 def _number(value: Any, number: float) -> Any:
@@ -276,7 +291,7 @@ def _number(value: Any, number: float) -> Any:
 
 
 def _around(parameter: Any, needed: bool, number: float) -> Any:
-    """Return a value for a fault parameter without a specified range."""
+    """Return a value for a fault parameter that has no specified range, around its default."""
     default = parameter.default
     if parameter.choices:
         return _pick(parameter.choices, number)

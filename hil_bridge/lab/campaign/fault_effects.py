@@ -11,7 +11,7 @@ from hil_bridge.record.ending import followed_of, reason_of
 from hil_bridge.settings.configuration import Config
 
 CELL = "every cell"
-"""Owner of the faults that belong to no device: of surface, obstacle, bus, computer and controller."""
+"""Owner of the faults that belong to no device: faults of surface, obstacle, bus, computer and controller."""
 
 
 class InjectedFault(Protocol):
@@ -19,7 +19,7 @@ class InjectedFault(Protocol):
 
     @property
     def target(self) -> str:
-        """Affected part of the cell."""
+        """Part of the cell that the fault affects."""
 
     @property
     def fault(self) -> str:
@@ -27,7 +27,7 @@ class InjectedFault(Protocol):
 
     @property
     def struck(self) -> int:
-        """Number of its effects."""
+        """Number of times that the fault took effect."""
 
 
 def fault_key(device: str, on: str, fault: str) -> str:
@@ -36,7 +36,7 @@ def fault_key(device: str, on: str, fault: str) -> str:
 
 
 def owner_of(config: Config, on: str, fault: str) -> str:
-    """Return the name of the device in a run that has a fault; CELL if none has it."""
+    """Return the name of the device that has a fault; CELL if no device has it."""
     for kinds, name in ((ROBOTS, config.robot.emulated), (SENSORS, config.sensor.emulated)):
         emulation = kinds.kind(name).emulation
         if emulation is not None and fault in emulation.faults.get(on, {}):
@@ -45,7 +45,7 @@ def owner_of(config: Config, on: str, fault: str) -> str:
 
 
 def struck_faults(config: Config, faults: Iterable[InjectedFault]) -> dict[str, int]:
-    """Count the effects of each fault that took effect, by device, target and fault."""
+    """Count how often each fault took effect, by device, target and fault. Faults without effect are left out."""
     counts: Counter[str] = Counter()
     for one in faults:
         if one.struck:
@@ -54,7 +54,9 @@ def struck_faults(config: Config, faults: Iterable[InjectedFault]) -> dict[str, 
 
 
 def causes_of(recording: Recording) -> Iterator[Cause]:
-    """Yield the causes of a run, with repetitions: of its events, requested stops, end, and what followed."""
+    """Yield the causes reported in a run, with repetitions: causes of events, of requested stops, of the end, and
+    of what followed the end.
+    """
     reported = (
         *(event.cause for event in recording.events),
         *(cycle.asked.cause for cycle in recording.cycles if cycle.asked),
@@ -65,5 +67,7 @@ def causes_of(recording: Recording) -> Iterator[Cause]:
 
 
 def struck_causes(recording: Recording) -> dict[str, int]:
-    """Count how often each cause is reported in a run. Causes that hold an order back are recorded as text only."""
+    """Count how often each cause is reported in a run. Causes that limit an order are recorded as text only, and
+    not counted.
+    """
     return {str(cause): count for cause, count in Counter(causes_of(recording)).items()}

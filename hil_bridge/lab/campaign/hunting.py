@@ -1,7 +1,8 @@
 """Fault hunt: an optimiser searches for the run that exceeds its force bound most, or breaks another promise.
 
-SciPy's differential evolution searches the space of a campaign's draws: cell, settings, faults, times and parameters.
-Every run is kept in a results file like that of a campaign, so that an interrupted hunt can be resumed.
+SciPy's differential evolution searches the space of a campaign's draws: cell, settings, faults, times and
+parameters. Every run is stored in a results file with the format of a campaign's, so that an interrupted hunt can
+be resumed.
 """
 
 import math
@@ -21,22 +22,24 @@ from hil_bridge.lab.optimiser import optimiser
 from hil_bridge.lab.processes import Chunk, as_completed, own_processes
 
 SEED = 1
-"""Seed of every run of a hunt: the optimiser varies everything else."""
+"""Seed of every run of a hunt. Everything else is varied by the optimiser."""
 POPULATION = 2
-"""Chosen: points of a generation per dimension. Many short searches find more than a long one."""
+"""Number of points in a generation, per dimension. Chosen: many short searches find more than one long search."""
 GENERATIONS = 12
-"""Chosen: number of generations after which a search restarts elsewhere."""
+"""Number of generations after which a search restarts from new points. Chosen."""
 PROMISE_N = 100.0
-"""Chosen: a broken promise counts as this much force beyond the bound."""
+"""Score of each broken promise, as force beyond the bound, N. Chosen."""
 BUG_N = 1000.0
-"""Chosen: a run that ended in an exception counts as this much force beyond the bound."""
+"""Score of a run that ended in an exception, as force beyond the bound, N. Chosen."""
 END_N = 3.0
-"""Chosen: true force that a tool reported as free may still exert: noise, drift, weight error."""
+"""Largest true force on a tool that is reported as free, N. Chosen: noise, drift and weight error together."""
 NOTHING_N = -1000.0
-"""Score of a run without a bound."""
+"""Score of a run without a force bound, N."""
 
 Advance = Callable[[int, int], object]
-"""Receives the number of runs that ended since the last call, and how many of them broke a promise."""
+"""Progress callback. It receives the number of runs that ended since the last call, and the number of these runs
+that broke a promise.
+"""
 
 
 def plan_hunt(plan: Plan) -> Plan:
@@ -48,8 +51,10 @@ def plan_hunt(plan: Plan) -> Plan:
 
 
 def badness(done: Done) -> float:
-    """Score how bad a run was, N: true force beyond the bound including what its faults add, or at an end reported as
-    free; and broken promises.
+    """Return the score of a run, N; higher is worse.
+
+    The score is the true force beyond the bound, which includes the additions by faults, or the true force at an
+    end reported as free. Each broken promise adds PROMISE_N. A run that ended in an exception scores BUG_N.
     """
     figures = done.figures
     if done.outcome == "error":
@@ -63,7 +68,7 @@ def badness(done: Done) -> float:
 
 
 def badness_voided(done: Done) -> float:
-    """Score how bad a run was, N, against the bound without what its faults add."""
+    """Return the score of a run, N, with the force bound that excludes the additions by faults."""
     force = _number(done.figures.get("force_true_max_n"), 0.0)
     bound = _number(done.figures.get("force_bound_n"), math.nan)
     return badness(done) if math.isnan(bound) else max(force - bound, badness(done))
@@ -75,12 +80,12 @@ def is_broken(done: Done) -> bool:
 
 
 class TimeIsUp(Exception):
-    """The time of the hunt is over."""
+    """Signal that the time of the hunt is over."""
 
 
 @dataclass
 class Runner:
-    """Executes the runs of a hunt, each once, and keeps them."""
+    """Executor of a hunt, which executes each run only once and stores it."""
 
     plan: Plan
     store: Store
@@ -88,17 +93,19 @@ class Runner:
     """End of the hunt, s on the monotonic clock."""
     advance: Advance
     run: Callable[[list[Job]], Iterator[Chunk[Job, Done]]]
-    """Execute jobs in chunks."""
+    """Function that executes jobs and yields their results in chunks."""
     known: dict[str, Done] = field(default_factory=dict)
-    """All kept runs, by key."""
+    """All stored runs, by key."""
 
     def job(self, case: Case, table: str) -> Job:
-        """Return the job of a case with `table` laid over its configuration."""
+        """Return the job of a case with `table` as an overlay of its configuration."""
         number = self.plan.cases.index(case)
         return Job(case.key(code_version(), SEED, table), number, case.config, table, SEED)
 
     def done(self, jobs: Sequence[Job]) -> list[Done]:
-        """Return the runs of these jobs, in their order. Raises TimeIsUp if time runs out before all are done."""
+        """Return the runs of these jobs, in the order of the jobs. Raises TimeIsUp if time runs out while jobs are
+        executed.
+        """
         fresh = {job.key: job for job in jobs if job.key not in self.known}
         if fresh:
             for chunk in self.run(list(fresh.values())):
@@ -114,7 +121,9 @@ class Runner:
 def running(
     plan: Plan, store: Store, workers: int, minutes: float, advance: Advance = lambda *counts: None
 ) -> Iterator[Runner]:
-    """Provide a runner with `workers` processes. Ctrl-C in the context ends them at once; kept runs remain."""
+    """Provide a runner with `workers` processes. Ctrl-C in the context ends the processes at once; stored runs
+    remain.
+    """
     began, clock = now(), time.monotonic()
     work = partial(carry_out, criteria=plan.criteria, folder=store.folder)
     known = {done.key: done for done in store.runs()}
@@ -129,7 +138,7 @@ def running(
 
 
 def hunt(runner: Runner, score: Callable[[Done], float] = badness) -> Done | None:
-    """Search until the time is over; return the worst run, None if none was done."""
+    """Search until the time is over. Return the worst run, or None if no run was executed."""
     minimise, plan = optimiser(), runner.plan
     assert plan.draw is not None
     dimensions = 1 + plan.draw.dimensions
@@ -157,7 +166,9 @@ def hunt(runner: Runner, score: Callable[[Done], float] = badness) -> Done | Non
 
 
 def job_of(runner: Runner, point: Sequence[float]) -> Job:
-    """Return the job for a point of the optimiser: numbers from 0 to 1, the first of which selects the cell."""
+    """Return the job for a point of the optimiser. Its coordinates are numbers from 0 to 1; the first selects the
+    cell.
+    """
     cases = runner.plan.possible
     case = cases[min(int(point[0] * len(cases)), len(cases) - 1)]
     return runner.job(case, runner.plan.table_for(case, point[1:]))

@@ -1,6 +1,7 @@
-"""Data files named by the settings of a campaign: a policy, the rules of a fuzzy controller, a height map.
+"""Data files named by the settings of a campaign: a policy, the rules of a fuzzy controller, or a height map.
 
-A bundle contains them, each named by the SHA-256 of its content. It never contains a plug-in controller, which is code.
+A bundle contains these files, each named by the SHA-256 of its content. It never contains a plug-in controller,
+because that is code.
 """
 
 import hashlib
@@ -23,7 +24,7 @@ from hil_bridge.settings.configuration import Config, lay_over
 KEYS = (POLICY_FILE, "controller.parameters.rules_file", "cell.surface.height_map_file")
 """Settings that name a data file."""
 INPUTS = "inputs"
-"""Folder of a bundle for these files, each named by the SHA-256 of its content."""
+"""Folder of a bundle that contains these files, each named by the SHA-256 of its content."""
 POLICY_RUNTIME = "onnxruntime"
 """Package that evaluates a policy file."""
 
@@ -38,7 +39,9 @@ def hash_file(path: Path) -> str:
 
 
 def pin_policy(config: Config) -> Config:
-    """Add the SHA-256 of the policy file to a configuration: a file with different content makes a different plan."""
+    """Add the SHA-256 of the policy file to a configuration, so that a file with different content makes a
+    different plan.
+    """
     section = config.controller
     if section.name != PolicyFile.name or section.parameters.get("sha256"):
         return config
@@ -47,8 +50,9 @@ def pin_policy(config: Config) -> Config:
 
 
 def pack_inputs(folder: Path, plan: Plan, runs: Iterable[Done]) -> dict[str, str]:
-    """Copy the files that the runs of a campaign need into `inputs` of a folder; return their SHA-256 by the path in
-    the settings. Raises ConfigError for a missing file.
+    """Copy the files that the runs of a campaign need into the folder `inputs` below `folder`.
+
+    Returns their SHA-256, by the path in the settings. Raises ConfigError for a missing file.
     """
     packed: dict[str, str] = {}
     for config, table in dict.fromkeys((plan.cases[done.number].config, done.table) for done in runs):
@@ -66,16 +70,16 @@ def pack_inputs(folder: Path, plan: Plan, runs: Iterable[Done]) -> dict[str, str
 
 
 def computing_packages(plan: Plan) -> list[str]:
-    """Return the other packages that evaluate the controllers of a campaign."""
+    """Return the third-party packages that evaluate the controllers of a campaign."""
     names = {_text(json.loads(case.config), "controller.name") for case in plan.cases}
     packages = [POLICY_RUNTIME] if PolicyFile.name in names else []
     return packages + [controller_package(name).rpartition(" ")[0] for name in sorted(names - OURS.keys())]
 
 
 def with_inputs(job: Job, folder: Path, packed: Mapping[str, str]) -> Job:
-    """Return a job with the files of an unpacked bundle instead of those named by its settings.
+    """Return a job whose settings name the files of an unpacked bundle instead of the original paths.
 
-    Raises ConfigError for a file that the bundle lacks: files of this computer are never used instead.
+    Raises ConfigError for a file that is not in the bundle. Files of this computer are never used instead.
     """
     values, over = json.loads(job.config), json.loads(job.table)
     laid: dict[str, Any] = over.get("config", {})
@@ -92,7 +96,7 @@ def with_inputs(job: Job, folder: Path, packed: Mapping[str, str]) -> Job:
 
 
 def _files_named(config: str, table: str) -> Iterator[str]:
-    """Yield the data files named by a configuration with `table` laid over it; both as JSON."""
+    """Yield the data files that a configuration with the overlay `table` names; both arguments are JSON."""
     values = json.loads(config)
     lay_over(values, json.loads(table).get("config", {}))
     is_ours = _text(values, "controller.name") in OURS
@@ -102,7 +106,7 @@ def _files_named(config: str, table: str) -> Iterator[str]:
 
 
 def _text(values: Any, key: str) -> str:
-    """Return the text at a dotted key; empty if there is none."""
+    """Return the text at a dotted key; empty if there is no text."""
     for name in key.split("."):
         values = values.get(name) if isinstance(values, dict) else None
     return values if isinstance(values, str) else ""

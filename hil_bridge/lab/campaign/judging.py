@@ -1,4 +1,4 @@
-"""Execution of a single run of a campaign: simulate, measure, judge."""
+"""Execution of a single run of a campaign: simulation, measurement and verdict."""
 
 import math
 import time
@@ -14,16 +14,16 @@ from hil_bridge.lab.campaign.store import Done
 from hil_bridge.lab.campaign.watching import Watch, recovery_s
 from hil_bridge.lab.invariants import (
     Evidence,
+    bounded_forces,
     broken_promises,
-    judged_forces,
     stated_bound_n,
-    violation_words,
+    violation_detail,
 )
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.runs.background_tasks import background_task
 
 REFUSED = "refused"
-"""Outcome of a run with contradictory settings, or that a device refused before any motion."""
+"""Outcome of a run that has contradictory settings, or that a device refused before any motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,16 +32,16 @@ class Job:
 
     key: str
     number: int
-    """Index of its case."""
+    """Index of the case in the plan."""
     config: str
     table: str
-    """Values laid over it, as JSON: a fault, or drawn settings and faults."""
+    """Overlay of the case's configuration, as JSON: a fault, or drawn settings and faults."""
     seed: int
 
 
 @dataclass
 class _Observation:
-    """State of a run from which it is judged."""
+    """Data of a run from which the run is judged."""
 
     simulation: Simulation | None = None
     watch: Watch | None = None
@@ -50,7 +50,7 @@ class _Observation:
 
 @dataclass(frozen=True, slots=True)
 class RunFigures:
-    """Figures of an executed run, and its records if it had any."""
+    """Figures of an executed run, and its result if the run could start."""
 
     figures: dict[str, Figure]
     cause: str
@@ -58,7 +58,7 @@ class RunFigures:
 
 
 def carry_out(job: Job, criteria: tuple[Criterion, ...], folder: Path | None) -> Done:
-    """Execute and judge a run. The recording of a failed run is saved in `folder`, if given."""
+    """Execute and judge a run. If the run fails and `folder` is given, its recording is saved there."""
     began = time.perf_counter()
     run = attempt(job)
     unmet = find_unmet(criteria, run.figures)
@@ -75,12 +75,12 @@ def carry_out(job: Job, criteria: tuple[Criterion, ...], folder: Path | None) ->
 
 
 def attempt(job: Job) -> RunFigures:
-    """Execute a run; a run that cannot start, and a bug, are results too."""
+    """Execute a run and return its figures, also if the run cannot start or ends by a bug."""
     try:
         return run(configure_run(job))
     except ConfigError as error:  # settings that were drawn together and contradict each other
         return RunFigures({"outcome": REFUSED, "retracted": True}, str(error))
-    except Exception as error:  # must not lose the other runs
+    except Exception as error:  # an error in one run must not lose the other runs
         lines = str(error).splitlines() or [""]
         return RunFigures({"outcome": "error"}, f"{type(error).__name__}: {lines[0]}")
 
@@ -91,7 +91,7 @@ def configure_run(job: Job) -> Config:
 
 
 def run(config: Config) -> RunFigures:
-    """Execute one run in virtual time, sampling its true force. Raises ConfigError for a run that cannot start."""
+    """Execute one run in virtual time and sample its true force. Raises ConfigError for a run that cannot start."""
     observed = _Observation()
 
     async def main() -> None:
@@ -148,7 +148,7 @@ def _measure(observed: _Observation, running: Simulation) -> RunFigures:
 
 
 def _promises(running: Simulation, watch: Watch) -> dict[str, Figure]:
-    """Return the guard promises that a run broke, and by how much its true force exceeded the bound."""
+    """Return the guard promises that a run broke, and the largest excess of its true force over the bound."""
     trace = watch.trace()
     evidence = Evidence(running.result.recording, running.config, trace)
     violations = broken_promises(evidence)
@@ -156,12 +156,12 @@ def _promises(running: Simulation, watch: Watch) -> dict[str, Figure]:
     if violations:
         broken: dict[str, list[str]] = {}
         for violation in violations:
-            broken.setdefault(str(violation.promise), []).append(violation_words(violation))
-        figures["promises"] = {name: "; ".join(words) for name, words in broken.items()}
+            broken.setdefault(str(violation.promise), []).append(violation_detail(violation))
+        figures["promises"] = {name: "; ".join(texts) for name, texts in broken.items()}
     bound_n = stated_bound_n(evidence)
     if math.isfinite(bound_n):
         figures["force_bound_n"] = bound_n
-        beyond = [float(forces.max()) - allowed_n for forces, allowed_n in judged_forces(evidence, trace)]
+        beyond = [float(forces.max()) - allowed_n for forces, allowed_n in bounded_forces(evidence, trace)]
         if math.isfinite(max(beyond)):
             figures["force_beyond_n"] = max(beyond)
     return figures

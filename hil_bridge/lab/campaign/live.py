@@ -1,4 +1,4 @@
-"""Live page of a running campaign: the body of the saved page, rendered again when the results change."""
+"""Live page of a running campaign: the body of the saved page, rendered again whenever the results change."""
 
 import time
 from collections.abc import Mapping
@@ -10,23 +10,25 @@ from hil_bridge.lab.campaign.page import PageBody, page_title
 from hil_bridge.lab.campaign.store import Store
 
 POLL_S = 0.5
-"""Shortest time between two checks of the file. Chosen."""
+"""Shortest time between two checks of the results file, s. Chosen."""
 REST_FACTOR = 5.0
-"""Shortest pause after a rendering, as a multiple of its duration: leaves the computer to the runs. Chosen."""
+"""Shortest pause after a rendering, as a multiple of the time that it took. Chosen: leaves most of the computer to
+the runs.
+"""
 
 
 @dataclass(slots=True)
 class PageState:
-    """State of one page: the version that it displays."""
+    """State of one page in a browser: the version of the results that it displays."""
 
     version: int = -1
 
 
 class Results:
-    """Source of the live page for campaign results, which another process may be writing."""
+    """Source of the live page of campaign results, which another process may be writing."""
 
     over = False
-    """Never over: the file exists until the server ends."""
+    """Whether the source has ended: always False, because the file exists until the server ends."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -37,15 +39,15 @@ class Results:
         self._next_check = 0.0
 
     def first(self) -> PageState:
-        """Return the state of a page that displays nothing yet."""
+        """Return the state of a page that does not display anything yet."""
         return PageState()
 
     def handle_request(self, state: Any, message: Mapping[str, Any]) -> None:
-        """Reject every message: a page of results sends none."""
+        """Reject every message, because a page of results sends none."""
         raise ValueError("a page of results accepts no messages")
 
     def updates(self, state: Any) -> Mapping[str, Any] | None:
-        """Return the complete page if it has changed."""
+        """Return the complete page if it has changed since the last update."""
         if time.monotonic() >= self._next_check:
             self._check()
         if state.version == self._version:
@@ -66,7 +68,7 @@ class Results:
         self._next_check = now + max(POLL_S, REST_FACTOR * (now - began))
 
     def _render(self) -> dict[str, str]:
-        """Render title, file and body; return the present content if the file has not changed."""
+        """Render title, file and body; return the previous content if the file has not changed."""
         version = self._store.version()
         if version == self._file_version:
             return self._content

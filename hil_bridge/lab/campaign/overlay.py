@@ -17,7 +17,7 @@ POLICY_FILE = "controller.parameters.file"
 
 
 def config_with(config: str, table: str, seed: int) -> Config:
-    """Return the configuration of a run from that of its case (JSON), the overlay (JSON) and its seed.
+    """Return the configuration of a run from the configuration of its case (JSON), the overlay (JSON) and the seed.
 
     Raises ConfigError.
     """
@@ -26,7 +26,7 @@ def config_with(config: str, table: str, seed: int) -> Config:
         return config_of(_config(config), [over] if over else [], seed=seed)
     values = json.loads(config)
     if POLICY_FILE in over["config"] and values["controller"]["name"] == PolicyFile.name:
-        values["controller"]["parameters"].pop("sha256", None)  # that of the case's own policy
+        values["controller"]["parameters"].pop("sha256", None)  # the hash of the case's own policy
     lay_over(values, over["config"])
     lies = [fault for fault in over["faults"] if fault["on"] == CONTROLLER]
     injected = [fault for fault in over["faults"] if fault["on"] != CONTROLLER]
@@ -35,12 +35,14 @@ def config_with(config: str, table: str, seed: int) -> Config:
 
 
 def with_lie(config: Config, fault: dict[str, Any]) -> Config:
-    """Wrap the controller of a configuration in a faulty one. Raises ConfigError, and ValueError for invalid values."""
+    """Wrap the controller of a configuration in a faulty controller. Raises ConfigError, and ValueError for invalid
+    values.
+    """
     config = Setup(config).config
     chosen = config.controller
     honest: Any = make_controller(chosen.name, **chosen.parameters)
-    given = dict(fault.get("with", {}))
-    values, _ = CONTROLLER_FAULTS[fault["fault"]].values(fault["fault"], given, CONTROLLER)
+    parameters = dict(fault.get("with", {}))
+    values, _ = CONTROLLER_FAULTS[fault["fault"]].values(fault["fault"], parameters, CONTROLLER)
     numbers = {key: float(value) for key, value in values.items()}
     sample_ms = chosen.sample_ms if chosen.sample_ms is not None else honest.sample_ms
     lasts = fault.get("for_s", math.inf)

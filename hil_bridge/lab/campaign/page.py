@@ -36,14 +36,18 @@ from hil_bridge.show.report import write_report
 from hil_bridge.show.report.markup import cells, pairs, prose
 
 WORST, OPEN = 30, 5
-"""Number of failed runs listed individually, worst first, and of those open at once. Chosen: nobody reads more."""
+"""Maximum number of failed runs listed individually, worst first, and how many of them are initially expanded.
+Chosen: nobody reads more.
+"""
 REPORT_NAME = "report.html"
 HARDEST = 10
-"""Number of passed runs listed, largest true force first. Chosen."""
+"""Maximum number of passed runs listed, largest true force first. Chosen."""
 
 
 def page(store: Store, place: Path | None = None) -> str:
-    """Render the page of the runs kept so far. `place` is its file, for links to recordings; None: no links."""
+    """Render the page of the runs stored so far. `place` is the path of the page, for links to recordings; None
+    omits the links.
+    """
     folder = None if place is None else place.parent
     return document(page_title(store.plan()), PageBody(folder).render(store), charts=False)
 
@@ -54,9 +58,10 @@ def report_place(store: Store, run: Done) -> Path:
 
 
 def write_reports(store: Store) -> int:
-    """Write reports of the failed runs that the page lists and that have a recording; return how many were written.
+    """Write reports of the failed runs that the page lists and that have a recording. Return the number of reports
+    written.
 
-    An existing report is kept. A recording that can no longer be read is skipped.
+    An existing report is kept. A recording that this version can no longer read is skipped.
     """
     written = 0
     for run in worst_first(store.runs())[:WORST]:
@@ -78,16 +83,16 @@ def page_title(plan: Plan) -> str:
 
 
 class PageBody:
-    """Renderer of the body of a campaign's page: once for a file, repeatedly for a live page."""
+    """Renderer for the body of a campaign's page. It runs once for a file, and repeatedly for a live page."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """`folder` is the folder of the page's file, for links; None: no links."""
+        """Create a renderer. `folder` is the folder of the page, for links to recordings; None omits the links."""
         self._folder = folder
         self._reasons: dict[str, str] = {}
-        """Cache of the paragraphs of `why` by key of the run: a recording no longer changes."""
+        """Cache of the explanations from `why`, by key of the run, since a recording no longer changes."""
 
     def render(self, store: Store) -> str:
-        """Render the body of the runs kept so far. Raises ConfigError for a damaged file."""
+        """Render the body for the runs stored so far. Raises ConfigError for a damaged file."""
         plan, runs = store.plan(), list(store.runs())
         tally, hunted = tally_of(runs), _render_hunt(store, plan)
         planned = tally.total if hunted else plan.count
@@ -108,14 +113,14 @@ cannot have, a question mark a case without a run.</p>
 <h2>Never exercised</h2>{_never(plan, runs)}"""
 
     def _worst(self, store: Store, plan: Plan, runs: Sequence[Done]) -> str:
-        """Render failed runs by number of unmet criteria and true force, then passed runs by true force."""
+        """Render the failed runs by number of unmet criteria and true force, then the passed runs by true force."""
         failing = worst_first(runs)
         articles = "".join(self._failing(store, plan, run) for run in failing[:OPEN])
         if more := "".join(self._failing(store, plan, run) for run in failing[OPEN:WORST]):
-            words = f"{len(failing) - OPEN} more that failed" + (
+            note = f"{len(failing) - OPEN} more that failed" + (
                 f", the first {WORST - OPEN} of them" * (len(failing) > WORST)
             )
-            articles += f'<details id="more-failed"><summary>{words}</summary>{more}</details>'
+            articles += f'<details id="more-failed"><summary>{note}</summary>{more}</details>'
         hardest = sorted((run for run in runs if run.passed), key=true_force, reverse=True)[:HARDEST]
         lines = [
             (
@@ -155,14 +160,14 @@ cannot have, a question mark a case without a run.</p>
             parts.append(self._link(report, "report"))
         return f"{', '.join(parts)}. "
 
-    def _link(self, place: Path, words: str) -> str:
+    def _link(self, place: Path, text: str) -> str:
         if self._folder is None:
-            return f"{words} <code>{escape(str(place))}</code>"
+            return f"{text} <code>{escape(str(place))}</code>"
         target = quote(os.path.relpath(place, self._folder))
-        return f'<a href="{escape(target)}">{words}</a>'
+        return f'<a href="{escape(target)}">{text}</a>'
 
     def _why(self, store: Store, run: Done) -> str:
-        """Explain how the run ended, from its recording; empty if that no longer exists."""
+        """Explain from its recording how a run ended; empty if the recording no longer exists."""
         if not run.recording:
             return ""
         if run.key not in self._reasons:
@@ -175,11 +180,11 @@ cannot have, a question mark a case without a run.</p>
 
 
 def _head(plan: Plan, tally: Tally, planned: int) -> str:
-    """Render name, verdict and counts."""
+    """Render name, verdict and counts of the campaign."""
     bad = tally.failed + tally.errors
-    style, words = ("bad", f"{bad} of {tally.total} did not pass") if bad else ("good", "all passed")
+    style, outcome = ("bad", f"{bad} of {tally.total} did not pass") if bad else ("good", "all passed")
     if not tally.total:
-        style, words = "plain", "no run yet"
+        style, outcome = "plain", "no run yet"
     counts = (
         ("passed", tally.passed, ' class="good"'),
         ("failed", tally.failed, ' class="bad"'),
@@ -195,7 +200,7 @@ def _head(plan: Plan, tally: Tally, planned: int) -> str:
     )
     return (
         f'<header class="headline"><h1>{escape(page_title(plan))}</h1>'
-        f'<span class="badge {style}">{words}</span></header>\n<p class="tally">{summary}</p>\n'
+        f'<span class="badge {style}">{outcome}</span></header>\n<p class="tally">{summary}</p>\n'
         '<svg class="progress" viewBox="0 0 100 1" preserveAspectRatio="none" role="img"'
         f' aria-label="runs done">{bars}</svg>\n<p>{tally.total} of {planned} runs done.</p>'
     )
@@ -217,7 +222,7 @@ def _render_drawn(run: Done) -> str:
 
 
 def _render_hunt(store: Store, plan: Plan) -> str:
-    """Render the worst run of a hunt, and its reduced form; empty for a campaign."""
+    """Render the worst run of a hunt, and its reduced version; empty for a campaign."""
     parts = []
     for fact, label in (("worst", "The worst run"), ("smallest", "The same with the fewest faults")):
         for run in store.runs("key = ?", [store.fact(fact)]):
@@ -227,7 +232,7 @@ def _render_hunt(store: Store, plan: Plan) -> str:
 
 
 def _render_injections(plan: Plan, runs: Sequence[Done]) -> str:
-    """Render how many runs had each fault in each phase; empty if no faults are drawn."""
+    """Render the number of runs with each fault in each phase; empty if no faults are drawn."""
     if plan.draw is None or not plan.draw.most:
         return ""
     table, empty = injections(plan, runs)
@@ -246,7 +251,9 @@ def _endings(runs: Iterable[Done]) -> str:
 
 
 def _never(plan: Plan, runs: Sequence[Done]) -> str:
-    """Render the parts of the plan without results, and the faults that the plan does not have."""
+    """Render the criteria, cases and faults of the plan that no run exercised, and the faults that are not in the
+    plan.
+    """
     done = Counter(run.number for run in runs)
     struck = Counter(run.number for run in runs if run.figures.get("struck"))
     lines: list[tuple[str, str, str]] = [
@@ -270,8 +277,8 @@ def _never(plan: Plan, runs: Sequence[Done]) -> str:
     left = [(fault, f"{len(where)}: {'; '.join(where)}", text) for (fault, text), where in impossible.items()]
     parts = [f'<div class="scroll">{cells(("fault or criterion", "cell", "why"), lines, "wide")}</div>']
     if missing := _not_planned(plan):
-        words = "; ".join(f"{on}: {', '.join(names)}" for on, names in missing.items())
-        parts.append(f"<p>Faults that these cells support and the plan does not inject: {escape(words)}.</p>")
+        lists = "; ".join(f"{on}: {', '.join(names)}" for on, names in missing.items())
+        parts.append(f"<p>Faults that these cells support and the plan does not inject: {escape(lists)}.</p>")
     if left:
         table = cells(("fault", "cells", "why they do not support it"), left, "wide")
         count = sum(map(len, impossible.values()))
@@ -283,7 +290,7 @@ def _never(plan: Plan, runs: Sequence[Done]) -> str:
 
 
 def _not_planned(plan: Plan) -> Mapping[str, list[str]]:
-    """Return the faults of the devices in the matrix that no case has, by target."""
+    """Return the faults that the devices of the matrix support but no case injects, by target."""
     there: dict[str, dict[str, None]] = {}
     for text in dict.fromkeys(case.config for case in plan.cases):
         config = json.loads(text)

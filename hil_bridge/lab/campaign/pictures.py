@@ -1,4 +1,4 @@
-"""Matrices of a campaign's page: faults by cell, and faults by phase."""
+"""Matrices on a campaign's page: faults by cell, and faults by phase."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -10,11 +10,11 @@ from hil_bridge.lab.campaign.run_text import fault_of
 from hil_bridge.lab.campaign.store import Done
 
 FIRST_PHASE = "connect"
-"""Phase of a fault that names none."""
+"""Label of the phase for a fault that specifies no phase."""
 
 
 def matrix(plan: Plan, runs: Sequence[Done]) -> str:
-    """Render how many runs of each case passed: faults down, cells of the matrix across."""
+    """Render the number of passed runs of each case, with faults as rows and cells of the matrix as columns."""
     done = Counter(run.number for run in runs)
     passed = Counter(run.number for run in runs if run.passed)
     cells = list(dict.fromkeys((case.cell, case.head) for case in plan.cases))
@@ -40,8 +40,9 @@ def matrix(plan: Plan, runs: Sequence[Done]) -> str:
 
 
 def injections(plan: Plan, runs: Sequence[Done]) -> tuple[str, list[str]]:
-    """Render in how many runs each fault was planned in each phase, and how many of these passed: faults down, phases
-    across. Return it with the names of the empty fields.
+    """Render the number of runs for which each fault was drawn in each phase, and how many of these runs passed.
+
+    Rows are faults, and columns are phases. Returns the table, and the names of its empty fields.
     """
     done: Counter[tuple[str, str, str]] = Counter()
     passed: Counter[tuple[str, str, str]] = Counter()
@@ -70,14 +71,14 @@ def injections(plan: Plan, runs: Sequence[Done]) -> tuple[str, list[str]]:
 
 
 def _counts(passed: int, done: int) -> str:
-    """Render a field of a matrix: how many runs passed, out of how many."""
+    """Render one field of a matrix: the number of runs that passed, and the number of all runs."""
     if not done:
         return '<td class="none" title="no run yet">?</td>'
     return f'<td class="pass">{done}</td>' if passed == done else f'<td class="fail">{passed}/{done}</td>'
 
 
 def drawn_faults(plan: Plan) -> dict[tuple[str, str], list[str]]:
-    """Return the phases in which each fault may be drawn, by target and name, over all cells."""
+    """Return the phases in which each fault may be drawn in any cell, by target and name."""
     assert plan.draw is not None
     planned: dict[tuple[str, str], list[str]] = {}
     for config in dict.fromkeys(case.config for case in plan.cases):

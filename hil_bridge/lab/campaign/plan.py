@@ -14,30 +14,30 @@ from hil_bridge.lab.campaign.criteria import Criterion
 from hil_bridge.lab.campaign.drawing import Draw, Numbers, draw_values, numbers_of
 
 RUNS_LIMIT = 10_000_000
-"""Most runs of a campaign. Chosen: months of a machine."""
+"""Maximum number of runs in a campaign. Chosen: months of computing on one machine."""
 SEED_LIMIT = 2**63 - 1
-"""Largest seed: the largest integer that the results can store."""
+"""Largest seed, which is the largest integer that the results file can store."""
 NO_FAULT = "none"
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Cell of the matrix with one fault or none. With a seed, it determines a run."""
+    """One cell of the matrix with one fault or without a fault. Together with a seed, it determines a run."""
 
     cell: str
-    """Values of the axes with their keys, as text; the same for all faults."""
+    """Label of the cell: values of the axes with their keys, as text. It does not depend on the fault."""
     head: str
-    """The values without keys, for a narrow column."""
+    """Short label of the cell, with the values only, for a narrow column."""
     fault: str
     """Label of the fault; `none` for the case without a fault."""
     phase: str
-    """Phase of the fault; empty for the first, or any."""
+    """Phase of the fault; empty for the first phase, or for any phase."""
     config: str
-    """Configuration without faults and with seed 0, as JSON."""
+    """Configuration of the cell without faults and with seed 0, as JSON."""
     table: str
-    """The fault as JSON, as in [[faults]]; {} for none."""
+    """Table of the fault as in [[faults]], as JSON; {} if there is no fault."""
     impossible: str = ""
-    """Why this cell does not support the fault; empty if it does."""
+    """Reason why the cell does not support the fault; empty if it does."""
 
     @property
     def config_hash(self) -> str:
@@ -45,26 +45,27 @@ class Case:
         return _short(self.config)
 
     def key(self, code: str, seed: int, table: str = "") -> str:
-        """Return the key of the run with a seed, the same for the same run of the same code. `table` is what was drawn
-        for it, as JSON.
+        """Return the key of the run with a seed, which identical runs of the same code version share.
+
+        `table` contains the settings and faults drawn for the run, as JSON.
         """
         return _short(json.dumps([self.config, code, table or self.table, self.phase, seed]))
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Checked plan of a campaign."""
+    """Complete, checked plan of a campaign."""
 
     name: str
     seeds: tuple[int, ...]
     cases: tuple[Case, ...]
     criteria: tuple[Criterion, ...]
     cases_per_seed: int = 0
-    """Number of cases for each seed, in turn; 0 for all."""
+    """Number of cases per seed, selected in rotation; 0 for all cases."""
     draw: Draw | None = None
     """Settings and faults drawn for each run; None if nothing is drawn."""
     requirements: tuple[str, ...] = ()
-    """Requirements that each of its runs verifies."""
+    """Requirements that each run of the campaign verifies."""
 
     @cached_property
     def possible(self) -> tuple[Case, ...]:
@@ -73,12 +74,12 @@ class Plan:
 
     @property
     def count(self) -> int:
-        """Number of runs."""
+        """Number of runs in the plan."""
         return (self.cases_per_seed or len(self.possible)) * len(self.seeds)
 
     @property
     def identity(self) -> str:
-        """Hash of everything but the seeds, which identifies the plan of a results file."""
+        """Hash of the plan without its seeds, which identifies the plan of a results file."""
         rows = [[case.config, case.table, case.phase] for case in self.cases]
         all_but_seeds: list[object] = [rows, [[item.figure, item.allowed] for item in self.criteria]]
         if self.cases_per_seed:
@@ -88,23 +89,25 @@ class Plan:
         return _short(json.dumps(all_but_seeds))
 
     def cases_of(self, seed: int) -> Sequence[Case]:
-        """Return the cases of a seed: seeds rotate through the possible cases, so that each occurs equally often."""
+        """Return the cases of a seed. Seeds rotate through the possible cases, so that each case occurs equally
+        often.
+        """
         cases, share = self.possible, self.cases_per_seed
         if not share:
             return cases
         return [cases[(seed * share + place) % len(cases)] for place in range(share)]
 
     def table_of(self, case: Case, seed: int) -> str:
-        """Return the overlay of a case for a seed, as JSON: its fault, or everything drawn."""
+        """Return the overlay of a case for a seed, as JSON: the fault of the case, or all drawn settings and faults."""
         if self.draw is None:
             return case.table
         return self.table_for(case, numbers_of(f"{seed} {case.cell}", self.draw.dimensions))
 
     def table_for(self, case: Case, numbers: Numbers) -> str:
-        """Return the overlay of a case for numbers from 0 to 1, as many as the draw has dimensions."""
+        """Return the overlay of a case for numbers from 0 to 1, one for each dimension of the draw."""
         assert self.draw is not None
-        given = [json.loads(case.table)] if case.table != "{}" else []
-        return draw_values(self.draw, case.cell, case.config, numbers, given)
+        overlays = [json.loads(case.table)] if case.table != "{}" else []
+        return draw_values(self.draw, case.cell, case.config, numbers, overlays)
 
     def runs(self) -> Iterator[tuple[Case, int]]:
         """Yield every run, seed by seed, so that the first runs cover the complete matrix."""
@@ -117,7 +120,7 @@ def _short(text: str) -> str:
 
 @cache
 def code_version() -> str:
-    """Return the version of the package with a hash of the source of the bridge, the emulators and the protocols."""
+    """Return the version of the package, with a hash of the source of the bridge, the emulators and the protocols."""
     digest = hashlib.sha256()
     for package in ("hil_bridge", "emulators", "protocol"):
         spec = find_spec(package)
@@ -128,7 +131,7 @@ def code_version() -> str:
 
 
 def seeds_of(text: str) -> tuple[int, ...]:
-    """Parse seeds: FROM:TO with both ends included, or a single one. Raises ValueError."""
+    """Parse seeds: FROM:TO with both ends included, or a single seed. Raises ValueError."""
     first, _, last = text.partition(":")
     begin, end = int(first), int(last or first)
     if not 0 <= begin <= end <= SEED_LIMIT or end - begin >= RUNS_LIMIT:

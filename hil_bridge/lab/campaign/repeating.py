@@ -1,4 +1,4 @@
-"""Repetition of campaign runs, compared with the figures that the campaign keeps."""
+"""Repetition of campaign runs, and comparison with the figures stored in the campaign's results."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from hil_bridge.record import CycleRecord, read
 
 
 class RepeatedRun(Struct, frozen=True):
-    """Repeated run, compared with the campaign."""
+    """Repeated run, with its differences from the run in the campaign."""
 
     key: str
     seed: int
@@ -26,23 +26,25 @@ class RepeatedRun(Struct, frozen=True):
     fault: str
     phase: str
     outcome: str
-    """Outcome of the repetition."""
+    """Outcome of the repeated run."""
     cause: str
     differences: tuple[Difference, ...]
-    """Figures that differ from the campaign."""
+    """Figures whose values differ from the campaign."""
     recording: str = ""
-    """Path of the new recording; empty for none."""
+    """Path of the new recording; empty if none was saved."""
     cycle: int | None = None
-    """First cycle that differs from the old recording; None if none differs, or there is no old recording."""
+    """Number of the first cycle that differs from the old recording; None if no cycle differs, or there is no old
+    recording.
+    """
 
     @property
     def equal(self) -> bool:
-        """Whether the repetition is identical to the last bit."""
+        """Whether the repeated run is identical to the original one in every bit."""
         return not self.differences and self.cycle is None
 
     @property
     def lines(self) -> Iterator[str]:
-        """Text for the terminal, line by line."""
+        """Repeated run as text for the terminal, line by line."""
         case = f"{self.key}: seed {self.seed}, {self.cell}, fault {self.fault} {self.phase}"
         yield case.rstrip()
         yield f"  {self.outcome}{self.cause and f', {self.cause}'}"
@@ -61,15 +63,16 @@ class RepeatJob:
     done: Done
     job: Job
     recording: Path | None = None
-    """Its old recording, with which every cycle is compared."""
+    """Old recording of the run, with which every cycle is compared; None if there is none."""
     save: Path | None = None
-    """Path for the new recording."""
+    """Path for the new recording; None to save none."""
 
 
 def select_runs(store: Store, key: str | None, seed: int | None) -> list[Done]:
     """Return the run whose key begins with `key`, or all runs of a seed.
 
-    Raises ConfigError unless exactly one of the two is given, if there is no such run, and for an ambiguous key.
+    Raises ConfigError unless exactly one of `key` and `seed` is given, if there is no such run, and for an
+    ambiguous key.
     """
     if (key is None) == (seed is None):
         raise ConfigError("give either the KEY of a run or --seed N")
@@ -87,13 +90,13 @@ def select_runs(store: Store, key: str | None, seed: int | None) -> list[Done]:
 
 
 def repeat_of(plan: Plan, done: Done) -> RepeatJob:
-    """Return the job that repeats a run with the settings of its case."""
+    """Return the job that repeats a run with the configuration of its case."""
     case = plan.cases[done.number]
     return RepeatJob(case, done, Job(done.key, done.number, case.config, done.table, done.seed))
 
 
 def compare_run(repeat: RepeatJob, new: RunFigures, recording: str = "") -> RepeatedRun:
-    """Compare a repeated run with the one that the campaign keeps."""
+    """Compare a repeated run with the run in the campaign's results."""
     case, done = repeat.case, repeat.done
     return RepeatedRun(
         done.key,
@@ -110,7 +113,7 @@ def compare_run(repeat: RepeatJob, new: RunFigures, recording: str = "") -> Repe
 
 
 def repeat_runs(repeats: Sequence[RepeatJob], advance: Callable[[int, int], object]) -> list[RepeatedRun]:
-    """Repeat runs on all cores; return those that differ, by seed and key."""
+    """Repeat runs on all cores; return the runs that differ, sorted by seed and key."""
     differing: list[RepeatedRun] = []
     with own_processes(jobs=len(repeats)) as pool:
         for chunk in as_completed(pool, _repeat, repeats):

@@ -13,7 +13,7 @@ from hil_bridge.lab.text_tables import aligned, markdown_table
 from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN
 
 FAILING_MOST = 30
-"""Most failed runs listed in a text. Chosen: nobody reads more."""
+"""Maximum number of failed runs listed in a text. Chosen: nobody reads more."""
 
 
 class Section(NamedTuple):
@@ -23,11 +23,11 @@ class Section(NamedTuple):
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
     more: str = ""
-    """Sentence below the table; empty for none."""
+    """Sentence below the table; empty if there is none."""
 
 
 def headline(digest: Digest) -> str:
-    """Return name and counts as one line."""
+    """Return the name and the counts of a campaign as one line."""
     of_all = (
         ""
         if digest.tally.total == digest.planned
@@ -72,8 +72,8 @@ def _matrix(digest: Digest) -> Section:
         for case in digest.cases
     }
     rows = [(cell, *(fields.get((fault, cell), "·") for fault in faults)) for cell in cells]
-    words = "Passed / total. · the cell does not support the fault; ? the case has no run yet."
-    return Section("Matrix", ("cell", *faults), rows, words)
+    note = "Passed / total. · the cell does not support the fault; ? the case has no run yet."
+    return Section("Matrix", ("cell", *faults), rows, note)
 
 
 def _fault(fault: str, phase: str) -> str:
@@ -89,7 +89,7 @@ def _field(tally: Tally, impossible: str) -> str:
 
 
 def criteria_section(criteria: Iterable[CriterionResult]) -> Section:
-    """Return the table of how often each criterion was met."""
+    """Return the table with the number of runs that met each criterion."""
     rows = [(one.criterion, str(one.met), str(one.not_met), str(one.no_concern)) for one in criteria]
     return Section("Criteria", ("criterion", "met", "not met", "not applicable"), rows)
 
@@ -122,7 +122,7 @@ def text_report(digest: Digest) -> Iterator[str]:
 
 
 def failing_lines(digest: Digest, most: int) -> Iterator[str]:
-    """Yield the worst runs with their values and bounds, two lines each."""
+    """Yield two lines for each of the worst runs: key and unmet criteria; then the number of further failed runs."""
     for run in digest.failing[:most]:
         yield f"{run.key}: seed {run.seed}, {run.cell}, fault {run.fault}"
         yield f"  {_reason(run)}"
@@ -143,7 +143,7 @@ def markdown_report(digest: Digest) -> str:
             continue
         table = markdown_table(one.columns, one.rows)
         more = f"\n\n{one.more}" if one.more else ""
-        if one.title in ("Figures by cell", "Facts"):  # long, and rarely read
+        if one.title in ("Figures by cell", "Facts"):  # long tables that are rarely read
             parts.append(f"<details><summary>{one.title}</summary>\n\n{table}{more}\n\n</details>")
         else:
             parts.append(f"### {one.title}\n\n{table}{more}")
@@ -151,7 +151,7 @@ def markdown_report(digest: Digest) -> str:
 
 
 def junit_report(store: Store, digest: Digest) -> bytes:
-    """Return the report as JUnit XML: one test case per run, its figures as properties."""
+    """Return the report as JUnit XML: one test case per run, with its figures as properties."""
     plan, cases = store.plan(), []
     required = [(REQUIREMENT, name) for name in plan.requirements]
     for run in store.runs():
@@ -182,6 +182,8 @@ def junit_report(store: Store, digest: Digest) -> bytes:
 
 
 def _recordings(store: Store, run: Done) -> list[str]:
-    """Return the path of a run's recording relative to the working directory; none if it does not exist."""
+    """Return the path of a run's recording relative to the working directory; nothing if the recording does not
+    exist.
+    """
     place = store.folder / run.recording
     return [str(place)] if run.recording and place.is_file() else []

@@ -1,4 +1,4 @@
-"""Text of a campaign run: its case, what was drawn for it, and how it ended."""
+"""Text that describes a campaign run: its case, its drawn settings and faults, and how it ended."""
 
 import json
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ def fault_of(case: Case) -> str:
 
 
 def faults_of_run(case: Case, done: Done) -> str:
-    """Format the faults of a run: that of its case, or those drawn."""
+    """Format the faults of a run: the fault of its case, or the faults drawn for it."""
     if "config" not in json.loads(done.table):
         return fault_of(case)
     faults = [
@@ -44,7 +44,7 @@ def describe_run(plan: Plan, done: Done, label: str) -> Iterator[str]:
 
 
 def hunt_values(plan: Plan, done: Done) -> dict[str, object]:
-    """Return the result of a hunt for JSON output."""
+    """Return the worst run of a hunt as values for JSON output."""
     case = plan.cases[done.number]
     return {
         "key": done.key,

@@ -10,16 +10,18 @@ from hil_bridge.errors.extras import install_command
 from hil_bridge.lab.processes import Workers
 
 CONNECT_S = 10.0
-"""Chosen: timeout for an answer of the scheduler."""
+"""Timeout for an answer of the scheduler, s. Chosen."""
 WORKERS_S = 60.0
-"""Chosen: timeout for its first worker."""
+"""Timeout for the first worker of the scheduler, s. Chosen."""
 
 
 @contextmanager
 def dask_workers(url: str) -> Iterator[Workers]:
-    """Use the workers of a scheduler, tcp://host:8786. They may come and go; the jobs of a lost one are done elsewhere.
+    """Provide the workers of a scheduler such as tcp://host:8786. Workers may come and go; another worker takes
+    over the jobs of a lost one.
 
-    Raises ConfigError without the package or the scheduler, BridgeError if a worker fails.
+    Raises ConfigError if the package is not installed or the scheduler does not answer, and BridgeError if a worker
+    fails.
     """
     try:
         import distributed

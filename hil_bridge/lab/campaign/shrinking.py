@@ -1,4 +1,6 @@
-"""Reduction of a bad run to the fewest faults and settings, and the simplest values, that still reproduce it."""
+"""Reduction of a bad run to the fewest faults and settings, and the simplest values, that still reproduce the
+problem.
+"""
 
 import json
 import math
@@ -10,13 +12,17 @@ from hil_bridge.lab.campaign.hunting import Runner, TimeIsUp, is_broken
 from hil_bridge.lab.campaign.store import Done
 
 DIGITS = (1, 2, 3)
-"""Significant digits to which numbers are rounded, fewest first."""
+"""Numbers of significant digits to which a value is rounded, fewest first."""
 SHRINK_S = 300.0
-"""Chosen: time for reducing the worst run, s, in addition to the time of the hunt."""
+"""Time for reducing the worst run, s, in addition to the time of the hunt. Chosen."""
 
 
 def shrink(runner: Runner, done: Done, score: Callable[[Done], float]) -> Done:
-    """Reduce a run as far as time allows, while it breaks no other promise, or keeps half of its score."""
+    """Reduce a run as far as time allows, and return the simplest run that still reproduces the problem.
+
+    If the run broke a promise, a simpler run must break a promise too, and no other. Otherwise, it must keep at
+    least half of the score.
+    """
     case, best = runner.plan.cases[done.number], done
     least = score(done) / 2.0
 
@@ -39,7 +45,7 @@ def shrink(runner: Runner, done: Done, score: Callable[[Done], float]) -> Done:
 
 
 def shrink_bad(runner: Runner, done: Done, score: Callable[[Done], float]) -> Done:
-    """Reduce a run within SHRINK_S; return it unchanged if it is not bad at all."""
+    """Reduce a run within SHRINK_S. A run that broke no promise and has no positive score is returned unchanged."""
     if not is_broken(done) and score(done) <= 0.0:
         return done
     runner.until = time.monotonic() + SHRINK_S
@@ -47,7 +53,7 @@ def shrink_bad(runner: Runner, done: Done, score: Callable[[Done], float]) -> Do
 
 
 def smaller(table: str) -> Iterator[str]:
-    """Yield simpler variants of an overlay (JSON), the largest reduction first."""
+    """Yield simpler variants of an overlay (JSON), beginning with the largest reduction."""
     over: dict[str, Any] = json.loads(table)
     settings, faults = over["config"], over["faults"]
     for place in range(len(faults)):
@@ -66,19 +72,19 @@ def _smaller_fault(fault: dict[str, Any]) -> Iterator[dict[str, Any]]:
     for key in ("after_s", "for_s", "when", "with"):
         if key in fault:
             yield {name: value for name, value in fault.items() if name != key}
-    given = fault.get("with", {})
-    for key in given if len(given) > 1 else ():
-        yield {**fault, "with": {name: value for name, value in given.items() if name != key}}
+    parameters = fault.get("with", {})
+    for key in parameters if len(parameters) > 1 else ():
+        yield {**fault, "with": {name: value for name, value in parameters.items() if name != key}}
     for key in ("after_s", "for_s"):
         for rounded in _round(fault.get(key)):
             yield {**fault, key: rounded}
-    for key, value in given.items():
+    for key, value in parameters.items():
         for rounded in _round(value):
-            yield {**fault, "with": {**given, key: rounded}}
+            yield {**fault, "with": {**parameters, key: rounded}}
 
 
 def _round(value: object) -> Iterator[float]:
-    """Yield a number rounded to fewer digits, fewest first."""
+    """Yield a number rounded to increasing numbers of digits."""
     if not isinstance(value, float) or value == 0.0 or not math.isfinite(value):
         return
     for digits in DIGITS:

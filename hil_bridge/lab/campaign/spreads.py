@@ -15,11 +15,13 @@ from hil_bridge.record.analysis.figures import FIGURES
 BINS = 40
 """Number of bars of a histogram. Chosen."""
 _WIDTH, _HEIGHT, _FOOT = 320, 90, 16
-"""Size of a histogram, and height of the line of text below it, px. Chosen."""
+"""Width and height of a histogram, and height of the line of text below it, px. Chosen."""
 
 
 def distributions(plan: Plan, runs: Sequence[Done]) -> str:
-    """Render a histogram of each figure, those with a criterion first. Figures equal in all runs share a line."""
+    """Render a histogram of each figure, beginning with the figures that have a criterion. Figures with one value
+    in all runs share a line of text.
+    """
     allowed = {one.figure: one.allowed for one in plan.criteria}
     parts, same = [], []
     for key in sorted(NUMBERS, key=lambda key: key not in allowed):
@@ -64,10 +66,12 @@ def _bound_text(word: str, bound: float) -> str:
 
 
 class _Histogram:
-    """SVG of bars and bounds. Colours come from CSS classes, since a live page forbids inline styles."""
+    """Histogram as SVG, with bars and bounds. Colours come from CSS classes, since a live page forbids inline
+    styles.
+    """
 
     def __init__(self, key: str, values: Sequence[float], bounds: Mapping[str, float]) -> None:
-        """Extend the axis to a bound close to the range of the values."""
+        """Create a histogram. The axis is extended to a bound that is close to the range of the values."""
         low, high = values[0], values[-1]
         span = high - low or abs(high) or 1.0
         self._near = {word: b for word, b in bounds.items() if low - span < b < high + span}
@@ -93,7 +97,7 @@ class _Histogram:
         return (value - self._low) / self._span * _WIDTH
 
     def _bars(self) -> list[str]:
-        """Return the bars from the smallest to the largest value, and the labels of the axis ends."""
+        """Return the bars from the smallest to the largest value, and the labels at the ends of the axis."""
         low, span = self._low, self._span
         counts = Counter(min(int((value - low) / span * BINS), BINS - 1) for value in self._values)
         top, width = max(counts.values()), _WIDTH / BINS

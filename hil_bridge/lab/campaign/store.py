@@ -1,4 +1,4 @@
-"""Results of a campaign: one SQLite file, which can be read while it is written."""
+"""Results of a campaign in one SQLite file, which can be read while it is being written."""
 
 import json
 import re
@@ -22,17 +22,19 @@ from hil_bridge.lab.campaign.drawing import Draw
 from hil_bridge.lab.campaign.plan import Case, Plan, code_version
 
 FORMAT = "hil-bridge campaign 2"
-"""Format identifier of the file."""
+"""Format identifier of the results file."""
 BUSY_S = 30.0
-"""Chosen: timeout for another process that writes."""
+"""Timeout while another process writes to the file, s. Chosen."""
 READ_BUSY_S = 5.0
-"""Chosen: the same timeout when results are only read. A writer locks the file for milliseconds."""
+"""Timeout while another process writes to the file, s, if the results are only read. Chosen: a writer locks the
+file for milliseconds.
+"""
 RESULTS_LIMIT_BYTES = 1 << 32
-"""Largest results file that is read. Chosen: some million runs."""
+"""Largest results file that is read, bytes. Chosen: some million runs."""
 VALUE_LIMIT_BYTES = 1 << 24
-"""Longest value in it. Chosen: a thousand times the configuration of a case."""
+"""Largest size of one value in the file, bytes. Chosen: a thousand times the configuration of a case."""
 FAILED_SUFFIX = "-failed"
-"""Suffix of the folder with the recordings of failed runs, after the name of the file."""
+"""Suffix that turns the name of the results file into the name of the folder with the recordings of failed runs."""
 
 _COMPUTES = re.compile(r"\b(VIRTUAL|AS)\b", re.IGNORECASE)
 Row = TypeVar("Row")
@@ -58,29 +60,29 @@ class Done:
 
     key: str
     number: int
-    """Index of its case."""
+    """Index of the case in the plan."""
     seed: int
     outcome: str
     cause: str
     failed: tuple[str, ...]
-    """Criteria that it did not meet."""
+    """Criteria that the run did not meet."""
     figures: Figures
     wall_s: float
-    """Computing time, s."""
+    """Computing time of the run, s."""
     recording: str
-    """File name of its recording; empty if there is none."""
+    """File name of the run's recording; empty if there is none."""
     table: str = "{}"
-    """Values laid over the configuration of its case, as JSON: its fault, or everything drawn."""
+    """Overlay of the case's configuration, as JSON: the fault of the case, or all drawn settings and faults."""
 
     @property
     def passed(self) -> bool:
-        """Whether it met every applicable criterion."""
+        """Whether the run met every applicable criterion."""
         return not self.failed
 
 
 @dataclass(frozen=True, slots=True)
 class Sitting:
-    """One session of the campaign, from its start until it ended or was interrupted."""
+    """One session of the campaign, from its start until it completed or was interrupted."""
 
     began: str
     wall_s: float
@@ -89,7 +91,7 @@ class Sitting:
 
 
 class Store:
-    """Results file of a campaign. Use it as a context manager."""
+    """Results file of a campaign. Use an instance as a context manager."""
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
         self.path = path
@@ -97,7 +99,9 @@ class Store:
 
     @classmethod
     def begin(cls, path: Path, plan: Plan) -> Self:
-        """Create the file of this plan, or open it to resume. Raises ConfigError for any other file."""
+        """Create the results file of this plan, or open it to resume. Raises ConfigError if the file has other
+        contents.
+        """
         connection = _connect(path, "rwc")
         store = cls(path, connection)
         try:
@@ -123,7 +127,7 @@ class Store:
 
     @classmethod
     def open(cls, path: Path) -> Self:
-        """Open an existing file for reading. Raises ConfigError."""
+        """Open an existing results file for reading. Raises ConfigError."""
         if path.is_dir():
             raise ConfigError(f"{path} is a folder; give a results file in it")
         if not path.is_file():
@@ -177,8 +181,9 @@ class Store:
             raise ConfigError(f"{self.path} is not a results file of a campaign; give another file")
 
     def _holds_programs(self) -> bool:
-        """Return whether reading the file would execute code: a view, a trigger, a generated column. It might never
-        end, and no file of ours has any.
+        """Return whether reading the file would execute code: a view, a trigger or a generated column.
+
+        Such code might never end, and no results file of hil-bridge contains any.
         """
         rows = self._connection.execute("SELECT type, coalesce(sql, '') FROM sqlite_master").fetchall()
         return any(kind not in ("table", "index") or _COMPUTES.search(sql) for kind, sql in rows)
@@ -217,12 +222,12 @@ class Store:
         return str(row[0]) if row else ""
 
     def keep(self, name: str, value: str) -> None:
-        """Store a fact, replacing an earlier one of this name."""
+        """Store a fact of the campaign, replacing an earlier fact of this name."""
         with self._connection:
             self._connection.execute("INSERT OR REPLACE INTO facts VALUES (?, ?)", (name, value))
 
     def put(self, done: Sequence[Done], cases: Sequence[Case]) -> None:
-        """Store runs, all or none of them; a run that is stored already is left unchanged."""
+        """Store runs, either all or none of them. A run that is already stored is left unchanged."""
         code = code_version()
         rows = [
             (
@@ -257,7 +262,7 @@ class Store:
             for text in {case.table for case in cases}:
                 msgspec.json.decode(text, type=dict[str, Any])
             criteria = tuple(
-                Criterion(figure, wanted) for figure, wanted in json.loads(self.fact("criteria"))
+                Criterion(figure, allowed) for figure, allowed in json.loads(self.fact("criteria"))
             )
             if (share := int(self.fact("cases_per_seed") or 0)) < 0:
                 raise ValueError(f"{share} cases for each seed")
@@ -266,12 +271,14 @@ class Store:
             return Plan(self.fact("name"), self.seeds(), cases, criteria, share, draw, required)
 
     def seeds(self) -> tuple[int, ...]:
-        """Return the current seeds of the campaign; a later session may add some. Raises ConfigError."""
+        """Return the current seeds of the campaign, to which a later session may add seeds. Raises ConfigError."""
         with self._readable():
             return tuple(map(int, json.loads(self.fact("seeds"))))
 
     def hosts(self) -> tuple[str, ...]:
-        """Return the names of the computers on which it was started; empty in older results. Raises ConfigError."""
+        """Return the names of the computers on which the campaign was started; empty for older results. Raises
+        ConfigError.
+        """
         with self._readable():
             return msgspec.json.decode(self.fact("hosts") or "[]", type=tuple[str, ...])
 
@@ -290,7 +297,7 @@ class Store:
                 yield done
 
     def copy(self, path: Path) -> None:
-        """Write everything to one new, self-contained file. Raises ConfigError."""
+        """Copy all results to a new, self-contained file. Raises ConfigError."""
         with self._readable(), closing(sqlite3.connect(path)) as target:
             self._connection.backup(target)
             target.execute("PRAGMA journal_mode = DELETE")
@@ -301,14 +308,14 @@ class Store:
             return int(self._connection.execute("PRAGMA data_version").fetchone()[0])
 
     def sittings(self) -> list[Sitting]:
-        """Return every session so far that ended or was interrupted. Raises ConfigError."""
+        """Return every session so far that completed or was interrupted. Raises ConfigError."""
         with self._readable():
             rows = self._connection.execute("SELECT * FROM sittings ORDER BY began")
             return [_as(Sitting, row) for row in rows]
 
     @contextmanager
     def _readable(self) -> Iterator[None]:
-        """Convert every error of the file to a ConfigError: another program may have written it."""
+        """Convert every error from the file to a ConfigError, since another program may have written the file."""
         try:
             yield
         except (sqlite3.Error, msgspec.MsgspecError, ValueError, TypeError, RecursionError) as error:
@@ -320,7 +327,7 @@ class _Chosen(msgspec.Struct):
 
 
 class _Cell(msgspec.Struct):
-    """Parts of a case's configuration that the page reads."""
+    """Parts of a case's configuration that the results page reads."""
 
     robot: _Chosen
     sensor: _Chosen
@@ -328,18 +335,18 @@ class _Cell(msgspec.Struct):
 
 
 def _as(kind: type[Row], values: Iterable[object]) -> Row:
-    """Convert a row to a dataclass, checking the types of its fields. Raises msgspec.ValidationError."""
+    """Convert a row to a dataclass, and check the types of its fields. Raises msgspec.ValidationError."""
     names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
     return msgspec.convert(dict(zip(names, values, strict=True)), kind)
 
 
 def _json(figures: Figures) -> str:
-    """Encode figures as JSON, with infinity as a number that is read as infinite."""
+    """Encode figures as JSON. Infinity is encoded as a number that is read back as infinity."""
     return json.dumps(figures).replace("Infinity", "1e999")
 
 
 def now() -> str:
-    """Return the current time as text, UTC."""
+    """Return the current time in UTC, as text."""
     return time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime())
 
 

@@ -9,7 +9,7 @@ from hil_bridge.record.analysis.figures import JUDGED
 from hil_bridge.record.export.tables import Table, as_csv, as_parquet
 
 FORMATS: Mapping[str, Callable[[Table], bytes]] = {"csv": as_csv, "parquet": as_parquet}
-"""Formats of a table, by the suffix of the file."""
+"""Table formats, by file suffix."""
 _COLUMNS = (
     "key",
     "seed",
@@ -26,7 +26,7 @@ _COLUMNS = (
 
 
 def run_table(store: Store) -> Table:
-    """Return every stored run. A missing figure is empty, and so is an infinite one."""
+    """Return every stored run as a row. A missing or infinite figure is empty."""
     cases, code = store.plan().cases, store.fact("code")
     rows = []
     for run in store.runs():
@@ -48,7 +48,7 @@ def run_table(store: Store) -> Table:
 
 
 def _figure(figures: Figures, name: str) -> object:
-    """Return a figure of a run, a table as one text; None if it has none."""
+    """Return a figure of a run, with a table as one text; None if the run does not have the figure."""
     value = figures.get(name)
     if isinstance(value, dict):
         return figure_text(value)

@@ -12,25 +12,23 @@ from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, room
 from hil_bridge.show.report.markup import across, cells
 
 SERIES_MOST = 8
-"""Most cells in a chart: the number of distinguishable colours."""
+"""Maximum number of cells in a chart. Chosen: the number of distinguishable colours."""
 CHARTS_MOST = 12
-"""Most charts of figures, the most significant first. Chosen: nobody scrolls further."""
+"""Maximum number of charts of figures, most significant first. Chosen: nobody scrolls further."""
 FIGURES_MOST = 30
-"""Most figures in the text, the most significant first. Chosen: a screen."""
+"""Maximum number of figures in the text, most significant first. Chosen: one screen."""
 _PLACE = "place"
 _CLASSES = {Change.WORSE: "bad", Change.BETTER: "good", Change.OTHER: "", Change.NONE: ""}
 
 
 def headline(trend: Trend) -> str:
-    """Return the outcome as one line."""
+    """Return the outcome of the comparison as one line."""
     worse, better = trend.significant
-    words = (
+    outcome = (
         f"{worse} significantly worse, {better} better" if worse or better else "no significant difference"
     )
     first, last = trend.results[0].name, trend.results[-1].name
-    return (
-        f"{first} → {last}: {words} in {len(trend.cells)} cells and {len(trend.figures)} figures that differ"
-    )
+    return f"{first} → {last}: {outcome} in {len(trend.cells)} cells and {len(trend.figures)} figures that differ"
 
 
 def trend_lines(trend: Trend) -> Iterator[str]:
@@ -56,7 +54,7 @@ def trend_page(trend: Trend) -> str:
     names = [one.name for one in trend.results]
     worse, better = trend.significant
     style = "bad" if worse else "good" if better else "plain"
-    words = f"{worse} worse, {better} better" if worse or better else "no significant difference"
+    outcome = f"{worse} worse, {better} better" if worse or better else "no significant difference"
     facts = list(dict.fromkeys(name for one in trend.results for name in one.facts))
     sides = [
         ("passed, failed, errors", *(one.tally.text for one in trend.results)),
@@ -64,12 +62,12 @@ def trend_page(trend: Trend) -> str:
         *((name, *(one.facts.get(name, UNKNOWN) for one in trend.results)) for name in facts),
     ]
     body = f"""<header class="headline"><h1>{len(names)} campaigns compared</h1>
-<span class="badge {style}">{words}</span></header>
+<span class="badge {style}">{outcome}</span></header>
 <p>Tests compare the first results, {escape(names[0])}, with the last, {escape(names[-1])}. A change is significant if
 its probability, adjusted after Holm for the number of tests, is below {trend.level:g}.</p>
 {_setting_table(trend, names)}<h2>Runs that passed, by cell</h2>
 <p class="quiet">Fisher's exact test.</p>
-{_marked(("cell", *names, "p", "adjusted", ""), [(_cell_row(row), row.change) for row in _cells(trend)])}
+{_render_marked(("cell", *names, "p", "adjusted", ""), [(_cell_row(row), row.change) for row in _cells(trend)])}
 <h2>Course over the results</h2>{room("trend", trend_charts(trend))}
 <h2>Figures that differ</h2>
 <p class="quiet">Medians of each cell, the most significant first; Mann-Whitney test.</p>
@@ -86,7 +84,7 @@ def _setting_table(trend: Trend, names: Sequence[str]) -> str:
 
 
 def _cells(trend: Trend) -> Sequence[CellChange]:
-    """Return the total over all cells, if there are several, and each cell."""
+    """Return the row over all cells, if there are several cells, and the row of each cell."""
     return (trend.overall, *trend.cells) if len(trend.cells) > 1 else trend.cells
 
 
@@ -119,11 +117,11 @@ def _figure_table(trend: Trend, names: Sequence[str]) -> str:
     rows = [(_figure_row(row), row.change) for row in sorted(trend.figures, key=_significance)]
     if not rows:
         return "<p>Every figure is the same in all results.</p>"
-    return _marked(("figure", "cell", *names, "p", "adjusted", ""), rows)
+    return _render_marked(("figure", "cell", *names, "p", "adjusted", ""), rows)
 
 
-def _marked(columns: Sequence[str], rows: Sequence[tuple[Sequence[str], Change]]) -> str:
-    """Render a table whose last column is coloured by its change."""
+def _render_marked(columns: Sequence[str], rows: Sequence[tuple[Sequence[str], Change]]) -> str:
+    """Render a table whose last column is coloured by the change in it."""
     head = "".join(f"<th>{escape(name)}</th>" for name in columns)
     body = "".join(
         f"<tr>{''.join(f'<td>{escape(text)}</td>' for text in texts[:-1])}"
@@ -134,8 +132,11 @@ def _marked(columns: Sequence[str], rows: Sequence[tuple[Sequence[str], Change]]
 
 
 def trend_charts(trend: Trend) -> Charts:
-    """Return charts of the share of runs that passed and of the medians of figures, over the results in their order. A
-    cell has one colour in all charts; if there are more cells than colours, the most significant changes are drawn.
+    """Return charts of the share of runs that passed, and of the medians of figures, over the results in their
+    order.
+
+    A cell has one colour in all charts. If there are more cells than colours, the cells with the most significant
+    changes are drawn.
     """
     ranked = sorted(trend.cells, key=lambda row: 2.0 if row.probability is None else row.probability)
     drawn = {row.cell for row in ranked[:SERIES_MOST]}

@@ -1,6 +1,8 @@
-"""Comparison of several campaigns by cell of the matrix: runs that passed, medians of figures, significant changes.
+"""Comparison of several campaigns by cell of the matrix: share of runs that passed, medians of figures, and
+significant changes.
 
-Runs count as independent samples. For campaigns that share seeds this is conservative: it detects less, not more.
+Runs count as independent samples. For campaigns that share seeds this is conservative: it detects fewer changes,
+not more.
 """
 
 import math
@@ -21,53 +23,57 @@ from hil_bridge.lab.significance import LEVEL, fisher_exact, holm, rank_sum
 from hil_bridge.record.analysis.figures import FIGURES, Good
 
 RESULTS_MOST = 50
-"""Most results compared at once. Chosen: a year of weekly ones."""
+"""Maximum number of results compared at once. Chosen: one year of weekly results."""
 
 
 class Change(StrEnum):
-    """Significant change from the first results to the last."""
+    """Significant change from the first results to the last ones."""
 
     WORSE = "worse"
     BETTER = "better"
     OTHER = "changed"
-    """Change of a figure without a preferred direction."""
+    """Significant change of a figure without a preferred direction."""
     NONE = ""
 
 
 class Results(Struct, frozen=True):
-    """One of the compared campaigns."""
+    """Results of one of the compared campaigns."""
 
     name: str
-    """Its label in the comparison: the file name."""
+    """Label of the results in the comparison: the file name."""
     campaign: str
     tally: Tally
     facts: Mapping[str, str]
 
 
 class CellChange(Struct, frozen=True):
-    """Runs of a cell in each of the results. The test compares the first with the last."""
+    """Counts of runs of one cell in each of the results. The test compares the first results with the last ones."""
 
     cell: str
     tallies: tuple[Tally, ...]
     probability: float | None
-    """Probability of such a difference by chance (Fisher's exact test); None if the first or last has no run."""
+    """Probability of such a difference by chance (Fisher's exact test); None if the first or the last results have
+    no run.
+    """
     adjusted: float | None
-    """The probability, adjusted after Holm for all cells."""
+    """Probability adjusted by Holm's method for the number of cells."""
     change: Change
 
 
 class FigureChange(Struct, frozen=True):
-    """Figure of a cell in each of the results. The test compares the first with the last."""
+    """Medians of one figure of a cell in each of the results. The test compares the first results with the last
+    ones.
+    """
 
     figure: str
     cell: str
     runs: tuple[int, ...]
     medians: tuple[float | None, ...]
-    """None if no run has the figure, or the median is infinite."""
+    """Median of the figure in each of the results; None if no run has the figure, or the median is infinite."""
     probability: float | None
     """Probability of such a difference by chance (Mann-Whitney test)."""
     adjusted: float | None
-    """The probability, adjusted after Holm for all figures and cells."""
+    """Probability adjusted by Holm's method for the number of figures and cells."""
     change: Change
 
 
@@ -80,27 +86,31 @@ class Trend(Struct, frozen=True):
     level: float
     results: tuple[Results, ...]
     settings: tuple[SettingChange, ...]
-    """Settings that differ between the first results and the last."""
+    """Settings that differ between the first results and the last ones."""
     overall: CellChange
-    """All cells together."""
+    """Change over all cells together."""
     cells: tuple[CellChange, ...]
     figures: tuple[FigureChange, ...]
     """Figures that differ between the results."""
 
     @property
     def worse(self) -> bool:
-        """Whether anything is significantly worse in the last results than in the first."""
+        """Whether any cell or figure is significantly worse in the last results than in the first."""
         return self.overall.change is Change.WORSE or self.significant[0] > 0
 
     @property
     def significant(self) -> tuple[int, int]:
-        """Number of cells and figures that are worse, and that are better."""
+        """Number of cells and figures that are significantly worse, and number of cells and figures that are
+        significantly better.
+        """
         changes = [*(one.change for one in self.cells), *(one.change for one in self.figures)]
         return changes.count(Change.WORSE), changes.count(Change.BETTER)
 
 
 def trend_of(stores: Mapping[str, Store]) -> Trend:
-    """Compare results by name, oldest first. Raises ConfigError for too few, too many or empty ones."""
+    """Compare results by name, oldest first. Raises ConfigError for too few or too many results, and for results
+    without runs.
+    """
     if not 2 <= len(stores) <= RESULTS_MOST:
         raise ConfigError(f"compare takes the results of 2 to {RESULTS_MOST} campaigns, not of {len(stores)}")
     results, by_cell = [], []
@@ -112,15 +122,15 @@ def trend_of(stores: Mapping[str, Store]) -> Trend:
         by_cell.append(runs_by_cell(plan, runs))
     first, *_, last = stores.values()
     cells = list(dict.fromkeys(chain.from_iterable(by_cell)))
-    overall = _adjusted([_cell("all cells", [one.tally for one in results])], _cell_change)
+    overall = _adjust([_cell("all cells", [one.tally for one in results])], _cell_change)
     rows = [_cell(cell, [tally_of(runs_of.get(cell, ())) for runs_of in by_cell]) for cell in cells]
     return Trend(
         LEVEL,
         tuple(results),
         tuple(setting_changes(first, last)),
         overall[0],
-        tuple(_adjusted(rows, _cell_change)),
-        tuple(_adjusted(list(_figures(cells, by_cell)), _figure_change)),
+        tuple(_adjust(rows, _cell_change)),
+        tuple(_adjust(list(_figures(cells, by_cell)), _figure_change)),
     )
 
 
@@ -169,7 +179,7 @@ def _figure_change(row: FigureChange) -> Change:
     return Change.WORSE if last > first else Change.BETTER
 
 
-def _adjusted(rows: Sequence[_Row], change_of: Callable[[_Row], Change]) -> list[_Row]:
+def _adjust(rows: Sequence[_Row], change_of: Callable[[_Row], Change]) -> list[_Row]:
     """Return the rows with adjusted probabilities and significant changes."""
     tested = [row for row in rows if row.probability is not None]
     adjusted = dict(zip(map(id, tested), holm([row.probability or 0.0 for row in tested]), strict=True))

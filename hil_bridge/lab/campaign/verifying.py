@@ -1,6 +1,7 @@
-"""Verification of a bundle: its files against the manifest, and a sample of its runs, repeated bit by bit.
+"""Verification of a bundle: its files are checked against the manifest, and a sample of its runs is repeated bit by
+bit.
 
-Nothing in a bundle is trusted: it may be truncated, altered, a zip bomb, or contain paths outside its folder.
+Nothing in a bundle is trusted: it may be truncated, altered or a zip bomb, or contain paths outside its folder.
 """
 
 import os
@@ -30,8 +31,8 @@ from hil_bridge.lab.campaign.bundle import (
     UNPACKED_LIMIT_BYTES,
     Advance,
     Manifest,
-    count_words,
     draw_seeds,
+    format_count,
     versions,
 )
 from hil_bridge.lab.campaign.inputs import INPUTS, hash_file, with_inputs
@@ -45,18 +46,20 @@ _NAME = re.compile(
     rf"{re.escape(MANIFEST)}|{re.escape(RESULTS)}|{RECORDINGS}/[0-9a-f]{{16}}\.mcap|{INPUTS}/[0-9a-f]{{64}}"
 )
 _FOLDERS = (f"{RECORDINGS}/", f"{INPUTS}/")
-"""Empty folder entries, which other zip programs add."""
+"""Names of the empty folder entries that other zip programs add."""
 _END = struct.Struct("<4s4H2LH")
-"""End of central directory record. Source: APPNOTE.TXT of PKWARE, 4.3.16."""
+"""Layout of the end of central directory record. Source: APPNOTE.TXT of PKWARE, 4.3.16."""
 _LOCATOR_BYTES = 20
-"""Size of the Zip64 end of central directory locator before it. Source: APPNOTE.TXT of PKWARE, 4.3.15."""
+"""Size of the Zip64 end of central directory locator, which precedes that record, bytes. Source: APPNOTE.TXT of
+PKWARE, 4.3.15.
+"""
 _ENTRY_LIMIT_BYTES = 512
-"""Largest size of a file's directory entry. Chosen: five times what our names need."""
+"""Largest directory entry of a file, bytes. Chosen: five times the size that our file names need."""
 _DAMAGES = (zipfile.BadZipFile, zlib.error, EOFError, ValueError, RuntimeError, struct.error)
 
 
 class OtherVersion(Struct, frozen=True):
-    """Package whose version on this computer differs from the bundle's."""
+    """Package whose version on this computer differs from its version in the bundle."""
 
     package: str
     packed: str
@@ -64,10 +67,10 @@ class OtherVersion(Struct, frozen=True):
 
 
 class Verified(Struct, frozen=True):
-    """Result of the verification."""
+    """Result of verifying a bundle."""
 
     bundle: str
-    """File name."""
+    """File name of the bundle."""
     sha256: str
     """SHA-256 of the bundle."""
     campaign: str
@@ -78,22 +81,22 @@ class Verified(Struct, frozen=True):
     altered: tuple[str, ...]
     """Files that are damaged or differ from the manifest."""
     missing: tuple[str, ...]
-    """Files of the manifest that the bundle lacks."""
+    """Files of the manifest that are not in the bundle."""
     unknown: tuple[str, ...]
-    """Files that are not in the manifest."""
+    """Files of the bundle that are not in the manifest."""
     other_versions: tuple[OtherVersion, ...]
     inputs: Mapping[str, str]
-    """Files of the bundle named by settings, by the path in the settings."""
+    """Files of the bundle that are named by settings, by the path in the settings."""
     repeated: tuple[int, ...] = ()
-    """Seeds whose runs were repeated; none if a file differs from the manifest."""
+    """Seeds whose runs were repeated; empty if a file differs from the manifest."""
     runs: int = 0
     """Number of repeated runs."""
     recordings: int = 0
     """Number of repeated runs compared with their recordings, cycle by cycle."""
     differing: tuple[RepeatedRun, ...] = ()
-    """Repeated runs that are not identical to the last bit."""
+    """Repeated runs that differ from the results in any bit."""
     not_repeated: tuple[str, ...] = ()
-    """Reasons why runs cannot be repeated here, each with the number of runs and a remedy."""
+    """Reasons why runs cannot be repeated on this computer, each with the number of runs and a remedy."""
 
     @property
     def intact(self) -> bool:
@@ -107,7 +110,7 @@ class Verified(Struct, frozen=True):
 
     @property
     def lines(self) -> Iterator[str]:
-        """Text for the terminal: what was checked, and the result."""
+        """Text for the terminal, line by line: what was checked, and the result."""
         yield f"{self.bundle}: campaign {self.campaign}, packed {self.packed} UTC"
         yield f"  SHA-256 {self.sha256}"
         for names, word in ((self.altered, "altered"), (self.missing, "missing"), (self.unknown, "unknown")):
@@ -120,7 +123,7 @@ class Verified(Struct, frozen=True):
         if not self.runs:
             yield "no run was repeated"
             return
-        runs, seeds = count_words(self.runs, "run"), _seed_words(self.repeated)
+        runs, seeds = format_count(self.runs, "run"), _format_seeds(self.repeated)
         yield f"{runs} of {seeds} repeated, {self.recordings} compared with their recordings"
         for run in self.differing:
             yield from run.lines
@@ -130,13 +133,14 @@ class Verified(Struct, frozen=True):
             yield "  other versions may compute different results; verify with the versions of the bundle"
 
     def _settings_name(self, name: str) -> str:
-        """Return a note with the path of a file in the settings; empty for files not named by settings."""
+        """Return a note with the path of a file in the settings; empty for a file that no setting names."""
         paths = [format_path(Path(path)) for path, packed in self.inputs.items() if packed == name]
         return f", which the settings name {' and '.join(paths)}" if paths else ""
 
 
 def verify(path: Path, count: int | None, advance: Advance = lambda *counts: None) -> Verified:
-    """Verify a bundle. `count` seeds are repeated, by default those sampled when it was packed.
+    """Verify a bundle. The runs of `count` seeds are repeated; the default is all seeds that were sampled when the
+    bundle was packed.
 
     Raises ConfigError for a file that is not a bundle, or whose manifest cannot be read.
     """
@@ -180,7 +184,7 @@ def verify(path: Path, count: int | None, advance: Advance = lambda *counts: Non
 
 
 def _fits(name: str, hashes: Mapping[str, str], files: Mapping[str, str]) -> bool:
-    """Return whether a file matches the manifest and, for a file named by settings, the hash in its own name."""
+    """Return whether a file matches the manifest and, if it is named by a setting, the hash in its own name."""
     sha256 = hashes[name]
     return sha256 == files[name] and (not name.startswith(f"{INPUTS}/") or name == f"{INPUTS}/{sha256}")
 
@@ -198,7 +202,7 @@ def _manifest(path: Path, place: Path) -> Manifest:
 
 
 def _repeats(folder: Path, manifest: Manifest, count: int | None) -> tuple[list[RepeatJob], tuple[str, ...]]:
-    """Return the runs that can be repeated here, and the reasons for those that cannot. Raises ConfigError."""
+    """Return the runs that can be repeated on this computer, and the reasons why others cannot. Raises ConfigError."""
     with Store.open(folder / RESULTS) as store:
         plan, runs = store.plan(), list(store.runs())
     drawn = manifest.drawn if count is None else draw_seeds(plan, runs, count)
@@ -216,13 +220,13 @@ def _repeats(folder: Path, manifest: Manifest, count: int | None) -> tuple[list[
         else:
             repeats.append(repeat)
     return repeats, tuple(
-        f"not repeated, {count_words(len(seeds), 'run')} of {_seed_words(seeds)}: {why}"
+        f"not repeated, {format_count(len(seeds), 'run')} of {_format_seeds(seeds)}: {why}"
         for why, seeds in left.items()
     )
 
 
 def _repeat(plan: Plan, done: Done, folder: Path, inputs: Mapping[str, str]) -> RepeatJob | str:
-    """Return the run with the data files of the bundle, or the reason why it cannot be repeated here.
+    """Return the run with the data files of the bundle, or the reason why it cannot be repeated on this computer.
 
     Code from a bundle is never executed: the user has to install a plug-in controller.
     """
@@ -241,13 +245,14 @@ def _repeat(plan: Plan, done: Done, folder: Path, inputs: Mapping[str, str]) -> 
     return replace(repeat, job=job, recording=recording if recording.is_file() else None)
 
 
-def _seed_words(seeds: Sequence[int]) -> str:
+def _format_seeds(seeds: Sequence[int]) -> str:
     seeds = sorted({*seeds})
     return f"{'seed' if len(seeds) == 1 else 'seeds'} {', '.join(map(str, seeds))}"
 
 
 def unpack(path: Path, folder: Path) -> dict[str, str]:
-    """Write the files of a bundle to an empty folder; return their SHA-256 by name, empty for a damaged file.
+    """Write the files of a bundle to an empty folder. Return their SHA-256 by name, which is empty for a damaged
+    file.
 
     Raises ConfigError for a file that is not a bundle, is too large, or has unexpected contents.
     """
@@ -268,7 +273,7 @@ def unpack(path: Path, folder: Path) -> dict[str, str]:
 
 
 def _check_end(file: BinaryIO, path: Path) -> None:
-    """Check size and number of files before zipfile reads the complete directory into memory."""
+    """Check the size of a bundle and its number of files, before zipfile reads the complete directory into memory."""
     size = file.seek(0, os.SEEK_END)
     if size > UNPACKED_LIMIT_BYTES:
         raise ConfigError(f"{format_path(path)} has {size} bytes; at most {UNPACKED_LIMIT_BYTES} are allowed")
@@ -297,7 +302,7 @@ def _problems(entries: Sequence[zipfile.ZipInfo]) -> Iterator[str]:
 
 
 def _unpack_one(packed: zipfile.ZipFile, entry: zipfile.ZipInfo, folder: Path) -> str:
-    """Write a file up to the size in its directory entry; return its SHA-256, empty if it is damaged."""
+    """Write a file up to the size in its directory entry. Return its SHA-256, or an empty text if it is damaged."""
     place = folder / entry.filename
     place.parent.mkdir(exist_ok=True)
     with place.open("xb") as target:

@@ -13,20 +13,22 @@ from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import phases
 
 WATCH_S = 0.01
-"""Chosen: sampling period of the true force, s."""
+"""Sampling period of the true force, s. Chosen."""
 WATCH_AT_ONCE = 20
-"""Chosen: number of samples computed together; many cost little more than one."""
+"""Maximum number of samples computed in one call. Chosen: many samples cost little more than one."""
 RECOVERED_SHARE = 0.2
-"""Chosen: tolerance of a recovered true force, as a share of the target force. A rise overshoots by less."""
+"""Tolerance of the true force after a recovery, as a share of the target force. Chosen: larger than the overshoot
+of a rise.
+"""
 
 _Floats = npt.NDArray[np.float64]
 
 
 class Watch:
-    """Samples of the true force of an emulated cell."""
+    """Sampler of the true force of an emulated cell."""
 
     def __init__(self, running: Simulation, every_s: float = WATCH_S) -> None:
-        """`every_s` is the sampling period, s."""
+        """Create a sampler. `every_s` is the sampling period, s."""
         assert running.cell is not None  # the plan has neither a real robot nor a real sensor
         self._cell = running.cell
         self._clock = running.clock
@@ -44,9 +46,9 @@ class Watch:
             self.sample()
 
     def sample(self) -> None:
-        """Sample the time since the last call, with at most WATCH_AT_ONCE samples, up to now."""
+        """Add samples for the time from the last call until now, at most WATCH_AT_ONCE of them."""
         end = self._clock.now()
-        if self._cell.has_memory:  # it cannot compute the past
+        if self._cell.has_memory:  # the cell cannot compute past states
             times = np.array([self._cell.truth_available_from(end)])
         else:
             moments = min(max(round((end - self._until) / self._every_s), 1), WATCH_AT_ONCE)
@@ -54,10 +56,10 @@ class Watch:
         self._until = end
         self._times.append(times)
         self._forces.append(self._cell.contact_forces(times))
-        self._positions.append(self._cell.robot.path.trajectory(times)[0])
+        self._positions.append(self._cell.path.trajectory(times)[0])
 
     def truth(self) -> tuple[_Floats, _Floats]:
-        """Return times, s, and magnitudes of the true contact force, N, both (n,)."""
+        """Return the sample times, s, and the magnitudes of the true contact force, N, both (n,)."""
         return np.concatenate(self._times), np.linalg.norm(np.concatenate(self._forces), axis=1)
 
     def trace(self) -> Trace:
@@ -65,7 +67,7 @@ class Watch:
         return Trace(*self.truth(), np.concatenate(self._positions), np.concatenate(self._forces))
 
     def fault_ends(self) -> list[float]:
-        """Return the end of each fault, s; infinity for one that lasted to the end of the run."""
+        """Return the time at which each fault ended, s; infinity for a fault that lasted to the end of the run."""
         ends: list[float] = []
         for fault in self._cell.faults:
             if fault.target == "computer":  # reported in advance, since the process is frozen
@@ -77,8 +79,10 @@ class Watch:
 
 
 def recovery_s(recording: Recording, ends: Sequence[float], times: _Floats, forces: _Floats) -> float | None:
-    """Return the time from the last end of a fault until the true force settles within RECOVERED_SHARE of the target
-    force for the rest of the tracking, s. Infinity if it does not settle; None if no fault ended while tracking.
+    """Return the time that the true force takes to settle after the last fault has ended, s.
+
+    The force has settled once it stays within RECOVERED_SHARE of the target force for the rest of the tracking.
+    Infinity if it does not settle; None if no fault ended while tracking.
     """
     end = max(ends, default=math.inf)
     last = next(

@@ -1,4 +1,6 @@
-"""Execution of a campaign's outstanding runs on all cores or other machines. Each chunk is stored once it completes."""
+"""Execution of a campaign's outstanding runs on all cores or on other machines. Each chunk is stored when it
+completes.
+"""
 
 import time
 from collections.abc import Callable
@@ -15,7 +17,9 @@ from hil_bridge.lab.campaign.store import Done, Store, now
 from hil_bridge.lab.processes import Workers, as_completed, own_processes
 
 Advance = Callable[[int, int], object]
-"""Receives the number of runs that ended since the last call, and how many of them failed."""
+"""Progress callback. It receives the number of runs that ended since the last call, and the number of these runs
+that failed.
+"""
 
 
 def missing(plan: Plan, store: Store) -> list[Job]:
@@ -37,11 +41,11 @@ def work(
     workers: int | AbstractContextManager[Workers],
     advance: Advance = lambda *counts: None,
 ) -> None:
-    """Execute runs in `workers` processes of this machine, or on remote workers. Ctrl-C and SIGTERM end it at once;
-    stored runs remain.
+    """Execute runs in `workers` processes of this machine, or on remote workers.
 
-    Remote workers save no recordings: a run that fails there is repeated here. Raises BridgeError if a process was
-    killed from outside, and for a worker with another version of the code.
+    Ctrl-C and SIGTERM end the execution at once; stored runs remain. Remote workers save no recordings, so a run
+    that fails remotely is repeated on this machine. Raises BridgeError if a process was killed externally, and for
+    a worker with another version of the code.
     """
     began, clock, count, most = now(), time.monotonic(), 0, 1
     here = isinstance(workers, int)
@@ -74,5 +78,5 @@ def _carry_out(job: Job, criteria: tuple[Criterion, ...], folder: Path | None, c
 
 
 def _with_recording(job: Job, done: Done, criteria: tuple[Criterion, ...], folder: Path) -> Done:
-    """Repeat a failed remote run here for its recording."""
+    """Repeat a failed remote run on this machine to save its recording."""
     return done if done.passed else replace(done, recording=carry_out(job, criteria, folder).recording)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 FAILED = 4
 """Exit code if a run did not meet a criterion."""
 FAILING_MOST = 5
-"""Most failed runs listed at the end of a campaign. Chosen: they fit on a screen."""
+"""Maximum number of failed runs listed at the end of a campaign. Chosen: they fit on a screen."""
 
 
 class _Campaign(click.Group):
@@ -45,20 +45,20 @@ class _Campaign(click.Group):
         return super().parse_args(ctx, args)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options of `campaign FILE`, by group, and then the commands."""
+        """Write the options of `campaign FILE` by group, followed by the commands."""
         run.format_options(ctx, formatter)
         self.format_commands(ctx, formatter)
 
 
 class _Outputs(NamedTuple):
-    """Output files of a command for build servers."""
+    """Additional output files of a command, for build servers."""
 
     junit: Path | None
     markdown: Path | None
     overwrite: bool
 
     def check(self) -> None:
-        """Raise ConfigError for a file that cannot be written, or exists already."""
+        """Check that the files can be written. Raises ConfigError if one cannot, or already exists."""
         from hil_bridge.record.files import check_place
 
         for place in (self.junit, self.markdown):
@@ -68,12 +68,12 @@ class _Outputs(NamedTuple):
     def write(self, store: "Store", digest: "Digest") -> None:
         """Write the requested files."""
         from hil_bridge.lab.campaign.report_text import junit_report, markdown_report
-        from hil_bridge.record.files import write_whole
+        from hil_bridge.record.files import write_atomically
 
         if self.junit is not None:
-            write_whole(self.junit, junit_report(store, digest), self.overwrite)
+            write_atomically(self.junit, junit_report(store, digest), self.overwrite)
         if self.markdown is not None:
-            write_whole(self.markdown, markdown_report(digest).encode(), self.overwrite)
+            write_atomically(self.markdown, markdown_report(digest).encode(), self.overwrite)
 
 
 _junit_option = click.option("--junit", type=FILE, metavar="FILE.xml", help="Write the runs as JUnit XML.")
@@ -92,7 +92,7 @@ def _seeds(text: str | None) -> tuple[int, ...]:
 
 
 def _plan_of(file: Path, seeds: tuple[int, ...], settings: Mapping[str, Any]) -> "Plan":
-    """Read the plan of a file. Prints all of its problems but the last one, which it raises as ConfigError."""
+    """Read the plan of a file. Prints all problems except the last one, which it raises as ConfigError."""
     from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
 
     if file.suffix == ".sqlite":
@@ -116,7 +116,8 @@ def _plan_of(file: Path, seeds: tuple[int, ...], settings: Mapping[str, Any]) ->
 def campaign() -> None:
     """Run a matrix of configurations, faults and seeds in virtual time, and judge each run by criteria.
 
-    `hil-bridge campaign FILE.toml` runs what its results file lacks; the same command resumes after Ctrl-C.
+    `hil-bridge campaign FILE.toml` executes the runs that are missing from the results file. After Ctrl-C, the same
+    command resumes the campaign.
     """
 
 
@@ -170,7 +171,10 @@ def run(
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """Run what is missing from a campaign. Exit code 4 if a run does not meet a criterion."""
+    """Execute the runs that are missing from the results of a campaign.
+
+    Exit code 4 if a run does not meet a criterion.
+    """
     import os
 
     from hil_bridge.console.progress import run_progress
@@ -184,11 +188,11 @@ def run(
     outputs = _Outputs(junit, markdown, overwrite)
     outputs.check()
     plan = _plan_of(file, seeds, given)
-    say = partial(click.echo, err=as_json)
+    echo = partial(click.echo, err=as_json)
     impossible = len(plan.cases) - len(plan.possible)
     without = f"; {impossible} impossible, see the report" if impossible else ""
     share = f", {plan.cases_per_seed} for each seed" if plan.cases_per_seed else ""
-    say(
+    echo(
         f"{plan.name}: {len(plan.possible)} cases{share} × {len(plan.seeds)} seeds = {plan.count} runs{without}"
     )
     if only_check:
@@ -205,7 +209,7 @@ def run(
     with Store.begin(place, plan) as store:
         jobs = missing(plan, store)
         if len(jobs) < plan.count:
-            say(f"{place} has {plan.count - len(jobs)} of them already")
+            echo(f"{place} has {plan.count - len(jobs)} of them already")
         with run_progress(len(jobs)) as advance:
             try:
                 with as_ctrl_c():
@@ -259,10 +263,10 @@ def hunt(
     given: dict[str, Any],
     as_json: bool,
 ) -> None:
-    """Search for the worst run that FILE.toml can draw: true force beyond its bound, a broken promise.
+    """Search for the worst run that FILE.toml can draw: the largest true force beyond its bound, or a broken promise.
 
-    The worst run is reduced to the fewest faults and the simplest values. Exit code 4 if a promise was broken. The
-    same command resumes after Ctrl-C. Requires SciPy.
+    The worst run is reduced to the fewest faults and the simplest values. Exit code 4 if a promise was broken. After
+    Ctrl-C, the same command resumes the hunt. Requires SciPy.
     """
     import os
 
@@ -331,14 +335,14 @@ def report(
 ) -> None:
     """Write the results as a self-contained page, or as text, JSON, JUnit or Markdown.
 
-    Without --text, --json, --junit and --markdown it writes the page.
+    The page is written unless --text, --json, --junit or --markdown is given.
     """
     from hil_bridge.errors.text_files import harmless
     from hil_bridge.lab.campaign.digest import digest_of
     from hil_bridge.lab.campaign.page import page, write_reports
     from hil_bridge.lab.campaign.report_text import text_report
     from hil_bridge.lab.campaign.store import Store
-    from hil_bridge.record.files import write_whole
+    from hil_bridge.record.files import write_atomically
 
     outputs = _Outputs(junit, markdown, overwrite)
     outputs.check()
@@ -348,7 +352,7 @@ def report(
         if reports:
             write_reports(store)
         if place is not None:
-            write_whole(place, page(store, place).encode(), overwrite)
+            write_atomically(place, page(store, place).encode(), overwrite)
         digest = digest_of(store)
         outputs.write(store, digest)
     if as_json:

@@ -31,14 +31,14 @@ def rerun(
 ) -> None:
     """Repeat the run with this KEY (or its beginning), or all runs of a seed, and save their recordings.
 
-    Exit code 1 if its figures differ from the campaign.
+    Exit code 1 if any figure differs from the campaign.
     """
     from hil_bridge.errors.text_files import harmless
     from hil_bridge.lab.campaign.judging import configure_run, run
     from hil_bridge.lab.campaign.plan import code_version
     from hil_bridge.lab.campaign.repeating import compare_run, repeat_of, select_runs
     from hil_bridge.lab.campaign.store import Store
-    from hil_bridge.record.files import check_record_place
+    from hil_bridge.record.files import check_record_path
 
     folder, repeated = out or Path(), []
     with Store.open(results) as store:
@@ -47,7 +47,7 @@ def rerun(
         if not same_code and not as_json:
             click.echo("the results are from another version of the code; figures may differ", err=True)
         for done in chosen:
-            check_record_place(folder / f"{done.key}.mcap", overwrite)
+            check_record_path(folder / f"{done.key}.mcap", overwrite)
         for done in chosen:
             repeat = repeat_of(plan, done)
             new = run(configure_run(repeat.job))
@@ -106,7 +106,7 @@ def export(results: Path, formats: tuple[str, ...], out: Path | None, as_json: b
     """Write the runs as a table, one row per run, for pandas and similar tools."""
     from hil_bridge.lab.campaign.store import Store
     from hil_bridge.lab.campaign.table import FORMATS, run_table
-    from hil_bridge.record.files import check_place, write_whole
+    from hil_bridge.record.files import check_place, write_atomically
 
     folder = results.parent if out is None else out
     places = {folder / f"{results.stem}.{name}": FORMATS[name] for name in dict.fromkeys(formats)}
@@ -121,7 +121,7 @@ def export(results: Path, formats: tuple[str, ...], out: Path | None, as_json: b
     for place in made:
         check_place(place, overwrite)
     for place, data in made.items():
-        write_whole(place, data, overwrite)
+        write_atomically(place, data, overwrite)
         if not as_json:
             click.echo(f"{place}: {runs} runs")
     if as_json:
@@ -145,8 +145,8 @@ def export(results: Path, formats: tuple[str, ...], out: Path | None, as_json: b
 def bundle(results: Path, count: int, out: Path | None, as_json: bool, overwrite: bool) -> None:
     """Pack results with configurations, versions, recordings and a hash of each file, for `hil-bridge campaign verify`.
 
-    It contains the recordings of failed runs and of the sampled seeds, and the policies, rules and height maps named
-    by settings. Exit code 1, and no bundle, if a repeated run differs from the results.
+    The bundle contains the recordings of failed runs and of the sampled seeds, and the policies, rules and height maps
+    that settings name. If a repeated run differs from the results, no bundle is written, and the exit code is 1.
     """
     from hil_bridge.console.progress import run_progress
     from hil_bridge.errors.text_files import harmless
@@ -177,9 +177,10 @@ def bundle(results: Path, count: int, out: Path | None, as_json: bool, overwrite
 def verify(bundle: Path, count: int | None, as_json: bool) -> None:
     """Check each file of a bundle against its hash, and repeat the runs of some seeds.
 
-    Every figure of a repeated run must be identical to the last bit, and every cycle if the bundle has its recording.
-    Exit code 1 if a file or a seed was altered, or a run differs or cannot be repeated here. A different version is
-    reported, but is not a failure. No code of a bundle is run. Create bundles with `hil-bridge campaign bundle`.
+    Every figure of a repeated run must be identical in every bit. If the bundle contains the recording of the run, so
+    must every cycle. Exit code 1 if a file or a seed was altered, or if a run differs or cannot be repeated on this
+    computer. A different version is reported, but is not a failure. No code from a bundle is executed. Create bundles
+    with `hil-bridge campaign bundle`.
     """
     from hil_bridge.console.progress import run_progress
     from hil_bridge.errors.text_files import harmless

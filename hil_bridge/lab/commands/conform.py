@@ -18,7 +18,7 @@ def _kinds() -> list[str]:
 
 
 def _complete_scenarios(context: click.Context, parameter: click.Parameter, begun: str) -> list[str]:
-    """Complete the scenario names of the device kind in the command line."""
+    """Return the scenario names of the device kind in the command line, for shell completion."""
 
     def names() -> list[str]:
         from hil_bridge.lab.conform.real_time import cell_of, make_trial, rules_of
@@ -88,14 +88,15 @@ def conform(
       netft: {http_port}          HIL_BRIDGE_HTTP_PORT
       s3, ft300: {device}         HIL_BRIDGE_DEVICE, a pseudo-terminal
 
-    Exit codes: 0 none failed, 2 wrong input, 3 the emulator or its port, 4 a scenario failed, 130 interrupted.
+    Exit codes: 0 no scenario failed, 2 invalid input, 3 the emulator or its port failed, 4 a scenario failed,
+    130 interrupted.
     """
     from hil_bridge.lab.conform.real_time import cell_of, make_trial, play_all, rules_of
     from hil_bridge.lab.conform.reports import as_json, as_junit, lateness, not_modelled, table, totals
     from hil_bridge.lab.conform.rules import describe_rules, read_rules
     from hil_bridge.lab.conform.trial import choose_scenarios
     from hil_bridge.lab.conform.verdict import Outcome
-    from hil_bridge.record.files import check_place, write_whole
+    from hil_bridge.record.files import check_place, write_atomically
     from hil_bridge.runs.signals import as_ctrl_c
 
     rules = read_rules(rules_of(kind), settings, comes_back=comes_back, ends=ends, takes_zero=takes_zero)
@@ -112,9 +113,9 @@ def conform(
     with as_ctrl_c():
         results = play_all(trial, names, lambda text: click.echo(text, err=True))
     if junit is not None:
-        write_whole(junit, as_junit(kind, results), overwrite)
+        write_atomically(junit, as_junit(kind, results), overwrite)
     if json_file is not None:
-        write_whole(json_file, as_json((trial.thing, kind), command, rules, results).encode(), overwrite)
+        write_atomically(json_file, as_json((trial.thing, kind), command, rules, results).encode(), overwrite)
     echo_lines([*table(results), totals(results), *lateness(results), *not_modelled(results)])
     if any(one.verdict.outcome is Outcome.FAILED for one in results):
         click.get_current_context().exit(FAILED)

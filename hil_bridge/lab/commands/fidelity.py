@@ -34,7 +34,7 @@ between_option = click.option(
 
 @contextmanager
 def requiring_scipy() -> Iterator[None]:
-    """Raise ConfigError with the command that installs SciPy if an import in the context lacks it."""
+    """Convert a failed import of SciPy in the context to a ConfigError with the command that installs SciPy."""
     try:
         yield
     except ImportError as error:
@@ -88,7 +88,7 @@ def fidelity(
     with requiring_scipy():
         from hil_bridge.lab.fidelity.subjects import compare_with, read
         from hil_bridge.lab.fidelity.text import describe
-    from hil_bridge.record.files import check_place, write_whole
+    from hil_bridge.record.files import check_place, write_atomically
 
     if page is not None:
         check_place(page, overwrite)
@@ -101,7 +101,7 @@ def fidelity(
     if page is not None:
         from hil_bridge.lab.fidelity.page import fidelity_page
 
-        write_whole(page, fidelity_page(recording.name, compared).encode(), overwrite)
+        write_atomically(page, fidelity_page(recording.name, compared).encode(), overwrite)
     if as_json:
         echo_json(compared.comparison)
     else:

@@ -47,7 +47,7 @@ def identify_cell(
         from hil_bridge.lab.identification.profile import profile_text
         from hil_bridge.lab.identification.text import describe
     from hil_bridge.record import read
-    from hil_bridge.record.files import check_place, write_whole
+    from hil_bridge.record.files import check_place, write_atomically
 
     if out is not None:
         check_place(out, overwrite)
@@ -66,5 +66,5 @@ def identify_cell(
     else:
         echo_lines(describe(identified.values))
     if out is not None:
-        write_whole(out, profile_text(identified, recording.name).encode(), overwrite)
+        write_atomically(out, profile_text(identified, recording.name).encode(), overwrite)
         click.echo(f"wrote {out}", err=as_json)

@@ -1,4 +1,5 @@
-"""Extensions of the core commands by the lab: campaign results in `view` and `compare`, promises in `why`.
+"""Extensions of the core commands by the lab: campaign results in `view` and `compare`, and broken promises in
+`why`.
 
 Each function is an entry point of the group `hil_bridge.extensions`.
 """
@@ -34,7 +35,7 @@ def compare_results(files: tuple[Path, ...], out: Path, as_json: bool, overwrite
     from hil_bridge.lab.campaign.store import Store
     from hil_bridge.lab.campaign.trend_page import trend_lines, trend_page
     from hil_bridge.lab.campaign.trends import trend_of
-    from hil_bridge.record.files import check_place, write_whole
+    from hil_bridge.record.files import check_place, write_atomically
     from hil_bridge.show.report.compare import names_of
 
     if not as_json:
@@ -45,7 +46,7 @@ def compare_results(files: tuple[Path, ...], out: Path, as_json: bool, overwrite
     if as_json:
         echo_json(trend)
     else:
-        write_whole(out, trend_page(trend).encode(), overwrite)
+        write_atomically(out, trend_page(trend).encode(), overwrite)
         echo_lines(harmless(line) for line in trend_lines(trend))
         click.echo(out)
     if trend.worse:

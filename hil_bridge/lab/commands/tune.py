@@ -109,8 +109,8 @@ def tune(
     hil-bridge tune cell.toml --controller pi --minimise rise_s --minimise overshoot_percent -o tuned.toml
     hil-bridge run tuned.toml --virtual
 
-    A run that the guard stops, or whose true force is above the limit, excludes its point. Exit codes: 0 done, 2 wrong
-    input, 4 no point met the constraints, 130 interrupted, with the best so far written.
+    A point is excluded if the guard stops one of its runs, or if the true force of one exceeds the limit. Exit codes:
+    0 completed, 2 invalid input, 4 no point met the constraints, 130 interrupted; the best point so far is written.
     """
     import os
 
@@ -121,7 +121,7 @@ def tune(
     from hil_bridge.lab.tuning.reporting import as_json, describe_parameters, fresh_comparison
     from hil_bridge.lab.tuning.searching import SearchPlan, begin, search
     from hil_bridge.lab.tuning.space import space_of
-    from hil_bridge.record.files import check_place, write_whole
+    from hil_bridge.record.files import check_place, write_atomically
     from hil_bridge.runs.signals import as_ctrl_c
 
     for place in (out, plot, json_file):
@@ -155,17 +155,17 @@ def tune(
             best = state.best
             if best is not None and out is not None:
                 text = tuned_file(values, config, state, config_file)
-                write_whole(out, text.encode(), overwrite)
+                write_atomically(out, text.encode(), overwrite)
                 click.echo(out)
             if plot is not None:
-                write_whole(
+                write_atomically(
                     plot,
-                    picture(state.tried, state.defaults, _best_tried(state), axes, plot.suffix[1:]),
+                    picture(state.tried, state.defaults, _find_best(state), axes, plot.suffix[1:]),
                     overwrite,
                 )
                 click.echo(plot)
             if json_file is not None:
-                write_whole(json_file, as_json(state, comparisons).encode(), overwrite)
+                write_atomically(json_file, as_json(state, comparisons).encode(), overwrite)
                 click.echo(json_file)
     echo_lines(["", *describe_front(front(state.tried, *axes), plan.space, *axes)])
     fresh = fresh_comparison(state)
@@ -174,14 +174,18 @@ def tune(
         click.get_current_context().exit(NO_FEASIBLE_POINT)
 
 
-def _best_tried(state: "Search") -> Any:
-    """Return the best point with the figures of the search, as plotted with the load_other_cell."""
+def _find_best(state: "Search") -> Any:
+    """Return the best point with its figures from the search, not from the fresh seeds, so that it matches the
+    other points of the plot.
+    """
     best = state.best
     return None if best is None else next(one for one in state.tried if one.point == best.point)
 
 
 def _read(place: Path | None, overrides: dict[str, object]) -> tuple[dict[str, Any], "Config"]:
-    """Return the values of the file with the overrides, and the resulting configuration including its pace."""
+    """Return the values of the file with the overrides applied, and the resulting configuration, which includes its
+    pace.
+    """
     from hil_bridge.runs.setup import Setup
     from hil_bridge.settings.configuration import lay_over, load_config, read_values
 
@@ -196,7 +200,7 @@ def _read(place: Path | None, overrides: dict[str, object]) -> tuple[dict[str, A
 
 
 def _runs(plan: "SearchPlan", cells: int) -> int:
-    """Return the largest number of runs of the search and of the validation."""
+    """Return the maximum number of runs of the search and of the validation."""
     return plan.budget + cells * 2 * len(plan.fresh)
 
 

@@ -12,9 +12,9 @@ from typing import Protocol
 from hil_bridge.errors import ConfigError
 
 OUTPUT_MAX = 64 * 1024
-"""Chosen: number of last bytes kept of a client's output."""
+"""Number of bytes kept from the end of a client's output. Chosen."""
 _REAP_S = 2.0
-"""Chosen: timeout for the end of a killed process."""
+"""Timeout for the end of a killed process, s. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,17 +22,21 @@ class Where:
     """Address of the device for a client."""
 
     url: str
-    """Link URL of hil-bridge, with the kind if required."""
+    """Link URL in the format of hil-bridge, with the device kind if required."""
     names: Mapping[str, str]
-    """Placeholders by name: url, host, port and others of the link."""
+    """Values of the placeholders by name: url, host, port and others of the link."""
 
     def environment(self) -> dict[str, str]:
-        """Return this process's environment with `HIL_BRIDGE_HOST` and so on. Python clients write unbuffered."""
-        given = {f"HIL_BRIDGE_{name.upper()}": value for name, value in self.names.items()}
-        return {**os.environ, "PYTHONUNBUFFERED": "1", **given}
+        """Return this process's environment with `HIL_BRIDGE_HOST` and the other address variables. Python clients
+        write unbuffered.
+        """
+        variables = {f"HIL_BRIDGE_{name.upper()}": value for name, value in self.names.items()}
+        return {**os.environ, "PYTHONUNBUFFERED": "1", **variables}
 
     def filled(self, command: Sequence[str]) -> list[str]:
-        """Fill in the placeholders of a command. Raises ConfigError for a placeholder that this link does not have."""
+        """Replace the placeholders of a command by their values. Raises ConfigError for a placeholder that this
+        link does not have.
+        """
         filled = []
         for word in command:
             for name, value in self.names.items():
@@ -48,30 +52,30 @@ class Where:
 
 
 class Client(Protocol):
-    """Client of a device that runs by itself."""
+    """Client under test, which runs independently of the test."""
 
     on_output: Callable[[bytes], object] | None
-    """Called with each piece of its output; None to ignore it."""
+    """Callback that receives each piece of output; None to discard the output."""
 
     def start(self, where: Where) -> None:
         """Start the client. Raises ConfigError if it cannot be started."""
 
     def poll(self) -> int | None:
-        """Return its exit code, negative for a signal; None while it runs."""
+        """Return the exit code of the client, negative for a signal; None while it runs."""
 
     def ask_to_end(self) -> None:
-        """Ask it to terminate."""
+        """Ask the client to terminate."""
 
     def kill(self) -> None:
-        """Kill it and all its children. Idempotent."""
+        """Kill the client and all its children. Idempotent."""
 
     @property
     def output(self) -> str:
-        """The end of its output."""
+        """End of the client's output as text."""
 
 
 class ProcessClient:
-    """Command in a new session, so that signals reach all its processes."""
+    """Client that is a command in a new session, so that signals reach all its processes."""
 
     def __init__(self, command: Sequence[str]) -> None:
         self._command = command
@@ -81,10 +85,10 @@ class ProcessClient:
         self._cut = False
 
     def start(self, where: Where) -> None:
-        words = where.filled(self._command)
+        command = where.filled(self._command)
         try:
             self._process = subprocess.Popen(
-                words,
+                command,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
@@ -93,7 +97,7 @@ class ProcessClient:
             )
         except (OSError, ValueError) as error:
             raise ConfigError(
-                f"cannot start {words[0]!r}: {getattr(error, 'strerror', '') or error}"
+                f"cannot start {command[0]!r}: {getattr(error, 'strerror', '') or error}"
             ) from error
         assert self._process.stdout is not None
         os.set_blocking(self._process.stdout.fileno(), False)
@@ -130,13 +134,13 @@ class ProcessClient:
         return f"[…]{text}" if self._cut else text
 
     def _signal(self, number: signal.Signals) -> None:
-        """Signal the complete group, even if its leader has ended: the rest are its children."""
+        """Send a signal to the complete process group, even if its leader has ended, because children may remain."""
         assert self._process is not None
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, number)
 
     def _read(self) -> None:
-        """Read its output, for a limited time: a client that writes without end must not block."""
+        """Read the output for a limited time, so that a client that never stops writing cannot block the test."""
         assert self._process is not None
         stream = self._process.stdout
         if stream is None or stream.closed:

@@ -1,4 +1,4 @@
-"""End of a client, part of the evidence of every scenario."""
+"""How a client ended, which is part of the evidence of every scenario."""
 
 import signal
 from dataclasses import dataclass
@@ -6,20 +6,20 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class Ending:
-    """End of a client. Times are seconds since the start of the scenario."""
+    """How and when a client ended. Times are seconds since the start of the scenario."""
 
     ended_at: float | None = None
     exit_code: int | None = None
-    """Exit code, negative for a signal; None if the client was killed."""
-    told_to_end: bool = False
+    """Exit code of the client, negative for a signal; None while it runs, or if it was killed."""
+    end_requested: bool = False
     killed: bool = False
     late_s: float = 0.0
-    """Largest lateness of this process, and with it of the emulated device, s; 0 in virtual time."""
+    """Largest delay of this process, and therefore of the emulated device, s; 0 in virtual time."""
 
     @property
     def crashed(self) -> bool:
-        """Whether it ended by a signal that the test did not send."""
-        return not self.told_to_end and self.exit_code is not None and self.exit_code < 0
+        """Whether the client ended by a signal that the test did not send."""
+        return not self.end_requested and self.exit_code is not None and self.exit_code < 0
 
 
 def describe_end(ending: Ending) -> str:
@@ -31,7 +31,7 @@ def describe_end(ending: Ending) -> str:
         return "the client is still running"
     how = (
         "terminated on request"
-        if ending.told_to_end
+        if ending.end_requested
         else f"ended by itself after {ending.ended_at or 0.0:.1f} s"
     )
     if code < 0:

@@ -1,4 +1,4 @@
-"""Conformance tests in real time, and the port of their device."""
+"""Conformance tests in real time, and the ports of the devices under test."""
 
 import socket
 from collections.abc import Callable, Mapping, Sequence
@@ -21,7 +21,7 @@ from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.settings.devices import robot_at, sensor_at
 
 _BOUND_BY_CLIENT = "udp://"
-"""Scheme of robots that send first, to a port on which the client listens."""
+"""URL scheme of robots that send first, to a port on which the client listens."""
 
 
 def rules_of(kind: str) -> type[Rules] | type[SensorRules]:
@@ -36,19 +36,22 @@ def rules_of(kind: str) -> type[Rules] | type[SensorRules]:
 
 
 def cell_of(kind: str, config: Path | Mapping[str, object] | None) -> Config:
-    """Return the configuration of an emulated cell with this kind of device, from a file or values by dotted key.
+    """Return the configuration of an emulated cell with this kind of device. `config` is a file or contains values
+    by dotted key.
 
     Raises ConfigError.
     """
     thing = "sensor" if rules_of(kind) is SensorRules else "robot"
-    given = {} if config is None or isinstance(config, Path) else dict(config)
-    return load_config(config if isinstance(config, Path) else None, {**given, f"{thing}.emulated": kind})
+    values = {} if config is None or isinstance(config, Path) else dict(config)
+    return load_config(config if isinstance(config, Path) else None, {**values, f"{thing}.emulated": kind})
 
 
 def make_trial(
     config: Config, rules: Rules | SensorRules, command: Sequence[str], listen: str | None = None
 ) -> Trial[Any]:
-    """Create the trial of a command; `listen` is the URL of the device. Raises ConfigError if no port is available."""
+    """Create the conformance test of a command; `listen` is the URL of the device. Raises ConfigError if no port is
+    available.
+    """
     if isinstance(rules, SensorRules):
         url = listen or choose_port(sensor_at(config, ""), virtual=False).named_url
         return SensorTrial(config, url, rules, partial(ProcessClient, command))
@@ -56,10 +59,10 @@ def make_trial(
 
 
 def usual_port(config: Config, listen: str | None, command: Sequence[str]) -> str:
-    """Return the URL on which the robot listens, by default with free ports.
+    """Return the URL on which the robot listens. By default, its ports are free ports.
 
-    If the robot sends first, its client listens: on a free port if its command has {port} or {url}, otherwise on the
-    robot's usual port.
+    If the robot sends first, its client listens: on a free port if the command of the client has {port} or {url},
+    otherwise on the robot's usual port.
     """
     if listen is not None:
         return listen
@@ -79,9 +82,11 @@ def play_once(
     config: Path | Mapping[str, object] | None,
     rules: Mapping[str, Any],
 ) -> ScenarioResult[Any]:
-    """Run one scenario with a command in real time; `what` is the device kind and the scenario.
+    """Run one scenario with a command in real time. `what` contains the kind of the device and the name of the
+    scenario.
 
-    Settings come from a file or as values by dotted key. Raises BridgeError, and ConfigError for a wrong name.
+    Settings come from a file, or are given as values by dotted key. Raises BridgeError, and ConfigError for a wrong
+    name.
     """
     kind, scenario = what
     try:
@@ -94,15 +99,15 @@ def play_once(
 
 
 def play_all(
-    trial: Trial[Any], names: Sequence[str], say: Callable[[str], None]
+    trial: Trial[Any], names: Sequence[str], report: Callable[[str], None]
 ) -> list[ScenarioResult[Any]]:
-    """Run scenarios one after the other, in real time. Raises BridgeError, KeyboardInterrupt."""
+    """Run scenarios one after the other in real time. Raises BridgeError, and KeyboardInterrupt on Ctrl-C."""
     results: list[ScenarioResult[Any]] = []
     for name in names:
         nominal = next((one for one in results if one.name == NOMINAL), None)
         if nominal is not None and (skipped := trial.refuse(name, nominal)) is not None:
             results.append(skipped)
             continue
-        say(f"{name} …")
+        report(f"{name} …")
         results.append(run_real(lambda name=name: play(name, trial)))  # type: ignore[misc]
     return results

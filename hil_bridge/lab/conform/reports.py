@@ -12,11 +12,11 @@ from hil_bridge.clock.heartbeat import MOST_S
 from hil_bridge.lab.conform.trial import SUITE_VERSION, ScenarioResult
 from hil_bridge.lab.conform.verdict import Outcome
 from hil_bridge.lab.junit import JunitCase, Verdict, encode_junit
-from protocol.unmodelled import relied_on
+from protocol.unmodelled import describe_unmodelled
 
 _VERDICTS = {Outcome.PASSED: Verdict.PASSED, Outcome.FAILED: Verdict.FAILED, Outcome.SKIPPED: Verdict.SKIPPED}
 _OUTPUT_LINES = 20
-"""Chosen: number of output lines printed for a failed scenario."""
+"""Number of output lines printed for a failed scenario. Chosen."""
 
 
 def _released() -> str:
@@ -26,12 +26,12 @@ def _released() -> str:
         return "unknown"
 
 
-def table(played: Sequence[ScenarioResult[Any]]) -> Iterator[str]:
-    """Yield one text line per scenario, and the client output of the failed ones."""
-    width = max(len(one.name) for one in played)
-    for one in played:
+def table(results: Sequence[ScenarioResult[Any]]) -> Iterator[str]:
+    """Yield one text line per scenario, followed by the client output of the failed scenarios."""
+    width = max(len(one.name) for one in results)
+    for one in results:
         yield f"{one.name:{width}}  {one.verdict.outcome:7}  {one.verdict.reason}"
-    for one in played:
+    for one in results:
         if one.verdict.outcome is Outcome.FAILED and one.output.strip():
             yield ""
             yield f"end of the client's output in {one.name}:"
@@ -39,16 +39,18 @@ def table(played: Sequence[ScenarioResult[Any]]) -> Iterator[str]:
                 yield f"  {_plain(line)}"
 
 
-def not_modelled(played: Sequence[ScenarioResult[Any]]) -> Iterator[str]:
-    """Yield a line with the features that the client used and the emulated device does not model, if any."""
-    things = dict.fromkeys(thing for one in played for thing in one.not_modelled)
+def not_modelled(results: Sequence[ScenarioResult[Any]]) -> Iterator[str]:
+    """Yield a line that lists the features that the client used and the emulated device does not model, if there
+    are any.
+    """
+    things = dict.fromkeys(thing for one in results for thing in one.not_modelled)
     if things:
-        yield relied_on(list(things))
+        yield describe_unmodelled(list(things))
 
 
-def lateness(played: Sequence[ScenarioResult[Any]]) -> Iterator[str]:
+def lateness(results: Sequence[ScenarioResult[Any]]) -> Iterator[str]:
     """Yield a warning if this computer was too busy in a scenario."""
-    late = {one.name: one.seen.late_s for one in played if one.seen.late_s >= MOST_S}
+    late = {one.name: one.seen.late_s for one in results if one.seen.late_s >= MOST_S}
     if late:
         yield (
             f"this process was late by up to {max(late.values()) * 1e3:.0f} ms in {', '.join(late)}: "
@@ -56,22 +58,22 @@ def lateness(played: Sequence[ScenarioResult[Any]]) -> Iterator[str]:
         )
 
 
-def totals(played: Sequence[ScenarioResult[Any]]) -> str:
-    """Return the numbers of passed, failed and skipped scenarios as one line."""
-    counts = {outcome: sum(one.verdict.outcome is outcome for one in played) for outcome in Outcome}
+def totals(results: Sequence[ScenarioResult[Any]]) -> str:
+    """Return the numbers of passed, failed and skipped scenarios as one line of text."""
+    counts = {outcome: sum(one.verdict.outcome is outcome for one in results) for outcome in Outcome}
     return ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
 
 
 def evidence(one: ScenarioResult[Any]) -> dict[str, Any]:
-    """Return the evidence by name, without unknown values."""
+    """Return the evidence of a scenario by name, without unknown values."""
     known = {key: value for key, value in asdict(one.seen).items() if value not in (None, "", [])}
     return {key: round(value, 6) if isinstance(value, float) else value for key, value in known.items()}
 
 
 def as_json(
-    what: tuple[str, str], command: Sequence[str], rules: Any, played: Sequence[ScenarioResult[Any]]
+    what: tuple[str, str], command: Sequence[str], rules: Any, results: Sequence[ScenarioResult[Any]]
 ) -> str:
-    """Encode the report as JSON; `what` is robot or sensor, and its kind."""
+    """Encode the report as JSON; `what` contains the type of the device, robot or sensor, and its kind."""
     report = {
         what[0]: what[1],
         "command": list(command),
@@ -89,14 +91,14 @@ def as_json(
                 "not_modelled": [asdict(thing) for thing in one.not_modelled],
                 "output": one.output,
             }
-            for one in played
+            for one in results
         ],
     }
     return msgspec.json.format(msgspec.json.encode(report), indent=2).decode() + "\n"
 
 
-def as_junit(kind: str, played: Sequence[ScenarioResult[Any]]) -> bytes:
-    """Encode the report as JUnit XML: one test case per scenario, its evidence as properties."""
+def as_junit(kind: str, results: Sequence[ScenarioResult[Any]]) -> bytes:
+    """Encode the report as JUnit XML: one test case per scenario, with its evidence as properties."""
     cases = [
         JunitCase(
             f"conform.{kind}",
@@ -107,7 +109,7 @@ def as_junit(kind: str, played: Sequence[ScenarioResult[Any]]) -> bytes:
             properties=[*_evidence_texts(one), *(("not_modelled", str(thing)) for thing in one.not_modelled)],
             output=one.output,
         )
-        for one in played
+        for one in results
     ]
     return encode_junit(f"hil-bridge conform {kind}", cases)
 

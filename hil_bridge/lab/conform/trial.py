@@ -1,4 +1,4 @@
-"""Conformance test of a client: one scenario after the other, each with a fresh emulated device and a fresh client."""
+"""Conformance test of a client: scenarios in sequence, each with a fresh emulated device and a fresh client."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -20,23 +20,23 @@ from hil_bridge.settings.devices import Robot, Sensor
 from protocol.unmodelled import NotModelled
 
 SUITE_VERSION = 2
-"""Version of the scenarios; increases when a client that passed may fail."""
+"""Version of the scenarios. It increases when a client that passed before may fail."""
 NOMINAL, CUT = "nominal", "cut"
-"""Scenarios of both robots and sensors: no fault, and a cut link."""
+"""Scenarios that robots and sensors share: no fault, and a cut link."""
 _POLL_S = 0.01
-"""Chosen: period of checks on the device and the client."""
+"""Period of the checks of device and client, s. Chosen."""
 
 Evidence = TypeVar("Evidence", bound=Ending)
-"""Type of a scenario's evidence."""
+"""Type of the evidence of a scenario."""
 
 
 class Mishap(NamedTuple):
-    """Fault of a scenario."""
+    """Fault that a scenario injects."""
 
     on: str
     fault: str
     given: Mapping[str, Any] = {}
-    """Parameters and duration."""
+    """Parameters and duration of the fault."""
 
 
 class InCell(NamedTuple):
@@ -45,7 +45,7 @@ class InCell(NamedTuple):
     cell: Cell[Any, Any]
     clock: Clock
     failures: list[BaseException]
-    """Errors that ended its service."""
+    """Errors that ended the service of the emulated cell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,36 +57,36 @@ class ScenarioResult(Generic[Evidence]):
     verdict: Verdict
     seen: Evidence
     output: str
-    """End of the client's output."""
+    """End of the client's output as text."""
     seconds: float
     not_modelled: tuple[NotModelled, ...] = ()
     """Features that the client used and the emulated device does not model."""
 
 
 class TrialRules(Protocol):
-    """Rules common to all trials, a dataclass."""
+    """Rules that all trials share, as a dataclass."""
 
     @property
     def end_s(self) -> float:
-        """Time in which the client must terminate on request, s."""
+        """Time limit for the client to terminate on request, s."""
 
 
 class Ended(Exception):
-    """The client has ended."""
+    """Signal that the client has ended, which leaves the scenario."""
 
 
 class Scene(ABC, Generic[Evidence]):
-    """Running scenario."""
+    """Scenario while it is executed."""
 
-    def __init__(self, seen: Evidence, in_cell: InCell, client: Client, end_s: float) -> None:
-        self.seen = seen
+    def __init__(self, evidence: Evidence, in_cell: InCell, client: Client, end_s: float) -> None:
+        self.seen = evidence
         self._cell, self._clock, self._failures = in_cell
         self._client, self._end_s = client, end_s
         self._begun = self._clock.now()
 
     @abstractmethod
     async def play(self, where: Where) -> None:
-        """Run the scenario: the client starts, the fault occurs, the client ends. Raises BridgeError."""
+        """Run the scenario: start the client, inject the fault, and end the client. Raises BridgeError."""
 
     def _observe(self, now: float) -> None:
         """Sample the device at `now`, s."""
@@ -106,7 +106,7 @@ class Scene(ABC, Generic[Evidence]):
         self._observe(self._clock.now())
 
     async def _until(self, done: Callable[[], bool] | None, seconds: float) -> None:
-        """Poll until `done`, or a timeout. Raises Ended if the client ends before."""
+        """Poll until `done` returns true, or until the timeout. Raises Ended if the client ends first."""
         end = self._clock.now() + seconds
         while not (done is not None and done()) and self._clock.now() < end:
             await self._clock.sleep_until(self._clock.now() + _POLL_S)
@@ -116,9 +116,9 @@ class Scene(ABC, Generic[Evidence]):
                 raise Ended
 
     async def _end_client(self) -> None:
-        """Ask the client to terminate, and kill what is left of it."""
+        """Ask the client to terminate, and kill its processes that remain."""
         if self.seen.exit_code is None:
-            self.seen.told_to_end = True
+            self.seen.end_requested = True
             self._client.ask_to_end()
             try:
                 await self._until(None, self._end_s)
@@ -130,15 +130,15 @@ class Scene(ABC, Generic[Evidence]):
 
 @dataclass(frozen=True)
 class Trial(ABC, Generic[Evidence]):
-    """Conformance test: a client, and the rules for it."""
+    """Conformance test of a client, with the rules for it."""
 
     thing: ClassVar[str]
     """Type of device: robot or sensor."""
     meanings: ClassVar[Mapping[str, str]]
-    """All scenarios with their meaning, in the order in which they run."""
+    """Description of each scenario, in the order of execution."""
 
     config: Config
-    """Configuration of the cell, whose emulated kind is under test."""
+    """Configuration of the cell. The emulated device of the kind under test is part of it."""
     port: str
     """URL on which the device listens."""
     rules: TrialRules
@@ -153,20 +153,22 @@ class Trial(ABC, Generic[Evidence]):
     @property
     @abstractmethod
     def mishaps(self) -> Mapping[str, Mishap | None]:
-        """Fault of each scenario that this device supports, in their order.
+        """Scenarios that this device supports, in the order of execution, each with its fault; None for no fault.
 
         Raises ConfigError for a device without any.
         """
 
     @property
     def scenarios(self) -> Mapping[str, str]:
-        """Scenarios that this device supports, in their order, with their meaning. Raises ConfigError as `mishaps`."""
+        """Scenarios that this device supports, in the order of execution, each with its description. Raises
+        ConfigError as `mishaps` does.
+        """
         return {name: self.meanings[name] for name in self.mishaps}
 
     def _possible(
         self, mishaps: Mapping[str, Mishap], faults: Mapping[str, Mapping[str, Any]]
     ) -> dict[str, Mishap | None]:
-        """Return the mishaps that an emulated device supports, and the scenario without one."""
+        """Return the scenarios whose fault an emulated device supports, and the scenario without a fault."""
         return {
             name: mishap
             for name in self.meanings
@@ -188,16 +190,16 @@ class Trial(ABC, Generic[Evidence]):
         """Create a scenario. Raises ConfigError for a device that cannot be observed."""
 
     @abstractmethod
-    def judge(self, name: str, seen: Evidence) -> Verdict:
+    def judge(self, name: str, evidence: Evidence) -> Verdict:
         """Return the verdict on this evidence."""
 
     @abstractmethod
     def refuse(self, name: str, nominal: ScenarioResult[Evidence]) -> ScenarioResult[Evidence] | None:
-        """Return the scenario as skipped if the nominal result makes it pointless; None to run it."""
+        """Return the scenario as skipped if the nominal result makes it pointless; None if it is to be run."""
 
 
 def choose_scenarios(trial: Trial[Any], only: Sequence[str]) -> list[str]:
-    """Return the scenarios to run. Raises ConfigError for one that this device does not support."""
+    """Return the scenarios to run. Raises ConfigError for a scenario that this device does not support."""
     known = trial.scenarios
     for name in only:
         if name not in known:
@@ -228,9 +230,9 @@ async def play(name: str, trial: Trial[Evidence]) -> ScenarioResult[Evidence]:
     return ScenarioResult(name, trial.scenarios[name], verdict, seen, client.output, seconds, tuple(things))
 
 
-def skip(name: str, trial: Trial[Evidence], reason: str, seen: Evidence) -> ScenarioResult[Evidence]:
+def skip(name: str, trial: Trial[Evidence], reason: str, evidence: Evidence) -> ScenarioResult[Evidence]:
     """Return the result of a skipped scenario."""
-    return ScenarioResult(name, trial.scenarios[name], Verdict(Outcome.SKIPPED, reason), seen, "", 0.0)
+    return ScenarioResult(name, trial.scenarios[name], Verdict(Outcome.SKIPPED, reason), evidence, "", 0.0)
 
 
 def where_of(device: Robot | Sensor) -> Where:

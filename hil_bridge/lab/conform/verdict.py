@@ -1,4 +1,4 @@
-"""Outcomes of a scenario."""
+"""Outcomes of a scenario, and its verdict."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from enum import StrEnum
 from itertools import islice
 
 _FAULTS_NAMED = 3
-"""Most faults named in a reason, the most serious first. Chosen."""
+"""Maximum number of faults named in a reason, most serious first. Chosen."""
 
 
 class Outcome(StrEnum):
@@ -26,7 +26,9 @@ class Verdict:
 
 
 def decide(skipped: str, faults: Iterable[str], summary: Callable[[], str]) -> Verdict:
-    """Return the verdict on a scenario: `skipped` with this reason if any, failed with faults, else passed."""
+    """Return the verdict on a scenario: skipped if `skipped` gives a reason, failed if there are faults, otherwise
+    passed.
+    """
     if skipped:
         return Verdict(Outcome.SKIPPED, skipped)
     if wrong := list(islice(faults, _FAULTS_NAMED)):

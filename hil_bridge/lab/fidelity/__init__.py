@@ -1,1 +1,3 @@
-"""Fidelity of emulated devices: the inputs of a recording are replayed to the emulator, and its output is compared."""
+"""Fidelity of emulated devices: the inputs of a recording are replayed to the emulator, and the outputs are
+compared.
+"""

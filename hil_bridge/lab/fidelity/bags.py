@@ -11,9 +11,10 @@ from protocol.geometry import rotation_rows
 
 
 def table_of_bag(bag: Recording) -> Table:
-    """Return the quantities of a bag: wrench in the tool frame, position and rotation of the tool, depth and force.
+    """Return the quantities of a bag: wrench in the tool frame, position and rotation of the tool, depth, and
+    force.
 
-    Columns with missing values are left out, and of samples with the same time only the first is kept. Raises
+    Columns with missing values are left out. Of several samples with the same time, only the first is kept. Raises
     ConfigError.
     """
     times = np.array([cycle.controlled_at for cycle in bag.cycles])

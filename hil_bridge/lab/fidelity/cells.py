@@ -1,4 +1,4 @@
-"""Parsing of a text table: position of its columns, and the numbers and times in its cells.
+"""Parsing of a text table: the positions of its columns, and the numbers and times in its cells.
 
 Ambiguous content is rejected with its line number.
 """
@@ -21,15 +21,15 @@ from hil_bridge.lab.fidelity.measures import Floats
 from hil_bridge.lab.fidelity.units import split_heading
 
 ROWS_MOST = 2_000_000
-"""Chosen: most rows of a table, more than an hour at 500 Hz."""
+"""Maximum number of rows in a table. Chosen: more than an hour at 500 Hz."""
 HEADER_LINES = 1000
-"""Chosen: number of lines searched for the column names. Headers of test benches have some hundred."""
+"""Number of lines that are searched for the column names. Chosen: headers of test benches have some hundred lines."""
 _COMMENT = "#%"
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
-"""Number whose comma may be a thousands separator or a decimal separator."""
+"""Pattern of a number whose comma may be a thousands separator or a decimal separator."""
 _ISO = re.compile(r"\d{4}-?\d\d-?\d\d[T ]\d")
 NUMBERS, LOCAL, ZONED = "numbers", "times without a zone", "times with a zone"
-"""Kinds of time columns."""
+"""Kinds of time columns: numbers, times without a time zone, and times with a time zone."""
 
 
 class Sheet(NamedTuple):
@@ -43,7 +43,7 @@ class Sheet(NamedTuple):
     """Line number of each row, from 1."""
 
     def where(self, row: int) -> str:
-        """Return the location of a row for a message."""
+        """Return the location of a row, for a message."""
         return f"{self.source}: line {self.lines[row]}"
 
 
@@ -73,7 +73,7 @@ def read_sheet(file: Path, mapping: TableMapping) -> Sheet:
 
 
 def _split(lines: Sequence[str], separator: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield the number, from 1, and the cells of each line that is not blank. Raises csv.Error."""
+    """Yield the line number, from 1, and the cells of each line that is not blank. Raises csv.Error."""
     sign = SEPARATORS[separator]
     if sign is None:
         yield from ((k, line.split()) for k, line in enumerate(lines, 1) if line.strip())
@@ -103,7 +103,7 @@ def _header(
                     names = next(_split([text], one), (0, [""]))[1]
                 except csv.Error:
                     continue
-                missing = [name for name in required if not _places(name, names)]
+                missing = [name for name in required if not _column_indices(name, names)]
                 if not missing:
                     return k, one, names
                 count = len(required) - len(missing)
@@ -114,8 +114,8 @@ def _header(
     raise ConfigError(f"{source} has no column {format_value(nearest[1])}; its header begins with {near}")
 
 
-def _places(name: str, names: Sequence[str]) -> list[int]:
-    """Return the indices of the columns with this name, with or without a unit suffix."""
+def _column_indices(name: str, names: Sequence[str]) -> list[int]:
+    """Return the indices of the columns that have this name, with or without a unit suffix."""
     exact = [k for k, one in enumerate(names) if one == name]
     return exact or [k for k, one in enumerate(names) if split_heading(one)[0] == name]
 
@@ -124,7 +124,7 @@ def place_of(name: str | int, sheet: Sheet) -> int:
     """Return the index of a column, from 0. Raises ConfigError for an ambiguous name."""
     if isinstance(name, int):
         return name - 1
-    places = _places(name, sheet.names)
+    places = _column_indices(name, sheet.names)
     if len(places) > 1:
         numbers = " and ".join(str(place + 1) for place in places[:2])
         raise ConfigError(
@@ -134,7 +134,9 @@ def place_of(name: str | int, sheet: Sheet) -> int:
 
 
 def _check_widths(sheet: Sheet, separator: str) -> None:
-    """Raise ConfigError for a row whose width differs from the header or the first row: its cells may be shifted."""
+    """Check that no row has another width than the header or the first row, since its cells may be shifted. Raises
+    ConfigError.
+    """
     width = len(sheet.names or (sheet.rows or [[]])[0])
     for k, row in enumerate(sheet.rows):
         if (len(row) > width and any(row[width:])) or (separator == "space" and len(row) < width):
@@ -174,7 +176,7 @@ def decimal_of(columns: Mapping[str, Sequence[str]], sheet: Sheet) -> str:
 
 
 def read_numbers(cells: Sequence[str], decimal: str, name: str, sheet: Sheet) -> Floats:
-    """Parse the numbers of a column. Raises ConfigError with the line of an invalid one."""
+    """Parse the numbers of a column. Raises ConfigError with the line of an invalid number."""
     values = np.empty(len(cells))
     for k, cell in enumerate(cells):
         values[k] = _number(cell, decimal)
@@ -200,7 +202,9 @@ def is_iso(cell: str) -> bool:
 
 
 def read_iso_times(cells: Sequence[str], sheet: Sheet) -> tuple[Floats, str]:
-    """Parse ISO 8601 times, s since 1970; return also whether they have a time zone. Digits below 1 µs are truncated.
+    """Parse ISO 8601 times to seconds since 1970; also return whether they have a time zone. Digits below 1 µs are
+    truncated.
+
     Raises ConfigError.
     """
     values, kind = np.empty(len(cells)), ""

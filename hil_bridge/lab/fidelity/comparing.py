@@ -1,7 +1,9 @@
-"""Comparison of a measured table with that of the emulated device: figures of each quantity, and their difference.
+"""Comparison of a measured table with the table of an emulated device: figures of each quantity, and their
+difference.
 
-Each output is judged against its own input: the measured one against the measured input, the emulated one against the
-emulated input. A setpoint that the devices report differently therefore does not count as a lag of the arm.
+Each output is judged against its own input: the measured output against the measured input, and the emulated output
+against the emulated input. A setpoint that the devices report differently therefore does not count as a lag of the
+arm.
 """
 
 import math
@@ -19,21 +21,21 @@ from hil_bridge.lab.fidelity.tables import Table
 from hil_bridge.lab.fidelity.units import FAMILIES, unit_of
 
 SLOW_HZ = 20.0
-"""Chosen: frequency below which variance counts as slow. Recorded arm vibrations have 9 to 16 Hz."""
+"""Frequency below which variance counts as slow, Hz. Chosen: recorded arm vibrations have 9 to 16 Hz."""
 
 INTEGRAL = "∫"
-"""Prefix of an input whose integral is followed."""
+"""Prefix of the name of an input whose integral the output follows."""
 
 
 class Pair(NamedTuple):
-    """Families of an input and the output that follows it."""
+    """Families of an input, and of the output that follows it."""
 
     source: str
     output: str
     integrated: bool = False
-    """Whether the output follows the integral of the input, a speed."""
+    """Whether the output follows the integral of the input, which is then a speed."""
     free: int = 0
-    """Free parameters, as in `measures.shift_of`."""
+    """Number of free parameters, as in `measures.shift_of`."""
 
 
 ROBOT_PAIRS = (
@@ -45,22 +47,28 @@ ROBOT_PAIRS = (
     Pair("target_position", "position"),
 )
 ROBOT_FREE = ("q", "qd", "position", "force", "moment")
-"""Outputs of a robot. If an output follows no input here, only its noise is compared."""
+"""Families of a robot's outputs. Only the noise is compared for an output that follows no input of the recording."""
 
 
 class Figures(Struct, frozen=True):
     """Figures of one output. NaN marks a figure that cannot be determined from the samples."""
 
     lag_s: float
-    """Lag behind the input, s."""
+    """Lag of the output behind its input, s."""
     lag_spread_s: float
-    """Standard deviation of the lag over parts of the recording, s."""
+    """Standard deviation of the lags of the parts of the recording, s."""
     rest_rms: float
-    """Root mean square of output minus input after that shift (the residual); NaN without an input."""
+    """Root mean square of the residual: output minus input, after the input is shifted by the lag. NaN without an
+    input.
+    """
     noise: float
-    """Standard deviation of successive differences of the residual, or of the output, divided by √2."""
+    """Standard deviation of the successive differences of the residual, divided by √2. Without an input, the
+    differences of the output are used.
+    """
     slow_share: float
-    """Share of the residual's (or output's) variance below `Comparison.slow_hz`."""
+    """Share of the residual's variance below `Comparison.slow_hz`. Without an input, the variance of the output is
+    used.
+    """
     grid: float
     """Quantisation step of the output."""
 
@@ -70,15 +78,17 @@ class Line(Struct, frozen=True):
 
     output: str
     source: str
-    """Its input; empty for none."""
+    """Name of the input; empty if the output has none."""
     unit: str
     measured: Figures
     emulated: Figures
     apart_s: float
     """Lag of the emulated output behind the measured one, s; NaN if it cannot be determined."""
     apart_rms: float
-    """Root mean square of their difference after that shift, without a constant; NaN without an input. For a contact,
-    unshifted and with the constant.
+    """Root mean square of the difference between the emulated and the measured output, after the shift by `apart_s`
+    and without a constant offset. NaN without an input.
+
+    For a contact, the difference is neither shifted nor freed from the offset.
     """
 
 
@@ -95,7 +105,7 @@ class Comparison(Struct, frozen=True):
     """Comparison of a recording with the emulated device."""
 
     kind: str
-    """Device kind."""
+    """Kind of the emulated device."""
     samples: int
     """Number of samples of the recording."""
     seconds: float
@@ -110,7 +120,7 @@ class Comparison(Struct, frozen=True):
 
 
 class Sides(NamedTuple):
-    """The two compared tables."""
+    """Measured and emulated table, which are compared."""
 
     kind: str
     """Kind of the emulated device."""
@@ -132,7 +142,7 @@ def compare_robot(sides: Sides) -> Comparison:
     lines, done = [], set[tuple[str, str]]()
     for pair in ROBOT_PAIRS:
         if pair.integrated and (pair.output, pair.source[:-1]) in done:
-            continue  # compared directly already
+            continue  # already compared directly
         for source, output in zip(FAMILIES[pair.source], FAMILIES[pair.output], strict=True):
             if sides.have(source, output):
                 lines.append(followed_line(sides, source, output, pair.free, pair.integrated))
@@ -151,14 +161,14 @@ def compare_robot(sides: Sides) -> Comparison:
         raise ConfigError(
             f"nothing to compare: the emulated {sides.kind} does not report {', '.join(missing)}"
         )
-    words = tuple(f"{family}: the emulated {sides.kind} does not report it" for family in missing)
-    return make_comparison(sides, lines, left_out=words)
+    notes = tuple(f"{family}: the emulated {sides.kind} does not report it" for family in missing)
+    return make_comparison(sides, lines, left_out=notes)
 
 
 def make_comparison(
     sides: Sides, lines: Sequence[Line], laws: tuple[Law, ...] = (), left_out: tuple[str, ...] = ()
 ) -> Comparison:
-    """Build the comparison from these lines."""
+    """Build a comparison from the compared quantities."""
     measured, emulated = (measures.gaps_of(table.times) for table in sides.tables)
     times = sides.measured.times
     return Comparison(
@@ -175,7 +185,7 @@ def make_comparison(
 
 
 def free_line(sides: Sides, output: str) -> Line:
-    """Compare an output without an input by its noise."""
+    """Compare the noise of an output that has no input."""
     measured, emulated = (
         _own_figures(table.times, table.columns[output], table.columns[output]) for table in sides.tables
     )
@@ -183,19 +193,19 @@ def free_line(sides: Sides, output: str) -> Line:
 
 
 def direct_line(sides: Sides, output: str) -> Line:
-    """Compare an output with the same input in both tables: its unshifted difference, and its noise."""
+    """Compare an output whose input is the same in both tables: its unshifted difference, and its noise."""
     apart = sides.emulated.columns[output] - sides.measured.columns[output]
     return replace(free_line(sides, output), apart_s=0.0, apart_rms=measures.rms(apart))
 
 
 def followed_line(sides: Sides, source: str, output: str, free: int, integrated: bool = False) -> Line:
-    """Compare an output that follows an input, or the integral of an input speed; `free` as in `shift_of`."""
+    """Compare an output that follows an input, or the integral of a speed. `free` is as in `measures.shift_of`."""
     figures = []
     for table in sides.tables:
-        given, values = table.columns[source], table.columns[output]
+        inputs, values = table.columns[source], table.columns[output]
         if integrated:
-            given = measures.integral_of(table.times, given)
-        lag = measures.shift_of(table.times, given, values, free)
+            inputs = measures.integral_of(table.times, inputs)
+        lag = measures.shift_of(table.times, inputs, values, free)
         own = _own_figures(table.times, lag.rest, values)
         figures.append(
             replace(own, lag_s=lag.seconds, lag_spread_s=lag.spread, rest_rms=measures.rms(lag.rest))
@@ -203,9 +213,9 @@ def followed_line(sides: Sides, source: str, output: str, free: int, integrated:
     measured, emulated = sides.tables
     nearest = np.interp(measured.times, emulated.times, emulated.columns[output])
     apart = measures.shift_of(measured.times, measured.columns[output], nearest, max(free, 1))
-    words = f"{INTEGRAL}{source}" if integrated else source
+    label = f"{INTEGRAL}{source}" if integrated else source
     return Line(
-        output, words, unit_of(output), figures[0], figures[1], apart.seconds, measures.rms(apart.rest)
+        output, label, unit_of(output), figures[0], figures[1], apart.seconds, measures.rms(apart.rest)
     )
 
 

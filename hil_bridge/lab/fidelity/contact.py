@@ -1,6 +1,7 @@
 """Contact force of an emulated surface at the depths of a recording, compared with the measured force.
 
-The depth of a recording has an arbitrary origin. The height at which the tip touches is the only fitted parameter.
+The depth of a recording has an arbitrary origin. The depth at which the tip touches the surface is the only fitted
+parameter.
 """
 
 import math
@@ -21,15 +22,15 @@ from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import surface_settings
 
 _RATE_HZ = 8000
-"""Lowest sample rate for a surface with memory. Source: `emulators.seams.Surface`."""
+"""Lowest sample rate for a surface with memory, Hz. Source: `emulators.seams.Surface`."""
 _TRIED = 61
-"""Chosen: number of touch depths tried before the refinement."""
+"""Number of touch depths that are tried before the refinement. Chosen."""
 _FORCES_N = (1.0, 3.0, 5.0, 7.0, 9.0)
-"""Chosen: forces at which the stiffness is reported."""
+"""Forces at which the stiffness is reported, N. Chosen."""
 _LAW_SHARE = 0.05
-"""Chosen: share of the largest force above which the power law is fitted, clear of noise."""
+"""Share of the largest force above which the power law is fitted. Chosen: clear of the noise."""
 _BEFORE_MOST = 2.0
-"""Chosen: largest distance of the touch before the first depth, in multiples of the span of depths."""
+"""Largest distance from the touch to the smallest depth, as a multiple of the span of depths. Chosen."""
 
 
 def emulate_contact(config: Config, table: Table) -> Table:
@@ -41,19 +42,20 @@ def emulate_contact(config: Config, table: Table) -> Table:
     low, high = float(depth.min()), float(depth.max())
 
     def cost(touch: float) -> float:
-        return measures.rms(_pressed(surface, profile, table.times, depth - touch) - press)
+        return measures.rms(_vertical_force(surface, profile, table.times, depth - touch) - press)
 
     tried = np.linspace(low - (high - low), high, _TRIED)  # a recording may begin in contact
     best = int(np.argmin([cost(float(touch)) for touch in tried]))
     bounds = tried[max(best - 1, 0)], tried[min(best + 1, _TRIED - 1)]
     touch = float(minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-8}).x)
     return Table(
-        table.times, {"depth": depth - touch, "press": _pressed(surface, profile, table.times, depth - touch)}
+        table.times,
+        {"depth": depth - touch, "press": _vertical_force(surface, profile, table.times, depth - touch)},
     )
 
 
 def _surface_of(config: Config) -> tuple[Surface, SurfaceProfile]:
-    """Return the surface of a configuration, and its position. Raises ConfigError."""
+    """Return the surface of a configuration, and the profile with its position. Raises ConfigError."""
     name = config.cell.surface_kind
     try:
         if not name:
@@ -66,8 +68,8 @@ def _surface_of(config: Config) -> tuple[Surface, SurfaceProfile]:
     return surface, settings if isinstance(settings, SurfaceProfile) else config.cell.surface
 
 
-def _pressed(surface: Surface, profile: SurfaceProfile, times: Floats, depth: Floats) -> Floats:
-    """Return the vertical force at these depths below the surface, N."""
+def _vertical_force(surface: Surface, profile: SurfaceProfile, times: Floats, depth: Floats) -> Floats:
+    """Return the vertical force at these depths of the tip below the surface, N."""
     fine = times
     if surface.remembered_until is not None:
         fine = np.arange(times[0], times[-1], 1.0 / _RATE_HZ)
@@ -82,7 +84,10 @@ def _pressed(surface: Surface, profile: SurfaceProfile, times: Floats, depth: Fl
 
 
 def laws_of(measured: Table, emulated: Table) -> tuple[Law, ...]:
-    """Fit force = a · depth^n to both, with a, n and the touch free; return n, and the stiffness at several forces."""
+    """Fit force = a · depth^n to both tables, where a, n and the touch depth are free.
+
+    Returns n, and the stiffness of the law at several forces.
+    """
     fits = [fit_law(table) for table in (measured, emulated)]
     laws = [Law("exponent of the depth", "", *(exponent for exponent, _ in fits))]
     laws += [
@@ -101,7 +106,9 @@ def laws_of(measured: Table, emulated: Table) -> tuple[Law, ...]:
 
 
 def fit_law(table: Table) -> tuple[float, float]:
-    """Fit force = a · depth^n; return the exponent n and the scale a, N/m^n; NaN if it cannot be determined."""
+    """Fit force = a · depth^n. Return the exponent n and the scale a, N/m^n; both are NaN if they cannot be
+    determined.
+    """
     depth, press = table.columns["depth"], table.columns["press"]
     most = float(press.max())
     inside = press > _LAW_SHARE * most

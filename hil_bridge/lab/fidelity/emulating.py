@@ -1,4 +1,4 @@
-"""Replay of a recording's inputs to an emulated robot, which yields the table of its reports."""
+"""Replay of a recording's inputs to an emulated robot, whose reports form the emulated table."""
 
 from typing import NamedTuple
 
@@ -12,23 +12,23 @@ from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import robot_in
 
 POWERED_S = 1000.25
-"""Chosen: power-up time of the emulated device, s; not a round number, so that no time starts at 0."""
+"""Power-up time of the emulated device, s. Chosen: not a round number, so that no time starts at 0."""
 _DRIVES = ("order_q", "order_qd", "order_position", "target_q", "target_qd", "target_position")
-"""Families that can be replayed, by priority."""
+"""Families that can be replayed, in order of preference."""
 _NOWHERE = (0.0, 0.0, 0.0)
 
 
 class Drive(NamedTuple):
-    """Replayed part of a recording."""
+    """Family of a recording that is replayed to a robot."""
 
     family: str
-    """Family in the recording; empty for a stationary robot."""
+    """Name of the family in the recording; empty if the robot remains stationary."""
     order: str
-    """Corresponding family of orders."""
+    """Name of the corresponding family of orders."""
 
 
 def drive_of(table: Table) -> Drive:
-    """Return the part of a recording to replay; without one, the robot remains stationary."""
+    """Return the family of a recording to replay. If the recording has none, the robot remains stationary."""
     for family in _DRIVES:
         if table.has(family):
             return Drive(family, family.replace("target_", "order_"))
@@ -36,7 +36,9 @@ def drive_of(table: Table) -> Drive:
 
 
 def emulate_robot(config: Config, table: Table) -> Table:
-    """Return the table of a configured robot's emulator. Raises ConfigError if it cannot replay the recording."""
+    """Return the table that the emulator of a configured robot reports. Raises ConfigError if the emulator cannot
+    replay the recording.
+    """
     device = robot_in(config)
     emulation = device.kind.emulation
     if emulation is None or emulation.play is None:
@@ -56,8 +58,8 @@ def emulate_robot(config: Config, table: Table) -> Table:
         robot = emulation.make(device.settings)(home, POWERED_S, config.run.seed)
     except ValueError as error:
         raise ConfigError(f"cell: {error}") from error
-    played = emulation.play(robot, course, device.settings, POWERED_S)
-    times = np.array(played.times)
+    replay = emulation.play(robot, course, device.settings, POWERED_S)
+    times = np.array(replay.times)
     inside = (times >= -1e-9) & (times <= course.end + 1e-9)
-    columns = {name: np.array(values)[inside] for name, values in played.columns.items()}
+    columns = {name: np.array(values)[inside] for name, values in replay.columns.items()}
     return Table(times[inside], columns)

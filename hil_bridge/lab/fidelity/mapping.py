@@ -1,6 +1,6 @@
 """Column mapping of a table: quantity and unit of each column.
 
-separator = ","            # or ";", "tab", "space"; default: the one that yields the named columns
+separator = ","            # or ";", "tab", "space"; default: the separator that yields the named columns
 decimal = "."              # or ","; default: detected from the numbers
 header = true              # false: columns are numbered, from 1
 [time]
@@ -23,7 +23,7 @@ from hil_bridge.lab.fidelity.units import COUNTS, FAMILIES, TIME, UNITS, plain_u
 
 SEPARATORS = {",": ",", ";": ";", "tab": "\t", "space": None}
 QUATERNION = ("qx", "qy", "qz", "qw")
-"""Components of a rotation given as a quaternion."""
+"""Components of a rotation that is given as a quaternion."""
 _KEYS = {
     "": ("separator", "decimal", "header", "time", "columns"),
     "time": ("column", "unit", "rate_hz", "clock"),
@@ -32,24 +32,24 @@ _KEYS = {
 
 
 class Column(NamedTuple):
-    """Mapped column of a file."""
+    """One mapped column of a file."""
 
     part: str
-    """Quantity, or a component of a quaternion."""
+    """Name of the quantity, or of the component of a quaternion."""
     name: str | int
-    """Name of the column, or its number from 1."""
+    """Name of the column in the file, or its number from 1."""
     units: Mapping[str, float]
-    """Allowed units, and their sizes."""
+    """Allowed units, and the size of each in the base unit."""
     unit: str = ""
-    """Unit as in `UNITS`; empty if the header names it."""
+    """Unit of the column as in `UNITS`; empty if the header names the unit."""
     factor: float = 1.0
-    """Factor that converts its values to the unit."""
+    """Factor that converts the values of the column to its unit."""
     is_scaled: bool = False
     """Whether the mapping gives a factor, which overrides the unit in the header."""
 
 
 class Entry(NamedTuple):
-    """Mapped columns of a family in a file."""
+    """Mapped columns of one family in one file."""
 
     family: str
     columns: tuple[Column, ...]
@@ -60,18 +60,18 @@ class TableMapping(NamedTuple):
     """Parsed mapping file."""
 
     separator: str
-    """Key of `SEPARATORS`; empty to detect it."""
+    """Separator as a key of `SEPARATORS`; empty to detect it."""
     decimal: str
-    """`.` or `,`; empty to detect it."""
+    """Decimal separator, `.` or `,`; empty to detect it."""
     header: bool
     time: Column | None
-    """None for evenly spaced samples."""
+    """Time column; None for evenly spaced samples."""
     rate: float
     at_arrival: bool
     entries: tuple[Entry, ...]
 
     def columns_in(self, file: Path) -> list[Column]:
-        """Return the mapped columns of a file, time first."""
+        """Return the mapped columns of a file, beginning with the time column."""
         named = [column for entry in self.entries if entry.file == file for column in entry.columns]
         return named if self.time is None else [self.time, *named]
 
@@ -96,7 +96,7 @@ def read_mapping(path: Path, recording: Path) -> TableMapping:
     if not isinstance(time, dict) or not isinstance(columns, dict) or not columns:
         raise ConfigError(f"{source} must have the sections [time] and [columns]")
     column, rate = _time(time, header, source)
-    entries = tuple(_entry(name, given, header, recording, source) for name, given in columns.items())
+    entries = tuple(_entry(name, entry, header, recording, source) for name, entry in columns.items())
     clock = time.get("clock", "device")
     if clock not in ("device", "arrival"):
         raise ConfigError(f"{source}: time.clock must be device or arrival, got {format_value(clock)}")
@@ -104,7 +104,7 @@ def read_mapping(path: Path, recording: Path) -> TableMapping:
 
 
 def _time(time: Mapping[str, Any], header: bool, source: str) -> tuple[Column | None, float]:
-    """Return the time column, or None and the sample rate."""
+    """Return the time column, or None and the sample rate if there is no time column."""
     _check_keys(time, "time", source)
     column, rate = time.get("column"), time.get("rate_hz")
     if (column is None) == (rate is None):
@@ -120,16 +120,16 @@ def _time(time: Mapping[str, Any], header: bool, source: str) -> tuple[Column | 
     return None, float(rate)
 
 
-def _entry(name: str, given: Any, header: bool, recording: Path, source: str) -> Entry:
+def _entry(name: str, value: Any, header: bool, recording: Path, source: str) -> Entry:
     where = f"columns.{name}"
     if name not in FAMILIES:
         raise ConfigError(f"{source}: unknown quantity {format_value(name)}; known: {', '.join(FAMILIES)}")
-    if not isinstance(given, dict):
+    if not isinstance(value, dict):
         raise ConfigError(
             f'{source}: {where} must be a table such as {{ columns = ["NAME"], unit = "UNIT" }}'
         )
-    _check_keys(given, "columns", source)
-    listed, parts = given.get("columns"), FAMILIES[name]
+    _check_keys(value, "columns", source)
+    listed, parts = value.get("columns"), FAMILIES[name]
     if name == "rotation" and isinstance(listed, list) and len(listed) == len(QUATERNION):
         parts = _quaternion_parts(listed, source)
     if not isinstance(listed, list) or len(listed) != len(parts):
@@ -139,15 +139,15 @@ def _entry(name: str, given: Any, header: bool, recording: Path, source: str) ->
     for column in listed:
         if column != "":
             _check_name(column, header, where, source)
-    unit = _unit(given.get("unit", "1" if name == "rotation" else None), UNITS[name], where, source)
-    if "factor" in given and not unit:
+    unit = _unit(value.get("unit", "1" if name == "rotation" else None), UNITS[name], where, source)
+    if "factor" in value and not unit:
         raise ConfigError(f"{source}: {where}.factor requires {where}.unit, the unit of the scaled values")
-    factors = _factors(given, len(parts), where, source)
-    file = given.get("file", "")
+    factors = _factors(value, len(parts), where, source)
+    file = value.get("file", "")
     if not isinstance(file, str):
         raise ConfigError(f"{source}: {where}.file must be a file name, got {format_value(file)}")
     columns = tuple(
-        Column(part, column, UNITS[name], unit, factor, "factor" in given)
+        Column(part, column, UNITS[name], unit, factor, "factor" in value)
         for part, column, factor in zip(parts, listed, factors, strict=True)
         if column != ""
     )
@@ -155,7 +155,9 @@ def _entry(name: str, given: Any, header: bool, recording: Path, source: str) ->
 
 
 def _quaternion_parts(listed: Sequence[Any], source: str) -> tuple[str, ...]:
-    """Return the quaternion components from the last letters of the column names: the order alone is ambiguous."""
+    """Return the quaternion components according to the last letters of the column names, since their order alone
+    is ambiguous.
+    """
     names = [name if isinstance(name, str) else "" for name in listed]
     parts = tuple(f"q{name[-1:].lower()}" for name in names)
     if sorted(parts) != sorted(QUATERNION) or len({name[:-1] for name in names}) > 1:
@@ -166,9 +168,9 @@ def _quaternion_parts(listed: Sequence[Any], source: str) -> tuple[str, ...]:
     return parts
 
 
-def _factors(given: Mapping[str, Any], count: int, where: str, source: str) -> list[float]:
+def _factors(table: Mapping[str, Any], count: int, where: str, source: str) -> list[float]:
     """Return the signed factor of each column."""
-    sign, factor = given.get("sign", 1), given.get("factor", 1.0)
+    sign, factor = table.get("sign", 1), table.get("factor", 1.0)
     if sign not in (1, -1) or isinstance(sign, bool):
         raise ConfigError(f"{source}: {where}.sign must be 1 or -1, got {format_value(sign)}")
     factors = factor if isinstance(factor, list) else [factor] * count
@@ -187,7 +189,7 @@ def _factors(given: Mapping[str, Any], count: int, where: str, source: str) -> l
 
 
 def _unit(unit: Any, units: Mapping[str, float], where: str, source: str) -> str:
-    """Return a unit in the spelling of `units`; empty for None, which leaves it to the header."""
+    """Return a unit in the spelling of `units`; None becomes an empty text, so that the header determines the unit."""
     if unit is None:
         return ""
     plain = plain_unit(unit) if isinstance(unit, str) else ""

@@ -1,6 +1,7 @@
-"""Figures of one or two signals: lag, residual, noise, share of slow variance, grid, sample intervals.
+"""Figures of one or two signals: lag, residual, noise, share of slow variance, quantisation step, and sample
+intervals.
 
-Pure functions of samples at ascending times, s. Values are in the unit of their quantity.
+All functions are pure. They take samples at ascending times, s, with values in the unit of their quantity.
 """
 
 import math
@@ -15,48 +16,52 @@ from scipy.signal import periodogram
 Floats: TypeAlias = NDArray[np.float64]
 
 PARTS = 5
-"""Chosen: number of parts of a recording from whose lags the spread is estimated."""
+"""Number of parts of a recording from whose lags the spread is estimated. Chosen."""
 LONGEST_LAG_S = 0.5
-"""Chosen: largest lag searched, three times the longest of any recording so far."""
+"""Largest lag that is searched, s. Chosen: three times the longest lag of any recording so far."""
 LEAST_SAMPLES = 50
-"""Chosen: smallest number of samples for a comparison."""
+"""Smallest number of samples for a comparison. Chosen."""
 _LEAST_PART = 20
-"""Chosen: smallest number of samples of a part for its own lag."""
+"""Smallest number of samples in a part that gets its own lag. Chosen."""
 _FINE_S = 1e-5
-"""Chosen: resolution of a lag, far below any measured spread."""
+"""Resolution of a lag, s. Chosen: far below any measured spread."""
 _FEW = 300
-"""Chosen: approximate number of samples in the coarse search for a lag."""
+"""Approximate number of samples in the coarse search for a lag. Chosen."""
 _COARSE = 81
-"""Chosen: number of lags in the coarse search."""
+"""Number of lags that the coarse search tries. Chosen."""
 _EXPLAINED = 0.2
-"""Chosen: largest residual, as a share of the motion, with which a lag is accepted."""
+"""Largest residual, as a share of the motion, with which a lag is accepted. Chosen."""
 _STILL = 1e-9
-"""Chosen: relative motion below which an input is constant; that much is rounding."""
+"""Largest motion of a constant input, relative to its largest value. Chosen: a motion below this share is rounding."""
 _AGREEING = 2
-"""Chosen: smallest number of parts with their own lag, as the spread requires."""
+"""Smallest number of parts with their own lag. Chosen: the spread requires two."""
 _INCOHERENT = 0.1
-"""Chosen: 1 minus the mean resultant length of the phases on a grid, below which values lie on it."""
+"""Largest incoherence at which values lie on a grid: 1 minus the mean resultant length of the phases on that grid.
+Chosen.
+"""
 _DIVISORS = (1, 2, 3, 4)
-"""Chosen: possible sizes of the smallest differences in grid steps, larger than 1 while the value moves."""
+"""Sizes that the smallest differences may have, in grid steps. Chosen: they are larger than 1 while the value moves."""
 _NEAR = 0.1
-"""Chosen: tolerance within which a difference counts as two steps. Equal differences alone prove no grid."""
+"""Tolerance within which a difference counts as two steps, in grid steps. Chosen: a second size is required, since
+equal differences alone prove no grid.
+"""
 _EQUAL = 0.01
-"""Chosen: relative tolerance within which differences are one step."""
+"""Relative tolerance within which all differences count as one step. Chosen."""
 _GRID_STEPS = 12.0
-"""Chosen: largest difference used, in grid steps. Larger ones determine the grid less precisely."""
+"""Largest difference that is used, in grid steps. Chosen: larger differences determine the grid less precisely."""
 _FLOAT_STEPS = 8.0
-"""Chosen: differences below this many steps of a 32-bit float are rounding."""
+"""Largest difference that counts as rounding, in steps of a 32-bit float. Chosen."""
 
 
 class Lag(NamedTuple):
-    """Lag of an output behind its input."""
+    """Lag of an output signal behind its input signal."""
 
     seconds: float
-    """Delay of the output, s; NaN if the input moves too little, overall or in all parts but one."""
+    """Delay of the output, s; NaN if the input moves too little in the complete recording, or in all parts but one."""
     spread: float
-    """Standard deviation of the lags of the parts, s."""
+    """Standard deviation of the lags of the parts of a recording, s."""
     rest: Floats
-    """Residual: output minus shifted input; NaN outside the range of the input."""
+    """Residual: output minus the shifted input. NaN outside the range of the input."""
 
 
 class Gaps(Struct, frozen=True):
@@ -71,8 +76,8 @@ class Gaps(Struct, frozen=True):
 def shift_of(times: Floats, source: Floats, output: Floats, free: int = 0) -> Lag:
     """Estimate the lag of `output` behind `source`, both (n,) at `times` (n,).
 
-    `free` is 0 if both are the same quantity, 1 to ignore a constant offset between them, and 2 to ignore a linear
-    drift too.
+    `free` is the number of free parameters: 0 if both signals are the same quantity, 1 to ignore a constant offset
+    between them, and 2 to ignore a linear drift as well.
     """
     signals = _Signals(times - times[0], source, output, free)
     everything = slice(0, len(times))
@@ -88,26 +93,26 @@ def shift_of(times: Floats, source: Floats, output: Floats, free: int = 0) -> La
 
 
 class _Signals(NamedTuple):
-    """Input and output signals."""
+    """Input and output signals with their times."""
 
     times: Floats
-    """Times from 0, s."""
+    """Times of the samples, beginning at 0, s."""
     source: Floats
     output: Floats
     free: int
-    """As in `shift_of`."""
+    """Number of free parameters, as in `shift_of`."""
 
     def lag(self, part: slice) -> float | None:
-        """Return the lag in a part; None if the input moves too little."""
+        """Return the lag in a part, s; None if the input moves too little, or the residual is too large."""
         source = self.source[part]
-        moved = float(np.std(source))
-        if moved <= _STILL * float(np.max(np.abs(source))):
+        motion = float(np.std(source))
+        if motion <= _STILL * float(np.max(np.abs(source))):
             return None
         lag = self._best(part)
-        return lag if rms(self.rest(lag, part)) <= _EXPLAINED * moved else None
+        return lag if rms(self.rest(lag, part)) <= _EXPLAINED * motion else None
 
     def _best(self, part: slice) -> float:
-        """Return the lag with the smallest residual: a coarse search over few samples, refined over all."""
+        """Return the lag with the smallest residual, s: a coarse search over few samples, refined over all samples."""
         few = slice(part.start, part.stop, max(1, (part.stop - part.start) // _FEW))
         most = min(LONGEST_LAG_S, 0.25 * float(self.times[-1]))
         tried = np.linspace(-most, most, _COARSE)
@@ -134,7 +139,7 @@ class _Signals(NamedTuple):
 
 
 def rms(values: Floats) -> float:
-    """Return the root mean square of the finite values; NaN without any."""
+    """Return the root mean square of the finite values; NaN if there are none."""
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
 
@@ -146,7 +151,10 @@ def noise_of(values: Floats) -> float:
 
 
 def smooth_noise_of(values: Floats) -> float:
-    """Return the same from third differences divided by √20, unaffected by motion smooth over four samples."""
+    """Return the standard deviation of white noise on a smooth motion, from third differences divided by √20.
+
+    Motion that is smooth over four samples does not affect the result.
+    """
     steps = np.diff(values[np.isfinite(values)], 3)
     return float(np.std(steps) / math.sqrt(20.0)) if len(steps) else math.nan
 
@@ -154,7 +162,7 @@ def smooth_noise_of(values: Floats) -> float:
 def share_below(times: Floats, values: Floats, hertz: float) -> float:
     """Return the share of the variance below `hertz`, after removal of a linear trend.
 
-    NaN if half the sample rate is lower than that, or nothing varies.
+    NaN if `hertz` is above half the sample rate, if there are too few samples, or if nothing varies.
     """
     known = np.isfinite(values)
     times, values = times[known], values[known]
@@ -172,7 +180,7 @@ def share_below(times: Floats, values: Floats, hertz: float) -> float:
 def grid_of(values: Floats) -> float:
     """Return the quantisation step of the values; NaN if there is none, or too few values differ.
 
-    The differences of successive values are multiples of it, whatever the offset.
+    The differences of successive values are multiples of the step, even if the values have an offset.
     """
     values = values[np.isfinite(values)]
     if len(values) < LEAST_SAMPLES:
@@ -193,11 +201,13 @@ def grid_of(values: Floats) -> float:
 
 
 def _grid_near(steps: Floats, guess: float) -> tuple[float, float]:
-    """Return the grid closest to a guess, and 1 minus the mean resultant length of the phases of the steps on it."""
+    """Return the grid closest to a guess, and its incoherence: 1 minus the mean resultant length of the phases of
+    the steps.
+    """
     near = steps[steps < _GRID_STEPS * guess]
     if len(near) < LEAST_SAMPLES // 2:
         return guess, 1.0
-    if np.ptp(near) < _EQUAL * guess:  # they fit every grid
+    if np.ptp(near) < _EQUAL * guess:  # equal differences fit every grid
         return float(np.median(near)), 0.0
 
     def incoherence(size: float) -> float:
@@ -220,6 +230,6 @@ def gaps_of(times: Floats) -> Gaps:
 
 
 def integral_of(times: Floats, speeds: Floats) -> Floats:
-    """Integrate speeds from 0 by the trapezoidal rule."""
+    """Integrate speeds by the trapezoidal rule, beginning at 0."""
     steps = 0.5 * (speeds[1:] + speeds[:-1]) * np.diff(times)
     return np.concatenate([[0.0], np.cumsum(steps)])

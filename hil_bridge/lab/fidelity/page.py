@@ -1,4 +1,4 @@
-"""Comparison as one page: overlaid charts of measured and emulated values, and the table of figures."""
+"""Comparison as one page: overlaid charts of measured and emulated values, and the tables of figures."""
 
 from collections.abc import Iterator, Sequence
 from html import escape
@@ -15,10 +15,10 @@ from hil_bridge.show.pages import Axis, Chart, Charts, Layer, Series, document, 
 from hil_bridge.show.report.markup import cells
 
 _COLOURS = {"measured": "1", "emulated": "2"}
-"""Sides in the order of `Sides.tables`."""
+"""Colour of each side, in the order of `Sides.tables`."""
 _TITLES = ("figure", "measured", "emulated", "distance")
 _SCALES = {"rad": (1e3, "mrad"), "rad/s": (1e3, "mrad/s"), "m": (1e3, "mm")}
-"""Scale and unit of quantities in charts, if different from their own."""
+"""Scale and unit in charts, by the unit of a quantity, if they differ from it."""
 
 
 def fidelity_page(name: str, compared: Compared) -> str:
@@ -54,7 +54,7 @@ def _charts(compared: Compared) -> tuple[Charts, str]:
 
 
 def _of_line(line: Line, sides: Sides, sources: Sources) -> Iterator[Chart]:
-    """Yield the charts of a quantity: both overlaid, and each minus its own input."""
+    """Yield the charts of a quantity: both sides overlaid, and each side minus its own input."""
     scale, unit = _SCALES.get(line.unit, (1.0, line.unit))
     level = float(np.mean(sides.measured.columns[line.output]))
     drawn = [_about(table.columns[line.output], level) * scale for table in sides.tables]
@@ -75,14 +75,14 @@ def _over(name: str, sides: Sides, values: Sequence[Floats], sources: Sources) -
 
 
 def _rest(line: Line, table: Table) -> Floats:
-    """Return the unshifted output minus input, about its mean."""
-    given = table.columns[line.source.removeprefix(INTEGRAL)]
+    """Return the output minus the input, without a shift and without its mean."""
+    inputs = table.columns[line.source.removeprefix(INTEGRAL)]
     if line.source.startswith(INTEGRAL):
-        given = integral_of(table.times, given)
-    return _about(table.columns[line.output] - given, 0.0)
+        inputs = integral_of(table.times, inputs)
+    return _about(table.columns[line.output] - inputs, 0.0)
 
 
 def _about(values: Floats, level: float) -> Floats:
-    """Shift the values to another mean."""
-    moved: Floats = values + (level - float(np.mean(values)))
-    return moved
+    """Shift the values so that their mean is `level`."""
+    shifted: Floats = values + (level - float(np.mean(values)))
+    return shifted

@@ -1,4 +1,4 @@
-"""Conversion of a recorded run to columns of known quantities: the robot's positions, or the sensor's wrench."""
+"""Conversion of a recorded run to columns of known quantities: positions of the robot, or wrench of the sensor."""
 
 from itertools import takewhile
 
@@ -18,13 +18,13 @@ _STEERED = (Phase.APPROACH, Phase.TRACK)
 """Phases in which each cycle has a new order."""
 
 _BEFORE_TOUCH_S = 0.5
-"""Chosen: largest delay between a contact and its detection."""
+"""Largest delay between a contact and its detection, s. Chosen."""
 
 
 def places_of(run: Recording) -> Table:
     """Return ordered and reported positions of a run, by cycle. Raises ConfigError.
 
-    Only the cycles before the first retraction count: a retraction is a long motion to a single order.
+    Only the cycles before the first retraction are used, because a retraction is a long motion to a single order.
     """
     cycles = list(takewhile(lambda cycle: cycle.phase in _STEERED, run.cycles))
     if len(cycles) < LEAST_SAMPLES:
@@ -42,7 +42,9 @@ def places_of(run: Recording) -> Table:
 
 
 def wrench_before_contact(run: Recording) -> Table:
-    """Return the wrench of the tool alone, between a run's zero and its first contact. Raises ConfigError."""
+    """Return the wrench on the sensor without contact, from the zeroing of a run to its first contact. Raises
+    ConfigError.
+    """
     facts = devices_of(run).sensor.facts
     if facts is None:
         raise ConfigError("the recording does not contain the scales of its sensor")

@@ -1,7 +1,8 @@
-"""Emulated force/torque sensor under a recording's load, read by the regular client over its link in virtual time.
+"""Emulated force/torque sensor under the load of a recording, read by the regular client over its link in virtual
+time.
 
-If the recording has the sensor's rotation, the load is the weight of the tool, with mass, centre of gravity and zero
-fitted to the measured wrench. Otherwise it is the mean of the measured wrench.
+If the recording has the rotation of the sensor, the load is the weight of the tool, with mass, centre of gravity
+and zero fitted to the measured wrench. Otherwise, the load is the mean of the measured wrench.
 """
 
 import math
@@ -27,17 +28,19 @@ from hil_bridge.settings.devices import Sensor, sensor_in
 from protocol.wrench import WrenchFrame, wrench_of
 
 LOADS = tuple(f"load_{name}" for name in WRENCH)
-"""Columns of the load, in the order of a wrench."""
+"""Names of the load columns, in the order of a wrench."""
 _POSES = 60
-"""Chosen: number of readings from which the tool is identified; more add nothing for a slow motion."""
+"""Maximum number of readings from which the tool is identified. Chosen: for a slow motion, more readings add
+nothing.
+"""
 _LEAD_S = 0.1
-"""Chosen: streaming time before the load begins to change."""
+"""Time for which the sensor streams before the load begins to change, s. Chosen."""
 _ORTHOGONAL = 1e-3
-"""Chosen: tolerance of the orthonormality of a rotation matrix."""
+"""Largest deviation of a rotation matrix from orthonormality. Chosen."""
 
 
 def with_load(table: Table) -> Table:
-    """Add the load to a table. Raises ConfigError without a wrench, and for an invalid rotation."""
+    """Add the columns of the load to a table. Raises ConfigError without a wrench, and for an invalid rotation."""
     if not table.has("force"):
         raise ConfigError("the recording has no sensor wrench; map force and, if present, moment")
     moments = table.rows("moment") if table.has("moment") else np.zeros((len(table.times), 3))
@@ -48,7 +51,7 @@ def with_load(table: Table) -> Table:
 
 
 def _weight(table: Table, wrench: Floats) -> Floats:
-    """Return the wrench of the tool's weight fitted to the readings, (n, 6)."""
+    """Return the wrench (n, 6) of the tool's weight and the sensor's zero, fitted to the readings, N and N·m."""
     rotations = table.rows("rotation").reshape(-1, 3, 3)
     error = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max()
     if error > _ORTHOGONAL or (np.linalg.det(rotations) < 0.0).any():
@@ -70,13 +73,13 @@ def _weight(table: Table, wrench: Floats) -> Floats:
 
 
 class _Load:
-    """`WrenchSource` with the first load until `begin`, then those of the recording, and the last one after it."""
+    """`WrenchSource` with the loads of a recording: the first load until `begin`, and the last load after the end."""
 
     def __init__(self, table: Table) -> None:
         self._times = table.times
         self._load = np.column_stack([table.columns[name] for name in LOADS])
         self.begin = math.inf
-        """Start of the recording, s."""
+        """Time at which the recording starts, s; infinity until it is known."""
         self.on_change = lambda time: None
 
     def wrench(self, times: Floats) -> Floats:
@@ -91,12 +94,14 @@ class _Load:
         return now
 
     def predicted_until(self, now: float) -> float:
-        """Return `now`, as `committed_until`."""
+        """Return `now`, for the same reason as `committed_until`."""
         return now
 
 
 def emulate_sensor(config: Config, table: Table) -> Table:
-    """Return the table of a configured sensor's emulator under the load of a table. Raises ConfigError."""
+    """Return the table that the emulator of a configured sensor reports under the load of a table. Raises
+    ConfigError.
+    """
     device = sensor_in(config)
     if device.kind.emulation is None:
         raise ConfigError(f"{device.kind.name} has no emulator")
@@ -108,7 +113,7 @@ def emulate_sensor(config: Config, table: Table) -> Table:
 
 
 async def _listen(device: Sensor, seed: int, table: Table) -> tuple[Floats, Floats]:
-    """Return the arrival of each frame since the start of the recording, s, and its wrench, (n, 6)."""
+    """Return the arrival time of each frame, s since the start of the recording, and its wrench, (n, 6)."""
     clock = Clock.running()
     frames: list[WrenchFrame] = []
     failures: list[BaseException] = []

@@ -1,4 +1,4 @@
-"""Comparison of a recording by kind: robots by orders, sensors by loads, the contact by depth."""
+"""Comparison of a recording by kind: robots replay orders, sensors replay loads, and the contact replays depths."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -34,13 +34,13 @@ from hil_bridge.settings.configuration import Config, lay_over, load_config
 
 STANDSTILL = "inputs: the recording has none, so the emulated robot is stationary"
 _TABLES = (".csv", ".tsv", ".txt", ".dat")
-"""File name suffixes of tables."""
+"""File suffixes of text tables."""
 CONTACT = "contact"
-"""Kind name of the surface of an emulated cell, which is not a device."""
+"""Kind name for the surface of an emulated cell, which is not a device."""
 
 
 class Compared(NamedTuple):
-    """Measured and emulated tables with their comparison."""
+    """Measured and emulated tables, and their comparison."""
 
     sides: Sides
     comparison: Comparison
@@ -51,11 +51,13 @@ class Measured(NamedTuple):
 
     table: Table
     run: Recording | None = None
-    """Its run; None for a table and a bag."""
+    """Recorded run; None for a text table or a bag."""
 
 
 def read(recording: Path, mapping: Path | None, kind: str, bag: BagChoices | None = None) -> Measured:
-    """Read the quantities for a kind from a table with mapping, a ROS 2 bag, or a recorded run. Raises ConfigError."""
+    """Read the quantities for a kind from a text table with its mapping, a ROS 2 bag, or a recorded run. Raises
+    ConfigError.
+    """
     if is_bag(recording):
         if mapping is not None:
             raise ConfigError(f"{format_path(recording)} is a ROS 2 bag; give --topic instead of --columns")
@@ -69,8 +71,9 @@ def read(recording: Path, mapping: Path | None, kind: str, bag: BagChoices | Non
 
 
 def compare_with(kind: str, measured: Measured, config_file: Path | None, seed: int | None) -> Compared:
-    """Replay a recording to an emulated device of a kind, and compare. Settings of the file override those of a
-    recorded run. Raises ConfigError.
+    """Replay a recording to an emulated device of a kind, and compare the outputs.
+
+    Settings of the file override the settings of a recorded run. Raises ConfigError.
     """
     chosen: dict[str, object]
     compare: Callable[[str, Table, Config], Compared]
@@ -93,7 +96,7 @@ def compare_with(kind: str, measured: Measured, config_file: Path | None, seed: 
 
 
 def _sides(kind: str, measured: Table, emulated: Table) -> Sides:
-    """Return the tables to compare. Raises ConfigError if the recording is shorter than two samples of the device."""
+    """Return the tables to compare. Raises ConfigError if the recording is too short for two samples of the device."""
     if len(emulated.times) < 2:
         lasts_s = measured.times[-1] - measured.times[0]
         raise ConfigError(

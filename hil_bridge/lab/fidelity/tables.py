@@ -1,6 +1,6 @@
 """Measured recording as columns of known quantities, from a text table and its column mapping.
 
-Nothing in a file is trusted: the first problem raises a one-line error.
+Nothing in a file is trusted: the first problem raises an error of one line.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,26 +38,26 @@ from hil_bridge.lab.fidelity.units import (
 from hil_bridge.record.foreign import LARGEST
 
 UNIT_ERROR = 0.02
-"""Chosen: tolerance of a quaternion's length; two decimals deviate less."""
+"""Largest deviation of a quaternion's length from 1. Chosen: quaternions with two decimals deviate less."""
 LONGEST_S = 3600.0
-"""Chosen: longest recording that is replayed. Keeps a wrong time unit from running for days."""
+"""Longest recording that is replayed, s. Chosen: a wrong time unit cannot make a replay run for days."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Quantities over time."""
+    """Columns of known quantities over time."""
 
     times: Floats
     """Times (n,), s, ascending from 0."""
     columns: Mapping[str, Floats]
-    """Values (n,) in the units of `UNITS`, by the names in `FAMILIES`."""
+    """Values (n,) of each quantity, by a name in `FAMILIES`, in the base unit of `UNITS`."""
     at_arrival: bool = False
-    """Whether times are arrival times at the computer instead of times of the device clock."""
+    """Whether the times are arrival times at the computer, not times of the device clock."""
     notes: tuple[str, ...] = ()
-    """Notes for the user: what was skipped, and what the header determined."""
+    """Notes for the user: which rows were skipped, and what the header determined."""
 
     def family(self, name: str) -> tuple[str, ...]:
-        """Return the present columns of a family."""
+        """Return the columns of a family that are present."""
         return tuple(part for part in FAMILIES[name] if part in self.columns)
 
     def has(self, name: str) -> bool:
@@ -69,7 +69,7 @@ class Table:
         return np.column_stack([self.columns[part] for part in FAMILIES[name]])
 
     def check(self) -> None:
-        """Raise ConfigError for implausible values or an implausible duration."""
+        """Check the values and the duration. Raises ConfigError if they are implausible."""
         for name, values in self.columns.items():
             if (largest := float(np.abs(values).max())) > LARGEST:
                 raise ConfigError(f"{name} reaches {largest:.3g} {unit_of(name)}; check its unit")
@@ -80,7 +80,9 @@ class Table:
             )
 
     def between(self, begin: float, end: float) -> "Table":
-        """Return the interval between two times, s, starting at 0. Raises ConfigError if it has too few samples."""
+        """Return the part between two times, s, with times that start at 0. Raises ConfigError if it has too few
+        samples.
+        """
         inside = (self.times >= begin) & (self.times <= end)
         if inside.sum() < LEAST_SAMPLES:
             raise ConfigError(
@@ -96,9 +98,9 @@ class _Extract(NamedTuple):
     """Mapped columns of one file."""
 
     times: Floats
-    """Times, s."""
+    """Times of the rows, s."""
     kind: str
-    """Kind of its time column."""
+    """Kind of the time column."""
     columns: dict[str, Floats]
     notes: list[str]
 
@@ -155,7 +157,7 @@ def _extract(file: Path, plan: TableMapping) -> _Extract:
             times, kind = read_iso_times(cells["time"], sheet)
         else:
             times = values.pop("time")
-        kept = _rising(times, sheet, notes)
+        kept = _select_ascending(times, sheet, notes)
         times, values = times[kept], {part: column[kept] for part, column in values.items()}
         sheet = sheet._replace(lines=[sheet.lines[k] for k in kept])
     return _Extract(times, kind, _with_rotation(values, sheet), notes)
@@ -164,7 +166,9 @@ def _extract(file: Path, plan: TableMapping) -> _Extract:
 def _sizes(
     mapped: Sequence[Column], places: Mapping[str, int], units: Sequence[str], sheet: Sheet, notes: list[str]
 ) -> dict[str, float]:
-    """Return the factor of each column to the unit of its family. Raises ConfigError if mapping and header differ."""
+    """Return the factor that converts each column to the base unit of its family. Raises ConfigError if mapping and
+    header contradict each other.
+    """
     sizes: dict[str, float] = {}
     by_header: dict[str, list[str]] = {}
     for column in mapped:
@@ -198,19 +202,19 @@ def _sizes(
 
 
 def _units_line(sheet: Sheet, places: Sequence[int]) -> list[str]:
-    """Remove a line of units below the names and return its units; empty if there is none."""
+    """Remove a line of units below the column names and return the units; empty if there is no such line."""
     if not sheet.names or not sheet.rows:
         return []
     units = [plain_unit(cell.strip("[]() ")) for cell in sheet.rows[0]]
-    given = [units[place] for place in places if place < len(units)]
-    if not any(map(is_unit, given)) or not all(unit in ("", "1", "·") or is_unit(unit) for unit in given):
+    named = [units[place] for place in places if place < len(units)]
+    if not any(map(is_unit, named)) or not all(unit in ("", "1", "·") or is_unit(unit) for unit in named):
         return []
     del sheet.rows[0], sheet.lines[0]
     return [unit if is_unit(unit) else "" for unit in (*units, *[""] * len(sheet.names))]
 
 
 def _full_rows(cells: Mapping[str, Sequence[str]], sheet: Sheet) -> tuple[list[int], str]:
-    """Return the rows without blank cells, and a note on the skipped rows; a blank cell does not count as zero."""
+    """Return the rows without blank cells, and a note on the skipped rows. A blank cell does not count as zero."""
     blank = {part: [k for k, cell in enumerate(column) if not cell] for part, column in cells.items()}
     out = {k for rows in blank.values() for k in rows}
     if not out:
@@ -223,8 +227,10 @@ def _full_rows(cells: Mapping[str, Sequence[str]], sheet: Sheet) -> tuple[list[i
     return [k for k in range(len(sheet.rows)) if k not in out], note
 
 
-def _rising(times: Floats, sheet: Sheet, notes: list[str]) -> list[int]:
-    """Return the rows with a later time than the previous row. Raises ConfigError for an earlier time."""
+def _select_ascending(times: Floats, sheet: Sheet, notes: list[str]) -> list[int]:
+    """Return the rows whose time is later than the time of the previous row. Raises ConfigError if the time
+    decreases.
+    """
     steps = np.diff(times)
     if (steps < 0.0).any():
         line = sheet.lines[1 + int(np.argmax(steps < 0.0))]

@@ -1,4 +1,4 @@
-"""Comparison as text."""
+"""Text of a comparison."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -9,7 +9,7 @@ from hil_bridge.lab.fidelity.units import prefixed_unit
 from hil_bridge.record.analysis.figures import UNKNOWN
 
 _NOTHING = 1e-12
-"""Chosen: smaller values are rounding, in every unit used here."""
+"""Magnitude below which a value counts as rounding, in every unit used here. Chosen."""
 
 
 def describe(comparison: Comparison) -> Iterator[str]:
@@ -28,11 +28,11 @@ def describe(comparison: Comparison) -> Iterator[str]:
 
 
 Row = tuple[str, str, str, str]
-"""Name of a figure, measured, emulated, distance."""
+"""Row of a table: name of a figure, measured value, emulated value, and distance."""
 
 
 def tables(comparison: Comparison) -> Iterator[tuple[str, list[Row]]]:
-    """Yield titles with their rows."""
+    """Yield the title and the rows of each table."""
     yield "sample intervals", list(_gap_rows(comparison.measured_gaps, comparison.emulated_gaps))
     for line in comparison.lines:
         title = f"{line.output} behind {line.source}" if line.source else line.output
@@ -53,13 +53,13 @@ def tables(comparison: Comparison) -> Iterator[tuple[str, list[Row]]]:
 
 
 def _gap_rows(measured: Gaps, emulated: Gaps) -> Iterator[Row]:
-    words = {
+    labels = {
         "mean_s": "mean",
         "deviation_s": "standard deviation",
         "percentile_99_s": "99 % are below",
         "longest_s": "longest",
     }
-    for key, name in words.items():
+    for key, name in labels.items():
         here, there = getattr(measured, key), getattr(emulated, key)
         yield name, _ms(here), _ms(there), _difference(here, there)
 
@@ -67,9 +67,9 @@ def _gap_rows(measured: Gaps, emulated: Gaps) -> Iterator[Row]:
 def _rows(line: Line, slow_hz: float) -> Iterator[Row]:
     measured, emulated, unit = line.measured, line.emulated, line.unit
 
-    def row(name: str, here: float, there: float, words: Callable[[float], str]) -> Iterator[Row]:
+    def row(name: str, here: float, there: float, format_value: Callable[[float], str]) -> Iterator[Row]:
         if not (math.isnan(here) and math.isnan(there)):
-            yield name, words(here), words(there), _ratio(here, there)
+            yield name, format_value(here), format_value(there), _ratio(here, there)
 
     def size(value: float) -> str:
         return format_quantity(value, unit)
@@ -91,7 +91,7 @@ def _rows(line: Line, slow_hz: float) -> Iterator[Row]:
 
 
 def format_quantity(value: float, unit: str) -> str:
-    """Format a number with three digits and a unit prefix."""
+    """Format a number with three digits and a prefixed unit."""
     if math.isnan(value):
         return UNKNOWN
     if abs(value) < _NOTHING:
@@ -118,7 +118,7 @@ def _difference(here: float, there: float) -> str:
 
 
 def _rounded(seconds: float, digits: int, sign: str = "") -> str:
-    """Format milliseconds, without a sign for zero."""
+    """Format a time, s, as milliseconds, without a sign if it rounds to zero."""
     value = round(seconds * 1e3, digits) + 0.0
     return f"{value:{sign if value else ''}.{digits}f}"
 

@@ -13,17 +13,19 @@ FAMILIES: Mapping[str, tuple[str, ...]] = {
     "depth": ("depth",),
     "press": ("press",),
 }
-"""Quantities by family. In addition to those of robots: the rotation of the sensor in the base frame, row by row; the
-depth of a tip below its reference, m; the contact force on it, N.
+"""Quantities by family: the families of robots, and three more.
+
+`rotation` is the rotation of the sensor in the base frame, row by row. `depth` is the depth of a tip below its
+reference, m. `press` is the contact force on the tip, N.
 """
 WRENCH = (*FAMILIES["force"], *FAMILIES["moment"])
-"""Columns of a wrench in their order."""
+"""Columns of a wrench, in order."""
 LBF = 4.4482216152605
-"""Pound-force, N; exact. Source: NIST SP 811 (2008), appendix B.8."""
+"""One pound-force, N; exact. Source: NIST SP 811 (2008), appendix B.8."""
 KGF = 9.80665
-"""Kilogram-force, N; exact. Source: as above."""
+"""One kilogram-force, N; exact. Source: NIST SP 811 (2008), appendix B.8."""
 INCH, FOOT = 0.0254, 0.3048
-"""m; exact. Source: as above."""
+"""One inch and one foot, m; exact. Source: NIST SP 811 (2008), appendix B.8."""
 _ANGLE = {"rad": 1.0, "mrad": 1e-3, "µrad": 1e-6, "deg": math.pi / 180.0, "°": math.pi / 180.0}
 _SPEED = {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0}
 _LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6, "in": INCH}
@@ -51,9 +53,9 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "moment": _MOMENT,
     "rotation": _NUMBER,
 }
-"""Units of each family, and their sizes in its base unit, the first."""
+"""Units of each family, with their sizes in its base unit, which is the first."""
 COUNTS = ("counts", "count", "raw", "digits", "lsb")
-"""Units whose size only a sensor's calibration gives."""
+"""Units whose size is known only from the calibration of a sensor."""
 _KNOWN = {unit for units in (*UNITS.values(), TIME) for unit in units if unit != "1"} | {*COUNTS}
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 _PREFIXED = ("s", "rad", "m", "N", "N·m")
@@ -70,7 +72,10 @@ def unit_of(column: str) -> str:
 
 
 def plain_unit(text: str) -> str:
-    """Normalise a unit as in `UNITS`: `uN` is `µN`; `Nm`, `N*m`, `N-m` and `N m` are `N·m`; `in-lbf` is `lbf·in`."""
+    """Normalise a unit to its spelling in `UNITS`.
+
+    `uN` becomes `µN`; `Nm`, `N*m`, `N-m` and `N m` become `N·m`; `in-lbf` becomes `lbf·in`.
+    """
     text = _TIMES_SIGNS.sub("·", text.strip()).replace("μ", "µ")  # the Greek letter
     if text.casefold() in COUNTS:
         return text.casefold()
@@ -82,8 +87,9 @@ def plain_unit(text: str) -> str:
 
 
 def prefixed_unit(largest: float, unit: str) -> tuple[float, str]:
-    """Return size and name of the display unit for values up to `largest`: prefixed if they are small and the unit
-    allows a prefix.
+    """Return the size and the name of the unit in which values up to `largest` are displayed.
+
+    Small values get a prefix if the unit allows one.
     """
     if unit.partition("/")[0] not in _PREFIXED:
         return 1.0, unit
@@ -92,13 +98,14 @@ def prefixed_unit(largest: float, unit: str) -> tuple[float, str]:
 
 
 def is_unit(unit: str) -> bool:
-    """Return whether it is a unit of any quantity, or counts, in the spelling of `plain_unit`."""
+    """Return whether the text is a unit of any quantity, or of counts, in the spelling of `plain_unit`."""
     return unit in _KNOWN
 
 
 def split_heading(heading: str) -> tuple[str, str, bool]:
-    """Split a heading such as `fx [lbf]`, `Fx (N)` or `force_z_uN` into name and unit, and return whether the unit is
-    in brackets. An unknown unit is returned as empty.
+    """Split a heading such as `fx [lbf]`, `Fx (N)` or `force_z_uN` into name and unit.
+
+    Also returns whether the unit is in brackets. An unknown unit is returned as an empty text.
     """
     if brackets := _BRACKETS.fullmatch(heading):
         unit = plain_unit(brackets[2] or brackets[3])

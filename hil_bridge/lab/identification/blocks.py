@@ -1,7 +1,8 @@
-"""Uncertainty of a figure of correlated samples by the block jackknife: each time block is left out once.
+"""Uncertainty of a figure of correlated samples by the block jackknife, which leaves out one block of time at a
+time.
 
-Blocks are longer than the noise remembers, so the interval is honest for coloured noise too. Source: Künsch, The
-jackknife and the bootstrap for general stationary observations, Annals of Statistics 17, 1989.
+Blocks are longer than the correlation time of the noise, so the interval is valid for coloured noise as well.
+Source: Künsch, The jackknife and the bootstrap for general stationary observations, Annals of Statistics 17, 1989.
 """
 
 import math
@@ -18,33 +19,33 @@ Ints: TypeAlias = NDArray[np.int64]
 Mask: TypeAlias = NDArray[np.bool_]
 
 BLOCKS = 12
-"""Chosen: number of blocks of a recording. Student's t of eleven is 12 % wider than the normal distribution."""
+"""Number of blocks of a recording. Chosen: Student's t of eleven is 12 % wider than the normal distribution."""
 LEAST_BLOCKS = 4
-"""Chosen: smallest number of blocks for an interval."""
+"""Smallest number of blocks for which an interval is computed. Chosen."""
 _LEVEL = 0.975
-"""Upper quantile of a 95 % interval."""
+"""Probability at the upper end of a 95 % interval."""
 
 
 class Estimate(NamedTuple):
-    """Figure with its 95 % interval."""
+    """Estimate of a figure with its 95 % interval."""
 
     value: float
     low: float
     high: float
     interval: str
-    """Method of the interval."""
+    """Method by which the interval was computed."""
 
     @property
     def half(self) -> float:
         """Half width of the interval."""
         return 0.5 * (self.high - self.low)
 
-    def wider(self, by: float, words: str) -> "Estimate":
-        """Widen the interval on both sides, for the given reason."""
-        return Estimate(self.value, self.low - by, self.high + by, f"{self.interval}, {words}")
+    def wider(self, by: float, reason: str) -> "Estimate":
+        """Return the estimate with an interval that is wider by `by` on both sides, for the given reason."""
+        return Estimate(self.value, self.low - by, self.high + by, f"{self.interval}, {reason}")
 
     def times(self, factor: float) -> "Estimate":
-        """Convert to another unit; the factor is positive."""
+        """Return the estimate in another unit; `factor` must be positive."""
         return Estimate(self.value * factor, self.low * factor, self.high * factor, self.interval)
 
 
@@ -54,7 +55,7 @@ def t_quantile(freedom: int) -> float:
 
 
 def blocks_of(weights: Floats, count: int = BLOCKS) -> Ints:
-    """Return the block number of each sample: contiguous blocks of equal weight."""
+    """Return the block number of each sample. Blocks are contiguous and have equal total weight."""
     total = np.cumsum(weights)
     if not len(total) or total[-1] <= 0.0:
         return np.zeros(len(weights), np.int64)
@@ -64,9 +65,9 @@ def blocks_of(weights: Floats, count: int = BLOCKS) -> Ints:
 
 
 def jackknife(blocks: Ints, statistic: Callable[[Mask], float]) -> Estimate:
-    """Estimate a figure over all samples, with the interval that follows when each block is left out once.
+    """Estimate a figure over all samples; its interval is computed by leaving out one block at a time.
 
-    `statistic` gets which samples count. NaN for the interval of fewer than `LEAST_BLOCKS` blocks.
+    `statistic` receives the mask of the samples to use. The interval is NaN for fewer than `LEAST_BLOCKS` blocks.
     """
     numbers = np.unique(blocks)
     value = statistic(np.ones(len(blocks), bool))
@@ -80,10 +81,10 @@ def jackknife(blocks: Ints, statistic: Callable[[Mask], float]) -> Estimate:
 
 
 def mean_of(values: Floats) -> Estimate:
-    """Return the mean of samples in time order."""
+    """Estimate the mean of samples in time order."""
     return jackknife(blocks_of(np.ones(len(values))), lambda mask: float(values[mask].mean()))
 
 
 def deviation_of(values: Floats) -> Estimate:
-    """Return the standard deviation of samples in time order."""
+    """Estimate the standard deviation of samples in time order."""
     return jackknife(blocks_of(np.ones(len(values))), lambda mask: float(values[mask].std()))

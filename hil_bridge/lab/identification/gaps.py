@@ -1,4 +1,4 @@
-"""Values common to robot and sensor: sample intervals, and the quantisation step."""
+"""Values that robot and sensor have in common: sample intervals, and the quantisation step."""
 
 import math
 from collections.abc import Iterator
@@ -10,28 +10,30 @@ from hil_bridge.lab.identification.blocks import Estimate, deviation_of, mean_of
 from hil_bridge.lab.identification.values import Quantity, Value, Why
 
 LOST_GAP = 1.5
-"""Chosen: interval, in multiples of the usual one, above which samples are missing."""
+"""Interval above which samples are missing, as a multiple of the usual interval. Chosen."""
 _EVEN_S = 1e-6
-"""Chosen: deviation of times below which it is rounding of time stamps."""
+"""Deviation of times below which it is rounding of the time stamps, s. Chosen."""
 _STEP_SHARE = 0.01
-"""Chosen: relative uncertainty of a step."""
+"""Relative uncertainty of a quantisation step. Chosen."""
 
 
 def usual_gaps(gaps: Floats) -> Floats:
-    """Return the intervals, s, without missing samples."""
+    """Return the intervals between which no samples are missing, s."""
     return gaps[gaps < LOST_GAP * float(np.median(gaps))] if len(gaps) else gaps
 
 
 def gap_values(
     gaps: Floats, least: int, quantities: tuple[Quantity, Quantity], method: str
 ) -> Iterator[Value]:
-    """Return mean and deviation of the sample intervals, s; not identified for fewer usual ones than `least`."""
+    """Yield mean and deviation of the sample intervals, s. Both are unidentified if there are fewer than `least`
+    usual intervals.
+    """
     period, jitter = quantities
     usual = usual_gaps(gaps)
     if len(usual) < least:
         yield from (quantity.unseen(Why.NO_SAMPLES) for quantity in quantities)
         return
-    yield period.value(mean_of(usual).wider(0.1 * _EVEN_S, "and the rounding of the stamps"), method)
+    yield period.value(mean_of(usual).wider(0.1 * _EVEN_S, "and the rounding of the time stamps"), method)
     deviation = deviation_of(usual)
     yield (
         jitter.unseen(Why.EVEN)
@@ -41,9 +43,9 @@ def gap_values(
 
 
 def step_value(quantity: Quantity, size: float) -> Value:
-    """Return the quantisation step; NaN if it is not identified."""
+    """Return the quantisation step as a value, which is unidentified if `size` is NaN."""
     if math.isnan(size):
         return quantity.unseen(Why.NO_STEP)
     margin = _STEP_SHARE * size
-    estimate = Estimate(size, size - margin, size + margin, "chosen: it is told to 1 %")
-    return quantity.value(estimate, "step of which the differences of successive values are multiples")
+    estimate = Estimate(size, size - margin, size + margin, "chosen: it is known to 1 %")
+    return quantity.value(estimate, "greatest common step of the differences between successive values")

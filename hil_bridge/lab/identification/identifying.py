@@ -1,4 +1,6 @@
-"""A recording to values: the run or the table that it is of, and the emulated robot that is played its orders."""
+"""Identification of values from a recorded run or a table, including those that need an emulated robot to replay
+the orders.
+"""
 
 import copy
 from itertools import chain
@@ -23,21 +25,21 @@ from hil_bridge.settings.configuration import Config, explain, load_config, read
 from hil_bridge.settings.devices import robot_in
 
 _HIDDEN = ("cell", "faults")
-"""Sections of a recorded configuration that only an emulated cell has: they tell the truth of it."""
+"""Sections of a recorded configuration that only an emulated cell has, and that contain its true parameters."""
 
 
 class Identified(NamedTuple):
-    """The values of a recording, and what they were found with."""
+    """Identified values of a recording, with the data that were used."""
 
     values: Values
     seen: Observations
     config: Config
-    """Settings of the client, with the emulated devices of its kinds at their defaults."""
+    """Configuration with the settings of the client, and with emulated devices of its kinds at their defaults."""
     run: Recording | None
 
 
 def identify_run(run: Recording) -> Identified:
-    """Identify the values of a recorded run. Raises ConfigError for an unusable one."""
+    """Identify the values of a recorded run. Raises ConfigError for an unusable recording."""
     config = client_config(run)
     robot = config.robot
     pace = robot.velocity_mm_s * 1e-3, robot.acceleration_mm_s2 * 1e-3
@@ -47,9 +49,9 @@ def identify_run(run: Recording) -> Identified:
 def identify_table(
     recording: Path, mapping: Path, config_file: Path | None, between: tuple[float, float] | None
 ) -> tuple[Identified, tuple[str, ...]]:
-    """Identify the values of a table with a mapping, and the notes on its file.
+    """Identify the values of a table with its mapping; also return the notes on its file.
 
-    The configuration has the settings of the cell. Raises ConfigError.
+    The configuration contains the settings of the cell. Raises ConfigError.
     """
     table = read_table(recording, mapping)
     if between is not None:
@@ -59,12 +61,16 @@ def identify_table(
 
 
 def client_config(run: Recording) -> Config:
-    """Return the configuration of the client of a recorded run, without the emulated cell and its faults. The devices
-    are the emulated ones of the same kinds. Raises ConfigError for one that this version cannot read.
+    """Return the client configuration of a recorded run, without the emulated cell and its faults.
+
+    The devices are emulated devices of the recorded kinds. Raises ConfigError if this version does not support one
+    of the kinds.
     """
     recorded: dict[str, Any] = copy.deepcopy(dict(recorded_configuration(run)))
     if not recorded:
-        raise ConfigError("the recording holds no configuration: it cannot be identified")
+        raise ConfigError(
+            "the recording contains no configuration and cannot be identified; give another recording"
+        )
     for section in _HIDDEN:
         recorded.pop(section, None)
     facts = devices_of(run)
@@ -80,7 +86,7 @@ def client_config(run: Recording) -> Config:
         raise explain(error, None, set()) from error
 
 
-def _identified(seen: Observations, config: Config, run: Recording | None) -> Identified:
+def _identified(observations: Observations, config: Config, run: Recording | None) -> Identified:
     device = robot_in(config)
 
     def twin(table: Table) -> Table | None:
@@ -88,5 +94,10 @@ def _identified(seen: Observations, config: Config, run: Recording | None) -> Id
         return emulate_robot(config, table) if playable else None
 
     usual = device.kind.facts("", device.settings).servo
-    parts = (motion_values(seen, usual, twin), stream_values(seen), surface_values(seen), line_values(seen))
-    return Identified(Values(chain.from_iterable(parts)), seen, config, run)
+    parts = (
+        motion_values(observations, usual, twin),
+        stream_values(observations),
+        surface_values(observations),
+        line_values(observations),
+    )
+    return Identified(Values(chain.from_iterable(parts)), observations, config, run)

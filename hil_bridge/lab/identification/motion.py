@@ -1,4 +1,6 @@
-"""The robot of a recording: turnaround, time of a cycle, lag behind its orders, noise and step of its place."""
+"""Robot parameters identified from a recording: turnaround time, cycle time, lag behind the orders, and noise and
+resolution of the reported positions.
+"""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -25,97 +27,105 @@ from hil_bridge.lab.identification.values import Part, Quantity, Value, Why
 from hil_bridge.record.analysis.latency import timestamps
 
 _PAUSE_CYCLES = 50.0
-"""Chosen: over so many cycles the packets in between can be counted."""
+"""Longest gap within which the number of missing packets is known, in cycles. Chosen."""
 _LEAST_CYCLES = 20
-"""Chosen: cycles at least."""
+"""Smallest number of cycles from which a time is identified. Chosen."""
 _PARTS = 8
-"""Chosen: parts of a recording whose lags are told apart."""
+"""Number of parts of a recording that have separate lags. Chosen."""
 _ABOVE_ORDERS = 2.0
-"""Chosen: noise of a place is told where it is so many times that of the orders, which the robot follows."""
+"""Smallest ratio of position noise to order noise at which the position noise is identified. Chosen: below it, the
+noise may come from the orders, which the robot follows.
+"""
 _NEAR = 0.05
-"""Chosen: a difference so near to a multiple, in steps, is one."""
+"""Tolerance within which a difference counts as a multiple of the step, in steps. Chosen."""
 _NEARLY_ALL = 0.98
-"""Chosen: share of the differences that are multiples of a step."""
+"""Share of the differences that must be multiples of a step. Chosen."""
 _ONE_SPEED = 0.9
-"""Chosen: where more of the differences are the same multiple, they are one speed and no step."""
+"""Share of differences with one common multiple above which they indicate a constant speed, not a step. Chosen."""
 _DECIMALS_M = tuple(10.0**-places for places in range(3, 10))
-"""Last decimals that are tried, m."""
+"""Decimal resolutions to try, m."""
 _FLOATS = 1e-14
-"""Derived: a smaller share of a place is the rounding of numbers of 64 bits."""
+"""Relative step of a position below which the step is the rounding of 64-bit numbers. Derived."""
 
 CYCLE = Quantity("robot.cycle", Part.ROBOT, "time of a cycle", "s")
-JITTER = Quantity("robot.jitter", Part.ROBOT, "deviation of that time", "s")
+JITTER = Quantity("robot.jitter", Part.ROBOT, "deviation of the cycle time", "s")
 MOVE_TURNAROUND = Quantity("robot.turnaround.move", Part.ROBOT, "turnaround of moves", "s")
-MOVE_SPREAD = Quantity("robot.turnaround.spread", Part.ROBOT, "deviation of that turnaround", "s")
+MOVE_SPREAD = Quantity("robot.turnaround.spread", Part.ROBOT, "deviation of the turnaround", "s")
 STATUS_TURNAROUND = Quantity("robot.turnaround.status", Part.ROBOT, "turnaround of status orders", "s")
-LAG = Quantity("robot.lag", Part.ROBOT, "lag of the place behind the orders", "s")
+LAG = Quantity("robot.lag", Part.ROBOT, "lag of the position behind the orders", "s")
 SERVO = Quantity("robot.servo", Part.ROBOT, "delay and response of the servo", "s")
 NOISE = tuple(Quantity(f"robot.noise.{axis}", Part.ROBOT, f"noise of {axis}", "m") for axis in "xyz")
-NOISE_RATIO = Quantity("robot.noise.ratio", Part.ROBOT, "noise over that of the emulated robot", "")
-STEP = Quantity("robot.step", Part.ROBOT, "step of the place", "m")
+NOISE_RATIO = Quantity("robot.noise.ratio", Part.ROBOT, "noise, relative to the emulated robot", "")
+STEP = Quantity("robot.step", Part.ROBOT, "step of the position", "m")
 _HOPS = {"turnaround": MOVE_TURNAROUND, "status_turnaround": STATUS_TURNAROUND}
 
 
 def motion_values(
-    seen: Observations, usual: ServoFacts | None, twin: Callable[[Table], Table | None]
+    observations: Observations, usual: ServoFacts | None, twin: Callable[[Table], Table | None]
 ) -> Iterator[Value]:
-    """All values of the robot. `usual` is the emulated robot's servo, and `twin` the table of that robot when it is
-    played a table; None where it cannot be played.
+    """Yield all values identified for the robot.
+
+    `usual` is the servo of the emulated robot. `twin` returns the table that the emulated robot reports when it
+    replays orders, or None if it cannot replay them.
     """
-    yield from _cycles(seen)
-    yield from _turnarounds(seen)
+    yield from _cycles(observations)
+    yield from _turnarounds(observations)
     emulated: Table | None = None
-    if seen.robot.pacing is Pacing.ASKED and seen.cycles:
+    if observations.robot.pacing is Pacing.ASKED and observations.cycles:
         yield LAG.unseen(Why.STANDS)
-        yield _servo_of_steps(seen, usual)
+        yield _servo_of_steps(observations, usual)
     else:
-        emulated = None if seen.orders is None or _orders_of(seen.orders) is None else twin(seen.orders)
-        yield from _lags(seen.orders, usual, emulated)
-    yield from _places(seen, emulated)
+        emulated = (
+            None
+            if observations.orders is None or _orders_of(observations.orders) is None
+            else twin(observations.orders)
+        )
+        yield from _lags(observations.orders, usual, emulated)
+    yield from _position_values(observations, emulated)
 
 
-def _servo_of_steps(seen: Observations, usual: ServoFacts | None) -> Value:
-    estimate = None if usual is None else servo_of_steps(seen, usual)
+def _servo_of_steps(observations: Observations, usual: ServoFacts | None) -> Value:
+    estimate = None if usual is None else servo_of_steps(observations, usual)
     if estimate is None:
         return SERVO.unseen(Why.NO_STEPS)
     if not estimate.half < estimate.value:
         return SERVO.unseen(Why.TOO_OPEN)
     return SERVO.value(
         estimate,
-        "shift and smoothing of the ordered depth with the least rest to the force, from the robot's answer on",
+        "shift and smoothing of the ordered depth that best explain the force, from the robot's answer on",
     )
 
 
 # --- times
 
 
-def _cycles(seen: Observations) -> Iterator[Value]:
-    if seen.cycles and seen.robot.pacing is Pacing.ASKED:
-        times = np.array([cycle.started_at for cycle in seen.cycles])
-        method = "mean time between the begins of control cycles"
-    elif seen.motion is not None:
-        times, method = seen.motion.times, "mean time between the robot's packets, lost ones left out"
+def _cycles(observations: Observations) -> Iterator[Value]:
+    if observations.cycles and observations.robot.pacing is Pacing.ASKED:
+        times = np.array([cycle.started_at for cycle in observations.cycles])
+        method = "mean time between the starts of control cycles"
+    elif observations.motion is not None:
+        times, method = observations.motion.times, "mean time between the robot's packets, without lost ones"
     else:
         times, method = np.empty(0), ""
     gaps = np.diff(times)
-    if nominal := seen.robot.cycle_s:  # a control cycle may take several packets
+    if nominal := observations.robot.cycle_s:  # a control cycle may span several packets
         packets = np.maximum(np.round(gaps / nominal), 1.0)
         gaps = (gaps / packets)[gaps < _PAUSE_CYCLES * nominal]
     yield from gap_values(gaps, _LEAST_CYCLES, (CYCLE, JITTER), method)
 
 
-def _turnarounds(seen: Observations) -> Iterator[Value]:
-    hops = seen.robot.hops
+def _turnarounds(observations: Observations) -> Iterator[Value]:
+    hops = observations.robot.hops
     known = () if hops is None else (*hops.beside, *hops.to_answer)
-    told = {hop.name: hop for hop in known if hop.owner is Owner.ROBOT}
-    if hops is None or not told:
-        why = Why.DRIVES if seen.robot.pacing is Pacing.STREAMED else Why.NO_STAMPS
-        why = why if seen.cycles else Why.OF_TABLE
+    robot_hops = {hop.name: hop for hop in known if hop.owner is Owner.ROBOT}
+    if hops is None or not robot_hops:
+        why = Why.DRIVES if observations.robot.pacing is Pacing.STREAMED else Why.NO_STAMPS
+        why = why if observations.cycles else Why.OF_TABLE
         yield from (quantity.unseen(why) for quantity in (MOVE_TURNAROUND, MOVE_SPREAD, STATUS_TURNAROUND))
         return
-    moment = timestamps(seen.cycles, hops)
+    moment = timestamps(observations.cycles, hops)
     for name, quantity in _HOPS.items():
-        hop = told.get(name)
+        hop = robot_hops.get(name)
         took = np.empty(0) if hop is None else moment(hop.end) - moment(hop.begin)
         took = took[np.isfinite(took)]
         quantities = (MOVE_TURNAROUND, MOVE_SPREAD) if quantity is MOVE_TURNAROUND else (quantity,)
@@ -126,32 +136,33 @@ def _turnarounds(seen: Observations) -> Iterator[Value]:
             mean_of(took), "from the last character of an order to the first of its answer, mean"
         )
         if quantity is MOVE_TURNAROUND:
-            yield MOVE_SPREAD.value(deviation_of(took), "standard deviation of that time")
+            yield MOVE_SPREAD.value(deviation_of(took), "standard deviation of the turnaround")
 
 
 # --- lag
 
 
 def _lags(motion: Table | None, servo: ServoFacts | None, emulated: Table | None) -> Iterator[Value]:
-    given = None if motion is None else _orders_of(motion)
-    if motion is None or given is None:
+    orders = None if motion is None else _orders_of(motion)
+    if motion is None or orders is None:
         why = Why.NO_MOTION if motion is None else Why.NO_ORDERS
         yield LAG.unseen(why)
         yield SERVO.unseen(why)
         return
-    lags = _lag_parts(motion, given)
+    lags = _lag_parts(motion, orders)
     if _count_parts(lags) < LEAST_BLOCKS:
         yield LAG.unseen(Why.QUIET_ORDERS)
         yield SERVO.unseen(Why.QUIET_ORDERS)
         return
     yield LAG.value(
         _mean_lag(lags),
-        "shift of the orders with the least rest to the reported places, in eight parts, by how far the orders move",
+        "shift of the orders with the smallest residual to the reported positions, over eight parts, "
+        "weighted by the motion",
     )
     if emulated is None or servo is None:
         yield SERVO.unseen(Why.NOT_PLAYED)
         return
-    others = _lag_parts(emulated, given)
+    others = _lag_parts(emulated, orders)
     later = {
         key: _Lag(lag.seconds - others[key].seconds, lag.weight) for key, lag in lags.items() if key in others
     }
@@ -161,11 +172,11 @@ def _lags(motion: Table | None, servo: ServoFacts | None, emulated: Table | None
     default = servo.transport_delay_s + 2.0 * servo.damping_ratio / servo.natural_frequency_rad_s
     quarter = 0.25 * servo.interpolation_s
     more = _mean_lag(later).wider(
-        quarter, "and a quarter of a cycle for the moment at which an order is taken"
+        quarter, "and a quarter of a cycle for the time at which the robot reads an order"
     )
     yield SERVO.value(
         Estimate(default + more.value, default + more.low, default + more.high, more.interval),
-        "what the emulated robot has, and by how much the real one is later when both follow the same orders",
+        "value of the emulated robot, plus the additional lag of the real one with the same orders",
     )
 
 
@@ -178,23 +189,25 @@ def _orders_of(table: Table) -> str | None:
 
 
 class _Lag(NamedTuple):
-    """Lag of an axis in a part of the time."""
+    """Lag of one axis in one part of the recording."""
 
     seconds: float
     weight: float
-    """Variance of the orders there, m²: what moves farther tells more."""
+    """Variance of the orders in the part, m². A larger motion determines the lag better."""
 
 
 _Lags: TypeAlias = dict[tuple[int, int], _Lag]
-"""By part and axis, of those that tell one."""
+"""Lags by part and axis. Lags that cannot be determined are left out."""
 
 
-def _lag_parts(table: Table, given: str) -> _Lags:
+def _lag_parts(table: Table, source_family: str) -> _Lags:
     lags = {}
     edges = np.linspace(table.times[0], table.times[-1] + 1e-9, _PARTS + 1)
     for part in range(_PARTS):
         inside = (table.times >= edges[part]) & (table.times < edges[part + 1])
-        for axis, (source, output) in enumerate(zip(FAMILIES[given], FAMILIES["position"], strict=True)):
+        for axis, (source, output) in enumerate(
+            zip(FAMILIES[source_family], FAMILIES["position"], strict=True)
+        ):
             if inside.sum() > PARTS * _LEAST_CYCLES and source in table.columns:
                 orders, places = table.columns[source][inside], table.columns[output][inside]
                 lag = shift_of(table.times[inside], orders, places)
@@ -204,7 +217,7 @@ def _lag_parts(table: Table, given: str) -> _Lags:
 
 
 def _mean_lag(lags: _Lags) -> Estimate:
-    """Return the mean by weight, each part of the time a block."""
+    """Estimate the weighted mean lag, s, with each part of the recording as one block."""
     values = np.array([lag.seconds for lag in lags.values()])
     weights = np.array([lag.weight for lag in lags.values()])
     parts: Ints = np.array([part for part, _ in lags], np.int64)
@@ -214,14 +227,14 @@ def _mean_lag(lags: _Lags) -> Estimate:
 # --- place
 
 
-def _places(seen: Observations, emulated: Table | None) -> Iterator[Value]:
-    motion = seen.motion
+def _position_values(observations: Observations, emulated: Table | None) -> Iterator[Value]:
+    motion = observations.motion
     if motion is None or not motion.has("position"):
         yield from (quantity.unseen(Why.NO_MOTION) for quantity in (*NOISE, NOISE_RATIO, STEP))
         return
     places = motion.rows("position")
-    given = _orders_of(motion)
-    orders = None if given is None else motion.rows(given)
+    order_family = _orders_of(motion)
+    orders = None if order_family is None else motion.rows(order_family)
     step = _step_of(places)
     noises = [
         _noise(quantity, places[:, axis], None if orders is None else orders[:, axis], step)
@@ -233,7 +246,10 @@ def _places(seen: Observations, emulated: Table | None) -> Iterator[Value]:
 
 
 def _noise_ratio(noises: Sequence[Value], emulated: Table | None, motion: Table) -> Value:
-    """Of the three axes together, at the times between samples of the recording."""
+    """Return the ratio of the noise of the real robot to the noise of the emulated one, over all three axes.
+
+    The samples of the emulated robot are reduced to the sample rate of the recording.
+    """
     if not all(noise.seen for noise in noises) or emulated is None:
         why = next((noise.why for noise in noises if noise.why), Why.NOT_PLAYED)
         return NOISE_RATIO.unseen(why)
@@ -245,13 +261,15 @@ def _noise_ratio(noises: Sequence[Value], emulated: Table | None, motion: Table)
     half = math.sqrt(sum((noise.value * 0.5 * (noise.high - noise.low)) ** 2 for noise in noises))
     half /= value * usual**2
     return NOISE_RATIO.value(
-        Estimate(value, value - half, value + half, "that of the three axes together"),
-        "root of the sum of the squares of all three axes, of both",
+        Estimate(value, value - half, value + half, "combined over the three axes"),
+        "ratio of the root sum of squares over all three axes",
     )
 
 
 def _step_of(places: Floats) -> float:
-    """Return the smallest step of the axes, else the last decimal of all; NaN if none is observed."""
+    """Return the smallest quantisation step of the axes, or else their common decimal resolution, m; NaN if there
+    is none.
+    """
     steps = [size for axis in places.T if math.isfinite(size := grid_of(axis)) and _lie_on(axis, size)]
     if steps:
         return min(steps)
@@ -265,15 +283,15 @@ def _step_of(places: Floats) -> float:
 
 
 def _lie_on(places: Floats, step: float) -> bool:
-    """Whether nearly all differences are multiples of a step, and not of one speed alone."""
+    """Return whether nearly all differences are multiples of a step, and are not due to one constant speed."""
     multiples = np.abs(np.diff(places)) / step
-    whole = np.round(multiples)
-    near = np.abs(multiples - whole) < _NEAR
-    moved = whole[near & (whole > 0.0)]
-    if not len(moved):
+    nearest = np.round(multiples)
+    near = np.abs(multiples - nearest) < _NEAR
+    steps = nearest[near & (nearest > 0.0)]
+    if not len(steps):
         return False
-    _, counts = np.unique(moved, return_counts=True)
-    return float(near.mean()) > _NEARLY_ALL and float(counts.max()) < _ONE_SPEED * len(moved)
+    _, counts = np.unique(steps, return_counts=True)
+    return float(near.mean()) > _NEARLY_ALL and float(counts.max()) < _ONE_SPEED * len(steps)
 
 
 def _noise(quantity: Quantity, place: Floats, orders: Floats | None, step: float) -> Value:
@@ -288,6 +306,4 @@ def _noise(quantity: Quantity, place: Floats, orders: Floats | None, step: float
     if len(variances) < LEAST_BLOCKS:
         return quantity.unseen(Why.NO_SAMPLES)
     estimate = mean_of(np.sqrt(np.maximum(variances, 0.0)))
-    return quantity.value(
-        estimate, "third differences of the reported place, which a smooth motion does not change"
-    )
+    return quantity.value(estimate, "third differences of the reported position, unaffected by smooth motion")

@@ -1,6 +1,6 @@
-"""Observations of a recording as arrays: of a run, or of a table with a mapping.
+"""Observations of a recording as arrays, either from a run, or from a table with its mapping.
 
-Never uses the truth of an emulated cell, its settings or its faults.
+The truth of an emulated cell, its settings and its faults are never used.
 """
 
 import math
@@ -16,7 +16,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES, Floats
 from hil_bridge.lab.fidelity.runs import places_of
 from hil_bridge.lab.fidelity.tables import Table
-from hil_bridge.lab.identification.orders import given_orders
+from hil_bridge.lab.identification.orders import setpoints_at_packets
 from hil_bridge.record import Recording
 from hil_bridge.record.analysis.summary import end_of
 from hil_bridge.record.device_facts import devices_of, recorded_configuration
@@ -25,38 +25,38 @@ from protocol.geometry import Vector, inverse, rotate
 from protocol.wrench import SensorFacts, wrench_of
 
 Span: TypeAlias = tuple[float, float]
-"""Begin and end of an interval, s."""
+"""Start and end time of an interval, s."""
 DOWN: Vector = (0.0, 0.0, -1.0)
-"""Assumed for a table: the tool presses downwards along the base frame's z axis."""
+"""Direction in which the tool of a table presses, base frame. Assumed: downwards along the z axis."""
 _SETTLED_S = 0.5
-"""Chosen: margin between free space and a contact, before and after it."""
+"""Margin between free space and a contact, before and after the contact, s. Chosen."""
 _PRESSING = 0.1
-"""Chosen: share of the force's 90th percentile above which samples count as contact."""
+"""Share of the force's 90th percentile above which samples count as contact. Chosen."""
 LEAST_PRESSING = 20
-"""Chosen: smallest number of samples of a contact."""
+"""Smallest number of samples of a contact. Chosen."""
 LEAST_FREE = 10
-"""Chosen: smallest number of samples of free space at each end for the drift of the zero."""
+"""Smallest number of samples of free space at each end from which the drift of the zero is determined. Chosen."""
 _PLATEAU = 0.9
-"""Chosen: quantile of the tangential force within a cycle that represents it."""
+"""Quantile of the tangential force that represents the force in a cycle. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """Frames of the sensor."""
+    """Frames of the sensor, as arrays."""
 
     times: Floats
     """Arrival times, s, ascending."""
     wrench: Floats
-    """Wrenches (n, 6), N and N·m, sensor frame, relative to the zero of the device or the client."""
+    """Wrenches (n, 6), N and N·m, sensor frame, relative to the zero that the device or the client has set."""
     step: Floats
     """Size of one count (6,), N and N·m; NaN for a table."""
     standing: Span
-    """Interval with a stationary tool in free space, s."""
+    """Interval in which the tool is stationary in free space, s."""
     free: tuple[Span, ...]
-    """Intervals of free space with the same zero, before the first contact and after the last, s."""
+    """Intervals in free space with a common zero, before the first contact and after the last one, s."""
     facts: SensorFacts | None = None
     approach: Vector = DOWN
-    """Direction into the surface at the start, sensor frame."""
+    """Unit vector into the surface at the start of the run, sensor frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,50 +68,54 @@ class Contact:
     depth: Floats
     """Depth along the approach, m."""
     press: Floats
-    """Force against the approach at that time, N."""
+    """Force against the approach at these times, N."""
     place: Floats
-    """Positions (n, 3), base frame, m."""
+    """Positions (n, 3) of the tool, base frame, m."""
     force: Floats
     """Forces (n, 3) of the surface on the tool, base frame, N."""
     stretch: Floats
-    """Number of the contact interval of each sample; increases when the tool starts to press, and to retract."""
+    """Number of the contact to which each sample belongs. It increases when the tool starts to press, and when it
+    starts to retract.
+    """
     approach: Floats
     """Unit vector (3,) into the surface, base frame."""
     course: tuple[Floats, Floats]
-    """Arrival times, s, and forces against the approach, N, including those without contact."""
+    """Arrival times, s, and forces against the approach, N, of all samples, with or without contact."""
 
 
 @dataclass(frozen=True, slots=True)
 class Observations:
-    """All observations. None for a part that the recording does not contain."""
+    """All observations of a recording. A part that the recording does not contain is None."""
 
     motion: Table | None
-    """Reported positions, with the targets."""
+    """Reported positions, and the targets."""
     orders: Table | None
-    """Setpoints as sent, with the positions; the same as `motion` if they are the targets."""
+    """Setpoints as sent, and the reported positions. Identical to `motion` if the setpoints are the targets."""
     contact: Contact | None
     stream: Stream | None
     robot: RobotFacts
-    """Facts reported by the client, without its assumed servo."""
+    """Facts about the robot that the client reported, without its assumed servo."""
     cycles: tuple[CycleRecord, ...] = ()
     packets: Mapping[str, float] | None = None
-    """Counters of the robot's link."""
+    """Counters of the robot's link; None if there are none."""
 
 
 def observe_run(run: Recording, alignment: Floats, pace: tuple[float, float]) -> Observations:
-    """Extract the observations of a recorded run. `alignment` (3, 3) rotates sensor forces to the tool's axes. `pace`
-    is speed, m/s, and acceleration, m/s², of the client's setpoints. Raises ConfigError for a run without cycles.
+    """Extract the observations of a recorded run.
+
+    `alignment` (3, 3) rotates sensor forces to the axes of the tool. `pace` contains the speed, m/s, and the
+    acceleration, m/s², of the client's setpoints. Raises ConfigError for a run without cycles.
     """
     if not run.cycles:
         raise ConfigError(
-            "the recording has no control cycle: nothing moved, so it tells nothing of the cell"
+            "the recording has no control cycle, so nothing can be identified; record a run with motion"
         )
     devices, end = devices_of(run), end_of(run)
     try:
         cycle = devices.robot.cycle_s
         motion: Table | None = places_of(run)
-        orders = None if cycle is None else given_orders(run, cycle, *pace)
-    except ConfigError:  # too few before the first retraction
+        orders = None if cycle is None else setpoints_at_packets(run, cycle, *pace)
+    except ConfigError:  # too few cycles before the first retraction
         motion = orders = None
     return Observations(
         motion,
@@ -125,11 +129,11 @@ def observe_run(run: Recording, alignment: Floats, pace: tuple[float, float]) ->
 
 
 def approach_of(run: Recording) -> Vector:
-    """Return the direction into the surface of a recorded run, base frame."""
+    """Return the unit vector into the surface of a recorded run, base frame."""
     frame = recorded_configuration(run).get("frame")
-    told = frame.get("approach") if isinstance(frame, dict) else None
+    approach = frame.get("approach") if isinstance(frame, dict) else None
     try:
-        x, y, z = map(float, told or DOWN)
+        x, y, z = map(float, approach or DOWN)
     except (TypeError, ValueError):
         return DOWN
     length = math.hypot(x, y, z)
@@ -137,7 +141,7 @@ def approach_of(run: Recording) -> Vector:
 
 
 def observe_table(table: Table) -> Observations:
-    """Extract the observations of a table: positions, and forces in the base frame, along one axis."""
+    """Extract the observations of a table: positions, and forces in the base frame, with contact along one axis."""
     stream = None
     if table.has("force"):
         moments = table.rows("moment") if table.has("moment") else np.full((len(table.times), 3), math.nan)
@@ -167,7 +171,7 @@ def _stream_of(run: Recording, facts: SensorFacts | None, alignment: Floats) -> 
 
 
 def _contact_of(run: Recording, approach: Vector, alignment: Floats) -> Contact | None:
-    """Return simultaneous positions and forces of the cycles in contact, without the drift of the zero."""
+    """Return simultaneous positions and forces of the cycles in contact, with the drift of the zero removed."""
     rows: list[tuple[float, ...]] = []
     arrivals: list[tuple[float, float]] = []
     stretch, before = 0, ""
@@ -195,14 +199,16 @@ def _contact_of(run: Recording, approach: Vector, alignment: Floats) -> Contact 
     table[:, 6:9] -= drift
     along = drift @ np.array(approach)
     table[:, 2] += along
-    felt, force = np.array(arrivals).T
-    fresh = np.diff(np.maximum.accumulate(felt), prepend=-math.inf) > 0.0
-    return _pressing(table, approach, (felt[fresh], (force + along)[fresh]))
+    arrivals_s, force = np.array(arrivals).T
+    fresh = np.diff(np.maximum.accumulate(arrivals_s), prepend=-math.inf) > 0.0
+    return _select_contact(table, approach, (arrivals_s[fresh], (force + along)[fresh]))
 
 
 def _drift_of(table: Floats) -> Floats:
-    """Return the drift of the zero at each row, (n, 3), base frame, N: a line between the means of free space before
-    the first contact and after the last; zero if one of the two is too short.
+    """Return the drift of the zero at each row, (n, 3), base frame, N.
+
+    The drift is a line between the mean of free space before the first contact, and the mean after the last
+    contact. It is zero if one of the two intervals is too short.
     """
     nothing: Floats = np.zeros((len(table), 3))
     times, press, touching = table[:, 0], table[:, 2], table[:, 9] > 0
@@ -224,8 +230,10 @@ def _drift_of(table: Floats) -> Floats:
 
 
 def _forces_in_motion(run: Recording, table: Floats, approach: Vector, alignment: Floats) -> Floats:
-    """Return forces (n, 3), base frame, N, for a polled robot, which moves step by step and is stationary when polled:
-    from the frames of each cycle, the one at the 90th percentile of the tangential force.
+    """Return the force of each cycle of a polled robot, (n, 3), base frame, N.
+
+    A polled robot moves step by step, and is stationary when it is polled. The force of a cycle is therefore the
+    frame at the 90th percentile of the tangential force among all frames of the cycle.
     """
     facts = devices_of(run).sensor.facts
     forces = table[:, 6:9].copy()
@@ -255,14 +263,14 @@ def _contact_of_table(table: Table) -> Contact | None:
     force = table.rows("force") if table.has("force") else unknown
     begin, end = _free_of(table)
     free = (table.times >= begin) & (table.times < end)
-    if free.sum() >= LEAST_FREE:  # nothing has taken a zero
+    if free.sum() >= LEAST_FREE:  # the table was not zeroed
         press, force = press - press[free].mean(), force - force[free].mean(axis=0)
     columns = (table.times, depth, press, place, force, np.ones(len(depth)))
-    return _pressing(np.column_stack(columns), DOWN, (table.times, press))
+    return _select_contact(np.column_stack(columns), DOWN, (table.times, press))
 
 
-def _pressing(table: Floats, approach: Vector, course: tuple[Floats, Floats]) -> Contact | None:
-    """Select the rows in contact."""
+def _select_contact(table: Floats, approach: Vector, course: tuple[Floats, Floats]) -> Contact | None:
+    """Return the rows in contact; None if there are too few."""
     press, stretch = table[:, 2], table[:, 9]
     if not (stretch > 0).any():
         return None
@@ -275,7 +283,7 @@ def _pressing(table: Floats, approach: Vector, course: tuple[Floats, Floats]) ->
 
 
 def _free_of(table: Table) -> Span:
-    """Return the first interval of a table without contact; all of it if there is no contact."""
+    """Return the first interval of a table without contact, s; the complete table if there is no contact."""
     times = table.times
     if not table.has("press"):
         return float(times[0]), float(times[-1])

@@ -1,7 +1,7 @@
-"""The set points that a robot that streams was given, packet by packet, from the targets that a recording keeps.
+"""Setpoints sent to a streaming robot, packet by packet, reconstructed from the targets in a recording.
 
-A control cycle may take several packets, and the client goes to a new target at its own pace. A lag is told from what
-the robot was given, so the way of each set point is gone again.
+A control cycle may span several packets, and the client approaches a new target at its own pace. The lag of the
+robot is relative to the setpoints that were sent, so their path is reconstructed.
 """
 
 from collections.abc import Sequence
@@ -16,13 +16,15 @@ from hil_bridge.record import Recording
 from protocol.geometry import Pose, Vector
 
 _TURNS = 1e3
-"""Chosen: no turn is bounded, for none is looked at."""
+"""Limit of the rotation. Chosen: so large that it has no effect, because rotations are not evaluated."""
 NO_TURN = (1.0, 0.0, 0.0, 0.0)
 
 
-def given_orders(run: Recording, cycle_s: float, speed: float, acceleration: float) -> Table:
-    """Given and reported places at the robot's packets, before the first retraction. `speed`, m/s, and `acceleration`,
-    m/s², are those of the client. Raises ConfigError as `places_of`.
+def setpoints_at_packets(run: Recording, cycle_s: float, speed: float, acceleration: float) -> Table:
+    """Return ordered and reported positions at the robot's packets, before the first retraction.
+
+    `speed`, m/s, and `acceleration`, m/s², are the limits of the client's setpoints. Raises ConfigError as
+    `places_of` does.
     """
     places = places_of(run)
     count = len(places.times) + 1
@@ -33,12 +35,12 @@ def given_orders(run: Recording, cycle_s: float, speed: float, acceleration: flo
     newest = np.searchsorted(sent, times - 1e-9) - 1
     ramp, pace = Ramp(cycle_s), Pace(speed, _TURNS, acceleration, _TURNS)
     here = Pose(_vector(cycles[max(int(newest[0]), 0)].target), NO_TURN)
-    given = []
+    orders = []
     for number in newest.tolist():
         if number >= 0:
             here = ramp.step(here, Pose(_vector(cycles[number].target), NO_TURN), pace, cycle_s)
-        given.append(here.position)
-    columns = dict(zip(FAMILIES["order_position"], np.array(given).T, strict=True))
+        orders.append(here.position)
+    columns = dict(zip(FAMILIES["order_position"], np.array(orders).T, strict=True))
     columns |= {axis: np.interp(times, places.times, places.columns[axis]) for axis in FAMILIES["position"]}
     return Table(times, columns, at_arrival=True)
 

@@ -1,4 +1,4 @@
-"""The configuration of an emulated cell that shows what a recording shows."""
+"""Configuration of an emulated cell that reproduces the behaviour of a recording."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -22,18 +22,22 @@ from hil_bridge.settings.configuration import lay_over
 from hil_bridge.settings.devices import robot_in, sensor_in
 
 _DRIFTS = 2.0
-"""Chosen: a drift is set where it is so many half widths of its interval from zero; else it may be none."""
+"""Smallest drift that is set, in half widths of its interval. Chosen: a smaller drift may be zero."""
 _LEVEL_DEG = 0.3
-"""Chosen: a path that rises by less is level."""
+"""Slope below which a path counts as level, °. Chosen."""
 _DOWN = 0.999
-"""Chosen: the surface of an emulated cell can lie below the tool where the approach is so near to downwards."""
+"""Smallest downward component of the approach at which the surface of an emulated cell can lie below the tool.
+Chosen.
+"""
 _SHARE = 0.1
-"""Chosen: the height of the surface is told by the first part of the contact."""
+"""Share of the contact, from its beginning, that determines the height of the surface. Chosen."""
 _MM = 1e3
 
 
 def profile_text(identified: Identified, source: str) -> str:
-    """Format the configuration as TOML, with the values as comments. `source` names the recording."""
+    """Format the configuration as TOML, with the identified values as comments. `source` is the name of the
+    recording.
+    """
     config = identified.config
     values: dict[str, Any] = config.model_dump(mode="json", exclude_defaults=True, exclude_none=True)
     for section in ("cell", "faults"):
@@ -50,7 +54,7 @@ def profile_text(identified: Identified, source: str) -> str:
     if faults := list(_faults(identified)):
         values = {"faults": faults, **values}
     notes = (
-        f"Identified from {source}; a value and its interval of 95 % in each line.",
+        f"Identified from {source}; one value and its 95 % interval per line.",
         *(f"  {line}" for line in describe(identified.values, methods=False)),
     )
     return toml(values, notes)
@@ -68,14 +72,14 @@ def _robot(identified: Identified) -> Sections:
     if identified.run is not None:
         try:
             quantiles = robot_quantiles_ms(identified.run)
-        except ConfigError:  # too short, or nothing that is the robot's own
+        except ConfigError:  # the recording is too short, or has no delays of the robot itself
             quantiles = {}
     figures = RobotFigures(values.get(SERVO.key), values.get(NOISE_RATIO.key), quantiles)
     return device.kind.emulation.match(device.settings, figures)
 
 
 def _named(identified: Identified, device: str) -> bool:
-    """Whether the kind of a device is known: a table has only those that its configuration names."""
+    """Return whether the kind of a device is known. For a table, it is known only if the configuration names it."""
     return identified.run is not None or device in identified.config.model_fields_set
 
 
@@ -106,51 +110,51 @@ def _sensor(identified: Identified) -> Sections:
 
 
 def _cell(identified: Identified) -> Sections:
-    """Surface and start of the cell."""
-    config, seen, values = identified.config, identified.seen, identified.values
+    """Return the surface, the start pose and the tool of the emulated cell."""
+    config, observations, values = identified.config, identified.seen, identified.values
     surface: dict[str, Any] = {}
     stiffness = values.get(STIFFNESS.key)
     if math.isfinite(stiffness) and stiffness > 0.0:
         surface["stiffness_n_m"] = _rounded(stiffness)
-        if seen.contact is not None and seen.cycles:
-            surface |= _place(seen.contact, stiffness)
+        if observations.contact is not None and observations.cycles:
+            surface |= _surface_position(observations.contact, stiffness)
     for quantity, name in ((DAMPING, "damping_ns_m"), (FRICTION, "friction")):
         if math.isfinite(value := values.get(quantity.key)):
             full = _full_friction(identified) if quantity is FRICTION else 1.0
             surface[name] = _rounded(max(value, 0.0) * full)
-    found: dict[str, dict[str, Any]] = {"cell.surface": surface} if surface else {}
+    tables: dict[str, dict[str, Any]] = {"cell.surface": surface} if surface else {}
     exponent = values.find(EXPONENT.key)
     if (
         exponent is not None
         and exponent.seen
         and exponent.low > 1.0
-        and seen.contact is not None
+        and observations.contact is not None
         and stiffness > 0.0
     ):
-        depth = float(np.mean(seen.contact.press)) / stiffness
-        found["cell.surface.material"] = {
+        depth = float(np.mean(observations.contact.press)) / stiffness
+        tables["cell.surface.material"] = {
             "kind": "hunt_crossley",
             "exponent": _rounded(exponent.value),
             "reference_depth_mm": _rounded(depth * _MM),
         }
-    if seen.cycles:
-        first = seen.cycles[0].sample
-        found["cell"] = {
+    if observations.cycles:
+        first = observations.cycles[0].sample
+        tables["cell"] = {
             "start_position_mm": [round(part * _MM, 4) for part in first.position],
             "start_quaternion": [round(part, 9) for part in first.quaternion],
         }
     if config.tool.mass_kg:
-        found["cell.tool"] = {
+        tables["cell.tool"] = {
             "mass_kg": config.tool.mass_kg,
             "centre_of_gravity_mm": list(config.tool.centre_of_gravity_mm),
         }
-    return found
+    return tables
 
 
 def _full_friction(identified: Identified) -> float:
-    """Return the emulated surface's coefficient over its friction at the speed of a run.
+    """Return the ratio of the emulated surface's friction coefficient to its friction at the speed of the run.
 
-    A robot that steps is quick.
+    The ratio is 1 for a robot that moves in steps, because each step is fast.
     """
     config = identified.config
     if identified.seen.robot.pacing is Pacing.ASKED or not config.task.speed_mm_s:
@@ -161,8 +165,11 @@ def _full_friction(identified: Identified) -> float:
     )
 
 
-def _place(contact: Contact, stiffness: float) -> dict[str, Any]:
-    """Where the surface lies below the tool: level, or rising along the way. Nothing where the approach is not down."""
+def _surface_position(contact: Contact, stiffness: float) -> dict[str, Any]:
+    """Return the settings for the position of the surface below the tool, either level or rising along the path.
+
+    Empty if the approach is not downward.
+    """
     if -contact.approach[2] < _DOWN or not np.isfinite(contact.place).all():
         return {}
     heights = contact.place[:, 2] + contact.press / stiffness
@@ -170,24 +177,24 @@ def _place(contact: Contact, stiffness: float) -> dict[str, Any]:
     step = (end - begin)[:2]
     length = float(np.linalg.norm(step))
     first = max(1, int(_SHARE * len(heights)))
-    found: dict[str, Any] = {
+    table: dict[str, Any] = {
         "origin_x_mm": round(float(begin[0]) * _MM, 3),
         "origin_y_mm": round(float(begin[1]) * _MM, 3),
         "height_mm": round(float(heights[:first].mean()) * _MM, 3),
     }
     if length * _MM < 1.0:
-        return found
+        return table
     along = (contact.place[:, :2] - begin[:2]) @ (step / length)
     rise, level = np.polyfit(along, heights, 1)
     slope = math.degrees(math.atan(float(rise)))
-    found["path_deg"] = round(math.degrees(math.atan2(float(step[1]), float(step[0]))), 3)
+    table["path_deg"] = round(math.degrees(math.atan2(float(step[1]), float(step[0]))), 3)
     if abs(slope) > _LEVEL_DEG:
-        found |= {"kind": "sloped", "slope_deg": round(slope, 3), "height_mm": round(float(level) * _MM, 3)}
-    return found
+        table |= {"kind": "sloped", "slope_deg": round(slope, 3), "height_mm": round(float(level) * _MM, 3)}
+    return table
 
 
 def _faults(identified: Identified) -> Iterator[dict[str, Any]]:
-    """Losses on both wires, as faults from the begin on."""
+    """Yield the losses on both links, as faults that are active from the start."""
     values, emulation = identified.values, sensor_in(identified.config).kind.emulation
     share = values.get(FRAMES_LOST.key) * 1e-3
     if share > 0.0 and emulation is not None:

@@ -1,4 +1,6 @@
-"""The servo of a robot that is asked, from the force that its steps make: it stands whenever it tells its place."""
+"""Servo of a polled robot, identified from the forces during its steps, because the robot is stationary whenever it
+reports its position.
+"""
 
 import math
 from collections.abc import Sequence
@@ -14,33 +16,34 @@ from hil_bridge.lab.identification.observations import Observations
 from hil_bridge.record.analysis.latency import timestamps
 
 _STEP_S = 0.001
-"""Chosen: the way of the tool is worked out so finely."""
+"""Time step at which the motion of the tool is computed, s. Chosen."""
 _SHIFTS_S = np.arange(-0.04, 0.1601, 0.005)
-"""Chosen: delays that are tried, beside the response."""
+"""Delays to try in addition to the response, s. Chosen."""
 _RESPONSES_S = (0.02, 0.035, 0.05, 0.065, 0.09)
-"""Chosen: responses of the loops, 2ζ/ω, that are tried."""
+"""Responses of the loops to try, 2ζ/ω, s. Chosen."""
 _MOST_FRAMES = 1500
-"""Chosen: about so many frames stand for all."""
+"""Approximate number of frames that are used, as a subset of all frames. Chosen."""
 _WINDOW_S = 2.0
-"""Chosen: over so long the surface's own height is a straight line in time."""
+"""Window in which the height of the surface is assumed to be linear in time, s. Chosen."""
 _LEAST_FRAMES = 100
-"""Chosen: frames while it presses at least."""
+"""Smallest number of frames in contact from which the servo is identified. Chosen."""
 _EXPLAINED = 0.5
-"""Chosen: the steps tell a delay where they explain such a share of the force's variance."""
+"""Share of the force's variance that the steps must explain before a delay is identified. Chosen."""
 
 
-def servo_of_steps(seen: Observations, servo: ServoFacts) -> Estimate | None:
-    """Transport delay and response of the servo, s; None where the force does not show the steps. `servo` is the
-    emulated robot's usual one: its response is the shape that is looked for.
+def servo_of_steps(observations: Observations, servo: ServoFacts) -> Estimate | None:
+    """Return the sum of the servo's transport delay and response, s; None if the force does not show the steps.
+
+    `servo` is the default servo of the emulated robot, whose response has the assumed shape.
     """
-    contact, stream, hops = seen.contact, seen.stream, seen.robot.hops
+    contact, stream, hops = observations.contact, observations.stream, observations.robot.hops
     if contact is None or stream is None or hops is None:
         return None
-    moments = timestamps(seen.cycles, hops)(ACCEPTED)
+    moments = timestamps(observations.cycles, hops)(ACCEPTED)
     known = np.isfinite(moments)
     moments, cycles = (
         moments[known],
-        [cycle for cycle, is_known in zip(seen.cycles, known, strict=True) if is_known],
+        [cycle for cycle, is_known in zip(observations.cycles, known, strict=True) if is_known],
     )
     inside = np.zeros(len(stream.times), bool)
     for stretch in np.unique(contact.stretch):
@@ -50,8 +53,8 @@ def servo_of_steps(seen: Observations, servo: ServoFacts) -> Estimate | None:
         return None
     delay = 0.0 if stream.facts is None else stream.facts.delay
     grid = np.arange(moments[0] - 1.0, moments[-1] + 1.0, _STEP_S)
-    held = [
-        _held(grid, moments, np.array(values))
+    holds = [
+        _zero_order_hold(grid, moments, np.array(values))
         for values in (
             [cycle.depth_commanded for cycle in cycles],
             [cycle.travel_commanded for cycle in cycles],
@@ -61,7 +64,7 @@ def servo_of_steps(seen: Observations, servo: ServoFacts) -> Estimate | None:
     force = -stream.wrench[chosen, :3] @ np.array(stream.approach)
     fits, totals = list[_Fit](), list[float]()
     for response in _RESPONSES_S:
-        inputs = [_smoothed(values, (response / 2.0, response / 2.0, delay)) for values in held]
+        inputs = [_smooth(values, (response / 2.0, response / 2.0, delay)) for values in holds]
         steps = _Steps(grid, inputs, stream.times[chosen], force)
         for shift in _SHIFTS_S:
             fits.append(steps.fit(float(shift)))
@@ -75,21 +78,21 @@ def servo_of_steps(seen: Observations, servo: ServoFacts) -> Estimate | None:
         rests = np.array([fit.rest(mask) for fit in fits]).reshape(rows, columns)
         row = int(np.argmin(rests.min(axis=1)))
         step = float(_SHIFTS_S[1] - _SHIFTS_S[0])
-        return totals[row * columns] + step * _lowest(rests[row]) - servo.wait_s
+        return totals[row * columns] + step * _interpolate_minimum(rests[row]) - servo.wait_s
 
     tick = 0.5 * servo.interpolation_s
     return jackknife(fits[0].blocks, total).wider(tick, "and half a tick of the robot's interpolator")
 
 
 class _Fit(NamedTuple):
-    """The force over depth and way at one delay, with levels and slopes of each window taken off."""
+    """Regression of force on depth and travel at one delay, after removal of level and slope in each window."""
 
     inputs: Floats
     force: Floats
     blocks: Ints
 
     def rest(self, mask: Mask) -> float:
-        """Share of the force's variance that is not explained."""
+        """Return the share of the force's variance that the regression does not explain."""
         inputs, force = self.inputs[mask], self.force[mask]
         fit = np.linalg.lstsq(inputs, force, rcond=None)[0]
         rest = force - inputs @ fit
@@ -99,12 +102,12 @@ class _Fit(NamedTuple):
 class _Steps(NamedTuple):
     grid: Floats
     inputs: Sequence[Floats]
-    """Depth and way of the tool without any delay, m, over the grid."""
+    """Depth and travel of the tool without a delay, m, on the grid."""
     times: Floats
     force: Floats
 
     def fit(self, shift: float) -> _Fit:
-        """Fit the regression with this delay, s."""
+        """Fit the regression of force on depth and travel with this delay, s."""
         columns = [np.interp(self.times - shift, self.grid, values) for values in self.inputs]
         table = np.column_stack([*columns, self.force])
         windows = np.floor((self.times - self.times[0]) / _WINDOW_S)
@@ -116,15 +119,15 @@ class _Steps(NamedTuple):
         return _Fit(table[:, :2], table[:, 2], blocks_of(table[:, 2] ** 2))
 
 
-def _held(grid: Floats, moments: Floats, values: Floats) -> Floats:
-    """Values that hold from their moments on."""
+def _zero_order_hold(grid: Floats, moments: Floats, values: Floats) -> Floats:
+    """Return the values on the grid, each held from its time until the next one."""
     places = np.clip(np.searchsorted(moments, grid, side="right") - 1, 0, len(values) - 1)
-    held: Floats = values[places]
-    return held
+    output: Floats = values[places]
+    return output
 
 
-def _smoothed(values: Floats, times: Sequence[float]) -> Floats:
-    """Values behind filters of first order with these time constants, s."""
+def _smooth(values: Floats, times: Sequence[float]) -> Floats:
+    """Return the values after a sequence of first-order filters with these time constants, s."""
     start = values[0]
     values = values - start
     for time in times:
@@ -135,8 +138,8 @@ def _smoothed(values: Floats, times: Sequence[float]) -> Floats:
     return smoothed
 
 
-def _lowest(values: Floats) -> float:
-    """Place of the least value, between its neighbours by a parabola."""
+def _interpolate_minimum(values: Floats) -> float:
+    """Return the index of the minimum, interpolated by a parabola."""
     place = int(np.argmin(values))
     if not 0 < place < len(values) - 1:
         return float(place)

@@ -1,4 +1,6 @@
-"""The sensor of a recording: noise of each axis, cut-off of its filter, step, drift of the zero, times of frames."""
+"""Sensor parameters identified from a recording: noise of each axis, filter cut-off, resolution, zero drift, and
+frame times.
+"""
 
 import math
 from collections.abc import Iterator
@@ -22,27 +24,29 @@ from hil_bridge.lab.identification.values import Part, Quantity, Value, Why
 from protocol.wrench import AXES
 
 _SEGMENTS = 12
-"""Chosen: stretches of the standing tool whose spectra are averaged, if there are frames enough."""
+"""Number of segments with a stationary tool whose spectra are averaged, if there are enough frames. Chosen."""
 _SHORTEST, _LONGEST = 16, 128
-"""Chosen: frames of such a stretch."""
+"""Smallest and largest number of frames in a segment. Chosen."""
 _SLOW_HZ = 20.0
-"""Chosen: arms that were recorded vibrate at 9 to 16 Hz. Slower noise is not the sensor's."""
+"""Frequency below which noise is not attributed to the sensor, Hz. Chosen: recorded arms vibrate at 9 to 16 Hz."""
 _LEAKING = 3
-"""Derived: lines of a spectrum up to which a slow change leaks through Hann's window."""
+"""Number of the lowest spectral lines into which a slow change leaks through Hann's window. Derived."""
 _PEAK = 4.0
-"""Chosen: lines stand out of the noise by so many standard errors; they are the arm's, and left out."""
+"""Height above the noise at which a spectral line is attributed to the arm and left out, in standard errors. Chosen."""
 _DISTURBED = 5.0
-"""Chosen: a stretch with so many times the usual power is one in which something happened."""
+"""Power above which a segment counts as disturbed, as a multiple of the usual power. Chosen."""
 _SEEN_STEPS = 0.55
-"""Derived: with a smaller deviation, in steps, rounding is not noise of its own any more. Half a step, and rounding."""
+"""Deviation below which noise cannot be separated from rounding, in steps. Derived: noise of half a step, together
+with the rounding.
+"""
 _MEMORY_LEAST = 0.05
-"""Chosen: a correlation from frame to frame below this is none."""
+"""Correlation between frames below which the frames count as uncorrelated. Chosen."""
 _FREE_LEAST_S = 1.0
-"""Chosen: free space at each end from which a drift is told."""
+"""Shortest interval of free space at each end from which a drift is identified, s. Chosen."""
 _MEAN_S = 0.5
-"""Chosen: means over so long tell the drift. Vibrations of an arm are gone in them."""
+"""Averaging window for the drift, s. Chosen: removes the vibrations of an arm."""
 _CREEP_SHARE = 0.01
-"""Chosen: share of the force that a sensor may keep after the tool is lifted. Recorded: up to 1 %."""
+"""Share of the force that a sensor may retain after the tool is lifted. Chosen. Recorded: up to 1 %."""
 
 UNITS = ("N",) * 3 + ("N·m",) * 3
 NOISE = tuple(
@@ -59,21 +63,21 @@ DRIFT = tuple(
 )
 CUTOFF = Quantity("sensor.cutoff", Part.SENSOR, "cut-off of the filter", "Hz")
 PERIOD = Quantity("sensor.period", Part.SENSOR, "time between frames", "s")
-JITTER = Quantity("sensor.jitter", Part.SENSOR, "deviation of that time", "s")
+JITTER = Quantity("sensor.jitter", Part.SENSOR, "deviation of the frame interval", "s")
 ALL = (*NOISE, CUTOFF, *STEP, *DRIFT, PERIOD, JITTER)
 
 
-def stream_values(seen: Observations) -> Iterator[Value]:
-    """All values of the sensor."""
-    stream = seen.stream
+def stream_values(observations: Observations) -> Iterator[Value]:
+    """Yield all values identified for the sensor."""
+    stream = observations.stream
     if stream is None:
         yield from (quantity.unseen(Why.NO_FORCE) for quantity in ALL)
         return
     yield from _noise(stream)
     for quantity, size in zip(STEP, _step_sizes(stream).tolist(), strict=True):
         yield step_value(quantity, size)
-    yield from _drift(stream, seen)
-    method = "mean time between frames, lost ones left out"
+    yield from _drift(stream, observations)
+    method = "mean time between frames, without lost ones"
     yield from gap_values(np.diff(stream.times), 2 * LEAST_BLOCKS, (PERIOD, JITTER), method)
 
 
@@ -81,42 +85,43 @@ def stream_values(seen: Observations) -> Iterator[Value]:
 
 
 class _Spectra(NamedTuple):
-    """Periodograms of the standing tool."""
+    """Periodograms of the frames with a stationary tool."""
 
     power: Floats
-    """(segments, lines, axes), scaled so that white noise has its variance in each line."""
+    """Power (segments, lines, axes), scaled so that each line of white noise has the variance of the noise."""
     angles: Floats
-    """(lines,): 2π times frequency over the rate of the frames."""
+    """Angular frequency of each line (lines,), rad per frame: 2π times the frequency divided by the frame rate."""
     rounding: Floats
-    """(axes,): variance of the rounding to a step."""
+    """Variance due to the rounding to a quantisation step (axes,)."""
     rate: float
 
     def shape(self, memory: float) -> Floats:
-        """(lines,): spectrum of noise with variance 1 behind a filter of first order, with this correlation from frame
-        to frame.
+        """Return the spectrum (lines,) of noise with variance 1 after a first-order filter.
+
+        `memory` is the correlation between successive frames that the filter causes.
         """
         lines: Floats = (1.0 - memory**2) / (1.0 - 2.0 * memory * np.cos(self.angles) + memory**2)
         return lines
 
     def variances(self, memory: float, segments: Mask, lines: Mask) -> Floats:
-        """(axes,): variance of the noise without rounding, from these segments and lines."""
+        """Return the variance (axes,) of the noise from these segments and lines, without the rounding."""
         shape, power = self.shape(memory)[lines], self.power[segments][:, lines].mean(axis=0)
-        found = (power / shape[:, None]).mean(axis=0)
-        for _ in range(3):  # weights by the spectrum itself, rounding included
-            weight = (shape[:, None] / (found * shape[:, None] + self.rounding)) ** 2
-            found = (weight * (power - self.rounding) / shape[:, None]).sum(axis=0) / weight.sum(axis=0)
-            found = np.maximum(found, 1e-3 * self.rounding + 1e-30)
-        variances: Floats = found
+        ratios = (power / shape[:, None]).mean(axis=0)
+        for _ in range(3):  # weighted by the spectrum itself, including the rounding
+            weight = (shape[:, None] / (ratios * shape[:, None] + self.rounding)) ** 2
+            ratios = (weight * (power - self.rounding) / shape[:, None]).sum(axis=0) / weight.sum(axis=0)
+            ratios = np.maximum(ratios, 1e-3 * self.rounding + 1e-30)
+        variances: Floats = ratios
         return variances
 
     def unlikelihood(self, memory: float, segments: Mask, lines: Mask) -> float:
-        """Of this correlation, by Whittle: the smaller the better."""
+        """Return the negative log likelihood (Whittle) of this correlation between frames; lower is better."""
         model = np.outer(self.shape(memory)[lines], self.variances(memory, segments, lines)) + self.rounding
         power = self.power[segments][:, lines].mean(axis=0)
         return float((np.log(model) + power / model).sum())
 
     def memory(self, segments: Mask, lines: Mask) -> float:
-        """Return the likeliest correlation from frame to frame."""
+        """Return the most likely correlation between successive frames."""
         best = minimize_scalar(
             lambda memory: self.unlikelihood(float(memory), segments, lines),
             bounds=(-0.5, 0.995),
@@ -125,7 +130,7 @@ class _Spectra(NamedTuple):
         return float(best.x)
 
     def calm_lines(self, segments: Mask) -> Mask:
-        """Lines that do not stand out of the noise in any axis: peaks are vibrations."""
+        """Return the lines that do not exceed the noise in any axis, because peaks are vibrations."""
         lines = np.ones(len(self.angles), bool)
         error = 1.0 / math.sqrt(int(segments.sum()))
         for _ in range(4):
@@ -146,13 +151,13 @@ def _noise(stream: Stream) -> Iterator[Value]:
         return
     total = np.sqrt(spectra.power.mean(axis=(0, 1)))
     steps = np.sqrt(12.0 * spectra.rounding)
-    told = [k for k in axes if total[k] > _SEEN_STEPS * steps[k] and total[k] > 0.0]
-    places = {axis: place for place, axis in enumerate(told)}
-    if not told:
+    noisy = [k for k in axes if total[k] > _SEEN_STEPS * steps[k] and total[k] > 0.0]
+    places = {axis: place for place, axis in enumerate(noisy)}
+    if not noisy:
         yield from (NOISE[k].unseen(Why.BELOW_STEP if total[k] >= 0.0 else Why.NO_FORCE) for k in axes)
         yield CUTOFF.unseen(Why.NO_NOISE)
         return
-    spectra = spectra._replace(power=spectra.power[:, :, told], rounding=spectra.rounding[told])
+    spectra = spectra._replace(power=spectra.power[:, :, noisy], rounding=spectra.rounding[noisy])
     numbers = np.arange(len(spectra.power))
     everything = np.ones(len(numbers), bool)
     lines = spectra.calm_lines(everything)
@@ -166,9 +171,7 @@ def _noise(stream: Stream) -> Iterator[Value]:
         yield from (NOISE[k].unseen(Why.SLOW_FILTER if k in places else Why.BELOW_STEP) for k in axes)
         yield CUTOFF.unseen(Why.SLOW_FILTER)
         return
-    method = (
-        "level of the spectrum above 20 Hz while the tool stands in free space, peaks and rounding taken off"
-    )
+    method = "level of the spectrum above 20 Hz while the tool is stationary in free space, without peaks and rounding"
     for axis in axes:
         if axis not in places:
             yield NOISE[axis].unseen(Why.BELOW_STEP)
@@ -184,18 +187,18 @@ def _noise(stream: Stream) -> Iterator[Value]:
 
 
 def _hertz(memory: float, rate: float) -> float:
-    """Cut-off of a filter of first order with this correlation from frame to frame."""
+    """Return the cut-off frequency of a first-order filter with this correlation between frames, Hz."""
     return -math.log(min(max(memory, 1e-3), 0.9999)) * rate / (2.0 * math.pi)
 
 
 def _cutoff(memory: Estimate, rate: float) -> Value:
     value, low, high = (_hertz(one, rate) for one in (memory.value, memory.high, memory.low))
     estimate = Estimate(value, low, high, memory.interval)
-    return CUTOFF.value(estimate, "colour of that noise, taken for a filter of first order")
+    return CUTOFF.value(estimate, "colour of that noise, attributed to a first-order filter")
 
 
 def _spectra_of(stream: Stream) -> _Spectra | None:
-    """Periodograms by stretch; None for too few frames, or of a table without a step where nothing is left."""
+    """Return the periodograms of all segments; None if there are too few frames, lines or undisturbed segments."""
     begin, end = stream.standing
     inside = (stream.times >= begin) & (stream.times < end)
     times, wrench = stream.times[inside], stream.wrench[inside]
@@ -224,8 +227,8 @@ def _spectra_of(stream: Stream) -> _Spectra | None:
     if calm.sum() < LEAST_BLOCKS:
         return None
     steps = np.where(np.isfinite(stream.step), stream.step, 0.0)
-    told = _step_sizes(stream)
-    rounding: Floats = np.where(np.isfinite(told), told, steps) ** 2 / 12.0
+    step = _step_sizes(stream)
+    rounding: Floats = np.where(np.isfinite(step), step, steps) ** 2 / 12.0
     angles = np.asarray(2.0 * math.pi * frequencies[lines] / rate, np.float64)
     return _Spectra(powers[calm], angles, rounding, rate)
 
@@ -234,16 +237,16 @@ def _spectra_of(stream: Stream) -> _Spectra | None:
 
 
 def _step_sizes(stream: Stream) -> Floats:
-    """(6,): the step on which the values of each axis lie; NaN where none is seen."""
+    """Return the quantisation step of each axis (6,); NaN for an axis without a recognisable step."""
     return np.array([grid_of(stream.wrench[:, axis]) for axis in range(len(AXES))])
 
 
 # --- drift
 
 
-def _drift(stream: Stream, seen: Observations) -> Iterator[Value]:
+def _drift(stream: Stream, observations: Observations) -> Iterator[Value]:
     spans = [span for span in stream.free if span[1] - span[0] >= _FREE_LEAST_S]
-    if len(spans) < 2 or seen.contact is None:
+    if len(spans) < 2 or observations.contact is None:
         yield from (quantity.unseen(Why.NO_FREE_ENDS) for quantity in DRIFT)
         return
     means = [_means(stream, span) for span in spans]
@@ -252,7 +255,7 @@ def _drift(stream: Stream, seen: Observations) -> Iterator[Value]:
     blocks: Ints = np.arange(len(times))
     apart = float(means[1][0].mean() - means[0][0].mean()) / 60.0
     walk = _walk(means) * math.sqrt(max(apart, 1e-9) * 60.0) / max(apart, 1e-9)
-    loads = np.abs(seen.contact.press).mean() * np.ones(3)
+    loads = np.abs(observations.contact.press).mean() * np.ones(3)
     for axis, quantity in enumerate(DRIFT):
 
         def slope(mask: Mask, axis: int = axis) -> float:
@@ -266,13 +269,13 @@ def _drift(stream: Stream, seen: Observations) -> Iterator[Value]:
             + _CREEP_SHARE * float(loads[axis]) / max(apart, 1e-9)
         )
         yield quantity.value(
-            own.wider(half, "and what a walk of the zero, and 1 % of the pressed force as creep, can make"),
-            "line through means of 0.5 s in free space before the contact and behind it",
+            own.wider(half, "and a random walk of the zero, and creep of 1 % of the contact force"),
+            "line through means over 0.5 s in free space before and after the contact",
         )
 
 
 def _means(stream: Stream, span: tuple[float, float]) -> tuple[Floats, Floats]:
-    """Return times and forces (n, 3) of means over `_MEAN_S`."""
+    """Return the times and the forces (n, 3) of means over windows of `_MEAN_S`."""
     begin, end = span
     count = int((end - begin) / _MEAN_S)
     edges = np.searchsorted(stream.times, begin + _MEAN_S * np.arange(count + 1))
@@ -282,7 +285,7 @@ def _means(stream: Stream, span: tuple[float, float]) -> tuple[Floats, Floats]:
 
 
 def _walk(means: list[tuple[Floats, Floats]]) -> float:
-    """Random walk of the zero beyond the noise of the means, N/√s: of all three axes together."""
+    """Return the random walk of the zero over all three axes, N/√s, in excess of the noise of the means."""
     steps = np.concatenate([np.diff(zeros, axis=0) for _, zeros in means])
     far = np.concatenate([zeros[4:] - zeros[:-4] for _, zeros in means if len(zeros) > 4] or [steps[:0]])
     if not len(far) or not len(steps):

@@ -1,4 +1,4 @@
-"""The surface that a recording has pressed: stiffness, damping, power of the depth, friction."""
+"""Surface parameters identified from a recording: stiffness, damping, exponent of the depth, and friction."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -16,46 +16,48 @@ from hil_bridge.lab.identification.observations import Contact, Observations
 from hil_bridge.lab.identification.values import Part, Quantity, Value, Why
 
 _SCALE_SHARE = 0.02
-"""Chosen: a sensor tells a quick load about half as much too small by its creep, and its scale is no better known."""
+"""Relative error of a sensor's scale, and twice the share of a fast load that the creep of the sensor hides. Chosen."""
 _DELAY_S = 0.02
-"""Chosen: time between place and force that a recording leaves open."""
+"""Uncertainty of the delay between position and force, s. Chosen."""
 _RATE_S = 0.01
-"""Chosen: speed is that over twice this time."""
+"""Half of the window over which a speed is measured, s. Chosen."""
 _RATE_OVER = 2
-"""Chosen: samples below which a stretch tells no speed."""
+"""Largest number of samples with which a segment yields no speed. Chosen."""
 _NOISE_SHARE = 0.5
-"""Chosen: at most so much of the depth's variance is taken for noise."""
+"""Largest share of the depth's variance that is attributed to noise. Chosen."""
 _DELAYS_S = np.arange(-0.02, 0.0801, 0.002)
-"""Chosen: delays of the force behind the place that are tried. The slowest sensor here has 20 ms."""
+"""Delays of the force behind the position to try, s. Chosen: the slowest supported sensor has 20 ms."""
 _WINDOW_M = 0.02
-"""Chosen: over so long a way across the surface its height is taken for a parabola."""
+"""Window across the surface in which its height is approximated by a parabola, m. Chosen."""
 _LEAST_WAY_M = 0.003
-"""Chosen: a shorter way across the surface tells no friction, and hides no power of the depth."""
+"""Lateral distance that friction requires, and above which the exponent of the depth is not identified, m. Chosen."""
 _HALF_WINDOW_S = 0.3
-"""Chosen: the direction of the way is that over twice this time."""
+"""Half of the window over which the direction of the path is measured, s. Chosen."""
 _LEAST_SPEED_M_S = 0.001
-"""Chosen: a slower tool stands."""
+"""Speed below which the tool counts as stationary, m/s. Chosen."""
 _MOST_STRETCHES = 6
-"""Chosen: a tool that begins to press more often bounces, and tells no friction."""
+"""Maximum number of contacts for which friction is identified. Chosen: with more contacts, the tool bounces."""
 _FULL_SPEED = 0.9
-"""Chosen: samples at a lower share of the usual speed are at the begin or the end of the way."""
+"""Share of the usual speed below which a sample belongs to the start or the end of the path. Chosen."""
 _RISE = 3.0
-"""Chosen: a stretch tells the power of the depth where its largest force is so many times the least."""
+"""Smallest ratio of the largest to the smallest force at which a segment determines the exponent of the depth.
+Chosen.
+"""
 
 STIFFNESS = Quantity("surface.stiffness", Part.SURFACE, "stiffness of the contact", "N/m")
 DAMPING = Quantity("surface.damping", Part.SURFACE, "damping of the contact", "N·s/m")
-EXPONENT = Quantity("surface.exponent", Part.SURFACE, "power of the depth in the force", "")
+EXPONENT = Quantity("surface.exponent", Part.SURFACE, "exponent of the depth in the force", "")
 FRICTION = Quantity("surface.friction", Part.SURFACE, "friction coefficient", "")
 
 
-def surface_values(seen: Observations) -> Iterator[Value]:
-    """All values of the surface."""
-    contact = seen.contact
+def surface_values(observations: Observations) -> Iterator[Value]:
+    """Yield all values identified for the surface."""
+    contact = observations.contact
     if contact is None:
-        why = Why.NO_CONTACT if seen.stream is not None or seen.cycles else Why.NO_FORCE
+        why = Why.NO_CONTACT if observations.stream is not None or observations.cycles else Why.NO_FORCE
         yield from (quantity.unseen(why) for quantity in (STIFFNESS, DAMPING, EXPONENT, FRICTION))
         return
-    slopes = _aligned(contact, seen.robot)
+    slopes = _fit_delays(contact, observations.robot)
     stiffness = jackknife(slopes[0].blocks, lambda mask: _best(slopes, mask).stiffness(mask))
     if not stiffness.half < stiffness.value:
         yield from (quantity.unseen(Why.TOO_OPEN) for quantity in (STIFFNESS, DAMPING))
@@ -64,17 +66,18 @@ def surface_values(seen: Observations) -> Iterator[Value]:
         return
     yield STIFFNESS.value(
         stiffness.wider(_SCALE_SHARE * abs(stiffness.value), "and 2 % for the sensor's creep and scale"),
-        "slope of the force over the reported depth while the tool presses; the delay between both is fitted, and "
-        "level, slope and bend of the surface are taken off every 20 mm",
+        "slope of the force over the reported depth in contact, with fitted delay, without "
+        "level, slope and curvature of the surface in every 20 mm",
     )
     yield _damping(contact, _best(slopes, np.ones(len(contact.times), bool)), stiffness.value)
     yield _exponent(contact)
     yield _friction(contact, stiffness.value)
 
 
-def _aligned(contact: Contact, robot: RobotFacts) -> "Sequence[_Slopes]":
-    """Return the regression for each tried delay of the force behind the place. A robot that is asked stands when it
-    tells its place: there is no delay to look for.
+def _fit_delays(contact: Contact, robot: RobotFacts) -> "Sequence[_Slopes]":
+    """Return the regression for each delay of the force behind the position that is tried.
+
+    A polled robot is stationary when it reports its position, so only a delay of zero applies.
     """
     if robot.pacing is Pacing.ASKED and robot.kind:
         rounding = (robot.position_step_m or 0.0) / math.sqrt(12.0)
@@ -85,37 +88,39 @@ def _aligned(contact: Contact, robot: RobotFacts) -> "Sequence[_Slopes]":
 
 
 def _best(slopes: "Sequence[_Slopes]", mask: Mask) -> "_Slopes":
-    """Return the regression of the delay with the least rest of the samples that count.
+    """Return the regression whose delay leaves the smallest residual over the selected samples.
 
-    No surface has a damping below 0: a delay that needs one is none.
+    No surface has negative damping, so a delay that implies negative damping is rejected.
     """
     possible = [one for one in slopes if one.damping(mask) >= 0.0] or slopes
     return min(possible, key=lambda one: one.rest(mask))
 
 
 class _Slopes(NamedTuple):
-    """Input of a regression of the force on the depth."""
+    """Inputs of a regression of force on depth and speed."""
 
     depth: Floats
     press: Floats
     rate: Floats
-    """Depth, m, force, N, and speed into the surface, m/s: each (n,), less what level and way explain."""
+    """Depth, m, force, N, and speed into the surface, m/s, each (n,). The part that level and travel explain is
+    removed.
+    """
     blocks: Ints
     delay: float
-    """Of the force behind the place, s."""
+    """Delay of the force behind the position, s."""
     noise_m: float
-    """Noise of the depth, m. What it adds to the depth's own motion is taken off, or it would lower the stiffness."""
+    """Noise of the depth, m. Its variance is subtracted, because it would bias the stiffness towards lower values."""
 
     def stiffness(self, mask: Mask) -> float:
-        """N/m of the samples that count."""
+        """Return the stiffness over the selected samples, N/m."""
         return float(self._fit(mask)[0])
 
     def damping(self, mask: Mask) -> float:
-        """N·s/m of the samples that count."""
+        """Return the damping over the selected samples, N·s/m."""
         return float(self._fit(mask)[1])
 
     def rest(self, mask: Mask) -> float:
-        """Sum of the squares that depth and speed do not explain, N²."""
+        """Return the sum of squares of the force that depth and speed do not explain, N²."""
         rest = self.press[mask] - self._inputs(mask) @ self._fit(mask)
         return float(rest @ rest)
 
@@ -126,19 +131,19 @@ class _Slopes(NamedTuple):
         inputs = self._inputs(mask)
         products = inputs.T @ inputs
         products[0, 0] -= min(self.noise_m**2 * int(mask.sum()), _NOISE_SHARE * float(products[0, 0]))
-        if not products[1, 1] > 0.0:  # a robot that stands when it is asked has no speed
+        if not products[1, 1] > 0.0:  # a robot that is stationary when polled has no speed
             return np.array([float(inputs[:, 0] @ self.press[mask]) / float(products[0, 0]), 0.0])
         return np.asarray(np.linalg.solve(products, inputs.T @ self.press[mask]), np.float64)
 
 
 def _slopes(contact: Contact, press: Floats, delay: float, noise: float, moves: bool = True) -> _Slopes:
-    """Fit the regression with forces that come later than the place by a delay, s.
+    """Return the inputs of the regression for forces that are delayed behind the position by `delay`, s.
 
-    A robot `moves`, or stands when it tells its place.
+    `moves` is false for a robot that is stationary when it reports its position.
     """
-    way = _way_of(contact)
-    windows = contact.stretch * 1e4 + np.floor(way / _WINDOW_M)
-    rate = np.zeros(len(way))
+    travel = _lateral_distance(contact)
+    windows = contact.stretch * 1e4 + np.floor(travel / _WINDOW_M)
+    rate = np.zeros(len(travel))
     for stretch in np.unique(contact.stretch):
         inside = contact.stretch == stretch
         if moves and inside.sum() > _RATE_OVER:
@@ -147,7 +152,7 @@ def _slopes(contact: Contact, press: Floats, delay: float, noise: float, moves: 
     rest = np.zeros_like(columns)
     for window in np.unique(windows):
         inside = windows == window
-        about = way[inside] - way[inside].mean()
+        about = travel[inside] - travel[inside].mean()
         most = 3 if float(np.ptp(about)) > _LEAST_WAY_M else 1
         explained = np.column_stack([about**power for power in range(most)])
         if inside.sum() > most:
@@ -158,7 +163,9 @@ def _slopes(contact: Contact, press: Floats, delay: float, noise: float, moves: 
 
 
 def _rate_of(times: Floats, depth: Floats) -> Floats:
-    """Speed into the surface, m/s, over some samples: over one the noise of the place would be most of it."""
+    """Return the speed into the surface, m/s, measured over several samples, since noise would dominate over a
+    single one.
+    """
     step = max(1, round(_RATE_S / max(float(np.median(np.diff(times))), 1e-6)))
     places = np.arange(len(times))
     low, high = np.maximum(places - step, 0), np.minimum(places + step, len(times) - 1)
@@ -166,20 +173,20 @@ def _rate_of(times: Floats, depth: Floats) -> Floats:
     return rate
 
 
-def _way_of(contact: Contact) -> Floats:
-    """Way across the surface since the begin, m; 0 where no place is told."""
+def _lateral_distance(contact: Contact) -> Floats:
+    """Return the distance across the surface since the start of the contact, m; 0 if no position is recorded."""
     if not np.isfinite(contact.place).all():
         return np.zeros(len(contact.times))
     steps = np.diff(contact.place, axis=0)
     across = steps - np.outer(steps @ contact.approach, contact.approach)
     span = float(np.median(np.diff(contact.times)))
     every = max(1, round(2.0 * _HALF_WINDOW_S / max(span, 1e-6)))
-    # noise of the place would add up over single samples
+    # position noise would accumulate over single samples
     knots = np.arange(0, len(contact.times), every)
     path = np.concatenate([np.zeros((1, 3)), np.cumsum(across, axis=0)])
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path[knots], axis=0), axis=1))])
-    way: Floats = np.interp(np.arange(len(contact.times)), knots, lengths)
-    return way
+    travel: Floats = np.interp(np.arange(len(contact.times)), knots, lengths)
+    return travel
 
 
 def _damping(contact: Contact, slopes: _Slopes, stiffness: float) -> Value:
@@ -188,19 +195,21 @@ def _damping(contact: Contact, slopes: _Slopes, stiffness: float) -> Value:
     if not damping.low > hidden:
         return DAMPING.unseen(Why.BEHIND_DELAY)
     return DAMPING.value(
-        damping.wider(hidden, "and 20 ms of delay times the stiffness"),
-        "part of the force that goes with the speed into the surface",
+        damping.wider(hidden, "and the stiffness times a delay of 20 ms"),
+        "part of the force proportional to the speed into the surface",
     )
 
 
 def _exponent(contact: Contact) -> Value:
-    """From the longest stretch that rises, or falls, and does not move across."""
-    way = _way_of(contact)
+    """Identify the exponent of the depth from the longest segment with rising or falling force and without lateral
+    motion.
+    """
+    travel = _lateral_distance(contact)
     best: Mask | None = None
     for stretch in np.unique(contact.stretch):
         inside = contact.stretch == stretch
         press = contact.press[inside]
-        rises: bool = press.max() > _RISE * press.min() and float(np.ptp(way[inside])) < _LEAST_WAY_M
+        rises: bool = press.max() > _RISE * press.min() and float(np.ptp(travel[inside])) < _LEAST_WAY_M
         if rises and inside.sum() >= LEAST_SAMPLES // 2 and (best is None or inside.sum() > best.sum()):
             best = inside
     if best is None:
@@ -215,44 +224,44 @@ def _exponent(contact: Contact) -> Value:
         return EXPONENT.unseen(Why.NO_RAMP)
     return EXPONENT.value(
         exponent,
-        "n of force = a · depth^n, with a, n and the place of the touch fitted where the force rises or falls",
+        "n of force = a · depth^n, with a, n and the touch depth fitted where the force rises or falls",
     )
 
 
 def _friction(contact: Contact, stiffness: float) -> Value:
-    """Force against the way over the force along the normal."""
+    """Identify the friction: the ratio of the force against the motion to the normal force."""
     known = np.isfinite(contact.place).all() and np.isfinite(contact.force).all()
     if not known:
         return FRICTION.unseen(Why.NO_TRAVEL)
     if len(np.unique(contact.stretch)) > _MOST_STRETCHES:
         return FRICTION.unseen(Why.BOUNCES)
-    way, speed = _directions(contact, stiffness)
+    direction, speed = _directions(contact, stiffness)
     moving = speed > _LEAST_SPEED_M_S
-    if moving.any():  # where the way begins, the speed that tells it is still rising
+    if moving.any():  # at the start of the path, the measured speed is still increasing
         moving &= speed > _FULL_SPEED * float(np.median(speed[moving]))
-    if not moving.any() or float(np.ptp(_way_of(contact)[moving])) < _LEAST_WAY_M:
+    if not moving.any() or float(np.ptp(_lateral_distance(contact)[moving])) < _LEAST_WAY_M:
         return FRICTION.unseen(Why.NO_TRAVEL)
     approach = contact.approach
-    normal = -approach + np.outer(way @ approach, np.ones(3)) * way
+    normal = -approach + np.outer(direction @ approach, np.ones(3)) * direction
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-9)[:, None]
     pressed = np.einsum("ij,ij->i", contact.force, normal)[moving]
-    against = -np.einsum("ij,ij->i", contact.force, way)[moving]
+    against = -np.einsum("ij,ij->i", contact.force, direction)[moving]
 
     def ratio(mask: Mask) -> float:
         return float(pressed[mask] @ against[mask] / (pressed[mask] @ pressed[mask]))
 
     friction = jackknife(blocks_of(np.ones(len(pressed))), ratio)
     method = (
-        "force against the way over force along the normal while the tool moves across; the path, less the depth that "
-        "is pressed in, tells the normal"
+        "force against the motion over force along the normal during lateral motion; normal from the path minus "
+        "the depth of penetration"
     )
     return FRICTION.value(
         friction.wider(_SCALE_SHARE * abs(friction.value), "and 2 % for the sensor's axes"), method
     )
 
 
-def _averaged(rows: Floats, count: int) -> Floats:
-    """Means of so many rows about each, of fewer at both ends."""
+def _moving_average(rows: Floats, count: int) -> Floats:
+    """Return moving averages over `count` rows, or fewer at both ends."""
     sums = np.concatenate([np.zeros((1, rows.shape[1])), np.cumsum(rows, axis=0)])
     places = np.arange(len(rows))
     low = np.maximum(places - count // 2, 0)
@@ -262,13 +271,15 @@ def _averaged(rows: Floats, count: int) -> Floats:
 
 
 def _directions(contact: Contact, stiffness: float) -> tuple[Floats, Floats]:
-    """Return unit vectors along the surface below the path, (n, 3), and the speed of the tool across it, m/s."""
+    """Return unit vectors along the undeformed surface below the path, (n, 3), and the lateral speed of the tool,
+    m/s.
+    """
     times, approach = contact.times, contact.approach
     place = contact.place
-    if stiffness > 0.0:  # the surface is where the tool would be if it did not press it in
+    if stiffness > 0.0:  # position of the undeformed surface
         place = place - np.outer(contact.press / stiffness, approach)
     span = max(float(np.median(np.diff(times))), 1e-6)
-    place = _averaged(place, max(1, round(_HALF_WINDOW_S / span)))
+    place = _moving_average(place, max(1, round(_HALF_WINDOW_S / span)))
     low = np.searchsorted(times, times - _HALF_WINDOW_S)
     high = np.searchsorted(times, times + _HALF_WINDOW_S, side="right") - 1
     step = place[high] - place[low]

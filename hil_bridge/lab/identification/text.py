@@ -1,4 +1,4 @@
-"""Text of identified values."""
+"""Identified values as text."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -8,15 +8,17 @@ from hil_bridge.lab.fidelity.units import prefixed_unit
 from hil_bridge.lab.identification.values import Part, Value, Values
 
 _VALUE, _WORDS = 18, 38
-"""Widths of columns."""
+"""Widths of the columns of values and of descriptions, characters."""
 _MOST_DECIMALS = 6
 
 
 def describe(values: Values, methods: bool = True) -> Iterator[str]:
-    """Lines by part of the cell: values with their intervals; behind them method and interval, once for all values that
-    share them; then what is not seen, by reason.
+    """Yield the identified values as text lines, by part of the cell.
+
+    Each value has its interval. Method and interval method follow once for all values that share them. The
+    unidentified values come last, by reason.
     """
-    yield f"{'':<{_WORDS + 2}}{'found':<{_VALUE}}interval of 95 %"
+    yield f"{'':<{_WORDS + 2}}{'value':<{_VALUE}}95 % interval"
     for part in Part:
         rows = [value for value in values if value.part is part]
         yield part.value
@@ -28,22 +30,24 @@ def describe(values: Values, methods: bool = True) -> Iterator[str]:
             if methods:
                 yield f"      {method}; {interval}"
         for why in dict.fromkeys(value.why for value in rows if value.why is not None):
-            missing = _together([value.words for value in rows if value.why is why])
-            yield f"  not seen in this recording: {missing}"
+            missing = _combine_names([value.words for value in rows if value.why is why])
+            yield f"  not identified in this recording: {missing}"
             yield f"      {why.value}"
 
 
-def _together(words: Sequence[str]) -> str:
-    """Words of several values; of those that differ in their axis, the axes alone."""
+def _combine_names(names: Sequence[str]) -> str:
+    """Combine the names of several values into one text. Names that differ only in the axis share one entry that
+    lists the axes.
+    """
     axes: dict[str, list[str]] = {}
-    for text in words:
+    for text in names:
         general, _, last = text.rpartition(" ")
         axes.setdefault(general, []).append(last)
     return "; ".join(f"{general} {', '.join(last)}" for general, last in axes.items())
 
 
 def format_value(value: Value) -> tuple[str, str, str]:
-    """Format the value and both ends of its interval, in one unit, with the digits that the interval leaves."""
+    """Format a value and both ends of its interval in a common unit, with the digits that the interval justifies."""
     largest = max(abs(value.value), 0.5 * abs(value.high - value.low))
     size, unit = prefixed_unit(largest, value.unit)
     numbers = [number / size for number in (value.value, value.low, value.high)]

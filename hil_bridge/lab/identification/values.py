@@ -1,4 +1,4 @@
-"""Identified value with its method and uncertainty, or the reason why it cannot be identified."""
+"""Identified value with its method and uncertainty, or with the reason why it cannot be identified."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -11,7 +11,7 @@ from hil_bridge.lab.identification.blocks import Estimate
 
 
 class Part(StrEnum):
-    """Part of a cell, in the order of the table."""
+    """Part of a cell. Members are in the order of the output."""
 
     ROBOT = "robot"
     SENSOR = "sensor"
@@ -20,86 +20,86 @@ class Part(StrEnum):
 
 
 class Why(StrEnum):
-    """Reason why a recording does not show a value."""
+    """Reason why a value cannot be identified from a recording."""
 
     NO_CONTACT = "the tool does not press long enough"
-    NO_FORCE = "it tells no force"
-    NO_FRAMES = "it has too few frames while the tool stands in free space"
-    NO_FREE_ENDS = "it is not long enough in free space both before and after the contact"
-    NO_MOTION = "it tells no place, or too few"
-    NO_ORDERS = "it tells no orders"
-    NO_TRAVEL = "the tool does not move across the surface while it presses"
-    NO_STAMPS = "it has too few cycles with all stamps"
-    NO_COUNTERS = "it has no counters of the line"
+    NO_FORCE = "it contains no force"
+    NO_FRAMES = "it has too few frames of the stationary tool in free space"
+    NO_FREE_ENDS = "it has too little free space before or after the contact"
+    NO_MOTION = "it contains too few positions"
+    NO_ORDERS = "it contains no orders"
+    NO_TRAVEL = "the tool does not move across the surface in contact"
+    NO_STAMPS = "it has too few cycles with all time stamps"
+    NO_COUNTERS = "it has no link counters"
     NO_SAMPLES = "it has too few samples"
-    STANDS = "a robot that is asked stands at its order before it is asked again"
+    STANDS = "a polled robot reaches its order before the next poll"
     NO_STEPS = "the force does not show the steps of the robot"
-    NOT_PLAYED = "the emulated robot of this kind cannot be played its orders"
-    QUIET_ORDERS = "the orders move too little to tell a lag"
+    NOT_PLAYED = "the emulated robot of this kind cannot replay its orders"
+    QUIET_ORDERS = "the orders move too little to determine a lag"
     BELOW_STEP = "the noise is smaller than half a step of the values"
-    BELOW_MOTION = "the noise is smaller than what the motion leaves"
-    NO_STEP = "the values lie on no step that their noise lets through"
-    SLOW_FILTER = "a filter below 20 Hz leaves nothing above it, and slower noise is the arm's own"
+    BELOW_MOTION = "the noise is smaller than the residual of the motion"
+    NO_STEP = "no quantisation step is visible above the noise"
+    SLOW_FILTER = "a filter below 20 Hz leaves no noise above, and slower noise is attributed to the arm"
     WHITE = "the noise is white up to half the rate of the frames"
     EVEN = "the times are even to 1 µs"
-    NO_NOISE = "the noise is not seen, and it is what tells a filter"
-    TOO_OPEN = "the recording leaves it open by more than its own size"
-    BOUNCES = "the tool bounces: it loses the surface again and again"
-    NO_RAMP = "no part of the contact rises or falls for long enough without moving across"
-    BEHIND_DELAY = "20 ms of delay between place and force would hide it"
-    DRIVES = "it is the other side that drives this robot"
-    OF_TABLE = "a table has no packets and no stamps of them"
+    NO_NOISE = "the noise, which shows the filter, is not identified"
+    TOO_OPEN = "its uncertainty exceeds its value"
+    BOUNCES = "the tool bounces off the surface repeatedly"
+    NO_RAMP = "no part of the contact has long enough rising or falling force without lateral motion"
+    BEHIND_DELAY = "a delay of 20 ms between position and force would hide it"
+    DRIVES = "another program drives this robot"
+    OF_TABLE = "a table has no packet time stamps"
 
 
 class Value(Struct, frozen=True):
-    """Identified value."""
+    """Value that was to be identified, with its uncertainty."""
 
     key: str
-    """Name for programs, as sensor.noise.fx."""
+    """Name of the value for programs, such as sensor.noise.fx."""
     part: Part
     words: str
     unit: str
     value: float = math.nan
-    """The value; NaN if it is not identified."""
+    """Identified value; NaN if it is not identified."""
     low: float = math.nan
     high: float = math.nan
-    """Ends of the 95 % interval."""
+    """Lower and upper end of the 95 % interval."""
     method: str = ""
     interval: str = ""
-    """Method of the interval."""
+    """Method by which the interval was computed."""
     why: Why | None = None
-    """Why it is not identified; None for a value."""
+    """Reason why the value is not identified; None if it is."""
 
     @property
     def seen(self) -> bool:
-        """Whether the recording shows it."""
+        """Whether the value is identified."""
         return self.why is None
 
     def holds(self, true: float) -> bool:
-        """Whether the interval holds this value."""
+        """Return whether the interval contains the value `true`."""
         return self.low <= true <= self.high
 
 
 class Quantity(NamedTuple):
-    """Quantity to be identified in a recording."""
+    """Quantity that is to be identified in a recording."""
 
     key: str
-    """Name for programs, as sensor.noise.fx."""
+    """Name of the quantity for programs, such as sensor.noise.fx."""
     part: Part
     words: str
     unit: str
 
     def value(self, estimate: Estimate, method: str) -> Value:
-        """Return the identified value."""
+        """Return the quantity as an identified value."""
         return Value(*self, estimate.value, estimate.low, estimate.high, method, estimate.interval)
 
     def unseen(self, why: Why) -> Value:
-        """Return the value as not identified."""
+        """Return the quantity as a value that is not identified."""
         return Value(*self, why=why)
 
 
 class Values:
-    """Ordered values by key."""
+    """Collection of values by key, in the order of insertion."""
 
     def __init__(self, values: Iterable[Value] = ()) -> None:
         self._values = {value.key: value for value in values}
@@ -111,10 +111,10 @@ class Values:
         return len(self._values)
 
     def get(self, key: str) -> float:
-        """Return a value by key; NaN if it is not identified, or was not requested."""
+        """Return the number of a value by key; NaN if it is not identified, or was not requested."""
         value = self._values.get(key)
         return math.nan if value is None else value.value
 
     def find(self, key: str) -> Value | None:
-        """Return a value with its method and interval."""
+        """Return a value by key, with its method and interval; None if it was not requested."""
         return self._values.get(key)

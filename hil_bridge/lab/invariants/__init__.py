@@ -1,6 +1,8 @@
-"""Promises of the guard as independent checkers of a finished run. Pure functions: no clock, no file.
+"""Guard promises, verified on a finished run by independent checkers, which are pure functions without clock or
+files.
 
-`broken_promises` returns the promises that a run broke. Tests, campaigns, the hunt and `hil-bridge why` share it.
+`broken_promises` returns the promises that a run broke. It is shared by tests, campaigns, the hunt and `hil-bridge
+why`.
 """
 
 from hil_bridge.lab.invariants.checking import CHECKERS, broken_promises, promises_broken
@@ -9,10 +11,10 @@ from hil_bridge.lab.invariants.evidence import (
     Promise,
     Trace,
     Violation,
+    violation_detail,
     violation_text,
-    violation_words,
 )
-from hil_bridge.lab.invariants.force import judged_forces, stated_bound_n
+from hil_bridge.lab.invariants.force import bounded_forces, stated_bound_n
 from hil_bridge.lab.invariants.voids import VOIDS, Void, World, added_n, rows_of, void_reasons
 
 __all__ = [
@@ -25,12 +27,12 @@ __all__ = [
     "Void",
     "World",
     "added_n",
+    "bounded_forces",
     "broken_promises",
-    "judged_forces",
     "promises_broken",
     "rows_of",
     "stated_bound_n",
+    "violation_detail",
     "violation_text",
-    "violation_words",
     "void_reasons",
 ]

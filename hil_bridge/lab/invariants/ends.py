@@ -1,4 +1,6 @@
-"""Promises about the end of a run: the tool is free or reported as pressing, and the last line is true."""
+"""Checkers of the promises about the end of a run: the tool is free or is reported as pressing, and the last line
+is correct.
+"""
 
 import json
 import math
@@ -9,19 +11,21 @@ import numpy as np
 from hil_bridge.control.geometry.frames import rotation_matrix
 from hil_bridge.lab.invariants.evidence import Evidence, Promise, Trace, Violation
 from hil_bridge.lab.invariants.force import world_of
-from hil_bridge.lab.invariants.voids import FORCE_AXES, added_n, moves_surface, rows_of, told_off_m
+from hil_bridge.lab.invariants.voids import FORCE_AXES, added_n, moves_surface, position_error_m, rows_of
 from hil_bridge.record import Outcome
 
 FORCE_OFF_N = 2.0
-"""Chosen: tolerance of a reported force: noise, drift and weight error of a common tool."""
+"""Tolerance of a reported force, N. Chosen: noise, drift and weight error of a common tool."""
 FORCE_OFF_SHARE = 0.1
-"""Chosen: the same as a share of the true force."""
+"""Tolerance of a reported force, as a share of the true force. Chosen: noise, drift and weight error of a common
+tool.
+"""
 DEPTH_OFF_M = 1e-3
-"""Chosen: tolerance of a reported depth, m: resolution, and the remaining motion of a servo."""
+"""Tolerance of a reported depth, m. Chosen: resolution, and the remaining motion of a servo."""
 
 
-def untold_ends(evidence: Evidence) -> Iterator[Violation]:
-    """Yield an end reported as free although the tool presses."""
+def false_ends(evidence: Evidence) -> Iterator[Violation]:
+    """Yield a violation if the tool is reported as free at the end, but presses."""
     trace = evidence.trace
     if trace is None:
         return
@@ -29,49 +33,50 @@ def untold_ends(evidence: Evidence) -> Iterator[Violation]:
     at, true_n = float(trace.times[-1]), _verified_n(evidence, trace, rest)
     free = bool(rest.get("retracted")) or not rest or end.get("outcome") == Outcome.COMPLETED
     allowed_n = evidence.config.limits.weight_tolerance_n + FORCE_OFF_N
-    if not rest:  # it never moved: it may have stood in the surface from the start, or the surface came to it
+    if not rest:  # it never moved: it was in the surface from the start, or the surface moved to it
         came_n = added_n(evidence.config.faults, world_of(evidence, evidence.config.frame.approach))
         allowed_n = max(allowed_n, float(trace.forces[0]) + FORCE_OFF_N + came_n)
     if free and true_n > allowed_n:
         yield Violation(Promise.END, at, {"true_n": true_n})
 
 
-def untrue_lines(evidence: Evidence) -> Iterator[Violation]:
-    """Find a force or a depth of the last line that is not the true one. A value reported as unknown is not false.
+def false_last_lines(evidence: Evidence) -> Iterator[Violation]:
+    """Yield the force and the depth in the last line if they differ from the true values.
 
-    No fault excuses a force that is told too low. One that makes the sensor or the robot lie excuses a force that is
-    told too high, and a depth as far as the robot itself tells a false one.
+    A value reported as unknown is not an error. No fault excuses a reported force that is too low. A fault of the
+    sensor or the robot excuses a reported force that is too high, and a depth that is wrong by at most the position
+    error of the robot.
     """
     trace, rest, faults = evidence.trace, _rest(evidence), evidence.config.faults
     if trace is None or not rest:
         return
     at, true_n = float(trace.times[-1]), float(trace.forces[-1])
-    told_n = _number(rest.get("force_n"))
+    reported_n = _number(rest.get("force_n"))
     at_least = bool(rest.get("at_least"))
-    if math.isfinite(told_n):
-        low = 0.0 if at_least else _verified_n(evidence, trace, rest) - told_n
-        high = 0.0 if any(rows_of(fault) for fault in faults) else told_n - true_n
+    if math.isfinite(reported_n):
+        low = 0.0 if at_least else _verified_n(evidence, trace, rest) - reported_n
+        high = 0.0 if any(rows_of(fault) for fault in faults) else reported_n - true_n
         off = max(low, high)
         if off > max(FORCE_OFF_N, FORCE_OFF_SHARE * true_n):
-            yield Violation(Promise.LAST_LINE, at, {"told": told_n, "true": true_n}, "N")
-    told_m, true_m = _number(rest.get("depth_m")), _depth(evidence, trace)
-    allowed_m = DEPTH_OFF_M + told_off_m(faults, world_of(evidence, evidence.config.frame.approach))
-    if math.isfinite(told_m) and abs(told_m - true_m) > allowed_m:
-        yield Violation(Promise.LAST_LINE, at, {"told": told_m * 1e3, "true": true_m * 1e3}, "mm")
+            yield Violation(Promise.LAST_LINE, at, {"told": reported_n, "true": true_n}, "N")
+    reported_m, true_m = _number(rest.get("depth_m")), _depth(evidence, trace)
+    allowed_m = DEPTH_OFF_M + position_error_m(faults, world_of(evidence, evidence.config.frame.approach))
+    if math.isfinite(reported_m) and abs(reported_m - true_m) > allowed_m:
+        yield Violation(Promise.LAST_LINE, at, {"told": reported_m * 1e3, "true": true_m * 1e3}, "mm")
 
 
 def _rest(evidence: Evidence) -> Mapping[str, object]:
-    """Return where the tool was left; empty if it never moved."""
+    """Return the recorded final state of the tool; empty if the tool never moved."""
     text = evidence.recording.end.get("rest", "")
     rest = json.loads(text) if text else None
     return rest if isinstance(rest, dict) else {}
 
 
 def _verified_n(evidence: Evidence, trace: Trace, rest: Mapping[str, object]) -> float:
-    """Length of the true force at the end, N, without the axes that are reported as not verified.
+    """Return the magnitude of the true force at the end, N, without the axes that are reported as not verified.
 
-    A surface that moves by itself may come to the tool after the newest frame: then the least force since the oldest
-    frame that may be used counts.
+    A moving surface may reach the tool after the newest frame. In this case, the result is the smallest force since
+    the time of the oldest frame that is still valid.
     """
     unverified, truths = rest.get("unverified"), evidence.recording.truths
     if not isinstance(unverified, list) or not unverified:
@@ -89,15 +94,14 @@ def _verified_n(evidence: Evidence, trace: Trace, rest: Mapping[str, object]) ->
 
 
 def _depth(evidence: Evidence, trace: Trace) -> float:
-    """Return the true depth of the tool at the end along the approach from the start point, m.
-
-    NaN if it is not known.
+    """Return the true depth of the tool at the end, along the approach from the start point, m; NaN if it is
+    unknown.
     """
     cycles = evidence.recording.cycles
     if trace.positions is None or not cycles:
         return math.nan
-    way = trace.positions[-1] - np.array(cycles[0].start)
-    return float(way @ np.array(evidence.config.frame.approach))
+    displacement = trace.positions[-1] - np.array(cycles[0].start)
+    return float(displacement @ np.array(evidence.config.frame.approach))
 
 
 def _number(value: object) -> float:

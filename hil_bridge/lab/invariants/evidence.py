@@ -1,4 +1,4 @@
-"""Evidence of a run, and violations of promises, as plain values."""
+"""Evidence of a run, and violations of the guard promises, as plain values."""
 
 import math
 from collections.abc import Mapping
@@ -33,44 +33,44 @@ class Promise(StrEnum):
 
 _TEXTS: Mapping[Promise, str] = {
     Promise.ORDERS: "an order went {deeper_mm:.2f} mm deeper {after_s:.2f} s after the stop",
-    Promise.END: "the tool is told to be off the surface, and presses with {true_n:.1f} N",
-    Promise.LAST_LINE: "the last line tells {told:.1f} {unit}, and true are {true:.1f} {unit}",
-    Promise.BOUND: "the true force reached {true_n:.1f} N, and the bound is {bound_n:.1f} N",
-    Promise.SPEED: "the tool moved at {true_mm_s:.0f} mm/s, and {allowed_mm_s:.0f} mm/s are allowed",
-    Promise.GATE: "the last gate had to stop an order, which is a bug of what decides",
-    Promise.REPLAY: "the replay decides otherwise in {cycles:.0f} cycles",
-    Promise.WHOLE: "the recording is not whole, or the run lasted {lasted_s:.0f} s",
-    Promise.EXIT: "the exit code {code:.0f} does not fit the outcome",
+    Promise.END: "the tool is reported as off the surface, but presses with {true_n:.1f} N",
+    Promise.LAST_LINE: "the last line reports {told:.1f} {unit}; true value: {true:.1f} {unit}",
+    Promise.BOUND: "the true force reached {true_n:.1f} N; bound: {bound_n:.1f} N",
+    Promise.SPEED: "the tool moved at {true_mm_s:.0f} mm/s; allowed: at most {allowed_mm_s:.0f} mm/s",
+    Promise.GATE: "the last gate stopped an order, which indicates a bug in the decision before it",
+    Promise.REPLAY: "the replay differs in {cycles:.0f} cycles",
+    Promise.WHOLE: "the recording is incomplete, or the run took too long: {lasted_s:.0f} s",
+    Promise.EXIT: "exit code {code:.0f} contradicts the outcome",
     Promise.BUG: "a bug ended the run",
     Promise.MODEL: "the model of the guard does not accept {detail}",
 }
-"""Text of each broken promise, with placeholders for its figures."""
+"""Text for a violation of each promise, with placeholders for its figures."""
 
 
 class Violation(NamedTuple):
-    """Promise that a run broke."""
+    """Violation of a promise in a run."""
 
     promise: Promise
     at: float
-    """Time on the run's clock, s; NaN if there is none."""
+    """Time of the violation on the run's clock, s; NaN if it has no time."""
     figures: Mapping[str, float]
-    """Figures that show it, by names with units."""
+    """Figures that prove the violation, by name with unit."""
     unit: str = ""
-    """Unit of the figures, if a promise concerns several quantities."""
+    """Unit of the figures, if the promise concerns several quantities; otherwise empty."""
     detail: str = ""
-    """Text from the recording, if figures are not enough."""
+    """Text from the recording, if the figures are not sufficient; otherwise empty."""
 
 
 def violation_text(violation: Violation) -> str:
     """Format a violation as one line."""
-    return f"{violation.promise}: {violation_words(violation)}"
+    return f"{violation.promise}: {violation_detail(violation)}"
 
 
-def violation_words(violation: Violation) -> str:
+def violation_detail(violation: Violation) -> str:
     """Format a violation without the name of the promise."""
-    said = _TEXTS[violation.promise].format(**violation.figures, unit=violation.unit, detail=violation.detail)
+    text = _TEXTS[violation.promise].format(**violation.figures, unit=violation.unit, detail=violation.detail)
     when = f" at {violation.at:.2f} s of the run's clock" if math.isfinite(violation.at) else ""
-    return f"{said}{when}"
+    return f"{text}{when}"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -78,7 +78,7 @@ class Trace:
     """True state of an emulated cell over a complete run."""
 
     times: Floats
-    """Times (n,), s on the run's clock, ascending; the last one after the end of the run."""
+    """Times (n,), s on the run's clock, ascending. The last time is after the end of the run."""
     forces: Floats
     """Magnitudes (n,) of the true contact force, N."""
     positions: Floats | None = None
@@ -95,13 +95,15 @@ class Evidence:
     config: Config
     """Configuration of the run."""
     trace: Trace | None = None
-    """True state; None for a recording alone: its records of the truth are used, and the end is not judged."""
+    """True state of the cell. None if there is only a recording: its records of the truth are then used, and the
+    end is not judged.
+    """
     exit_code: int | None = None
-    """Exit code; None if there was no process."""
+    """Exit code of the process; None if there was no process."""
 
     @property
     def truth(self) -> Trace | None:
-        """Trace, or the recorded truth; None with real devices."""
+        """True state of the cell, from the trace or else from the recording; None for real devices."""
         truths = self.recording.truths
         if self.trace is not None or not truths:
             return self.trace

@@ -1,4 +1,4 @@
-"""Bound of the true force, along the approach and laterally, with the additions by injected faults."""
+"""Bounds of the true force, along the approach and laterally, including the additions by injected faults."""
 
 import math
 from collections.abc import Iterator
@@ -19,8 +19,8 @@ from protocol.geometry import Vector
 def stated_bound_n(evidence: Evidence) -> float:
     """Return the bound of the true force along the approach, N; infinite if it is unknown."""
     try:
-        return force_bound_n(evidence.config, devices_of(evidence.recording), _hardest(evidence.config))
-    except ConfigError:  # the sensor was never ready, so that nothing has moved
+        return force_bound_n(evidence.config, devices_of(evidence.recording), _max_stiffness(evidence.config))
+    except ConfigError:  # the sensor was never ready, so nothing has moved
         return math.inf
 
 
@@ -34,7 +34,9 @@ def side_bound_n(evidence: Evidence) -> float:
 
 
 def world_of(evidence: Evidence, direction: Vector) -> World:
-    """Return the data that determine the additions by a run's faults, for a tool that presses in this direction."""
+    """Return the data that determine the additions by the faults of a run, for a tool that presses in this
+    direction.
+    """
     config, devices = evidence.config, devices_of(evidence.recording)
     cycle_s = usual_cycle_s(config, devices.robot)
     sensor = devices.sensor.facts
@@ -42,7 +44,7 @@ def world_of(evidence: Evidence, direction: Vector) -> World:
     speeds = [deepest_speed(config, devices.robot, cycle_s), *_speeds(config)]
     return World(
         config,
-        _hardest(config),
+        _max_stiffness(config),
         max(speeds),
         math.inf if sensor is None else reaction(devices.robot, sensor, cycle_s).total_s,
         events[-1].at - events[0].at if events else 0.0,
@@ -51,11 +53,11 @@ def world_of(evidence: Evidence, direction: Vector) -> World:
 
 
 def beyond_bound(evidence: Evidence) -> Iterator[Violation]:
-    """Yield the largest true force along the approach and the largest resultant, if beyond their bounds."""
+    """Yield the largest true force along the approach, or else the largest resultant, if it exceeds its bound."""
     truth = evidence.truth
     if truth is None or not len(truth.forces) or not math.isfinite(stated_bound_n(evidence)):
         return
-    for forces, allowed_n in judged_forces(evidence, truth):
+    for forces, allowed_n in bounded_forces(evidence, truth):
         place = int(np.argmax(forces))
         true_n = float(forces[place])
         if true_n > allowed_n:
@@ -64,20 +66,22 @@ def beyond_bound(evidence: Evidence) -> Iterator[Violation]:
             return
 
 
-def judged_forces(evidence: Evidence, truth: Trace) -> Iterator[tuple[Floats, float]]:
-    """Yield true forces and their bounds with faults, N: along the approach, and as magnitudes."""
+def bounded_forces(evidence: Evidence, truth: Trace) -> Iterator[tuple[Floats, float]]:
+    """Yield true forces with their bound, N, including the additions by faults: along the approach, then as
+    magnitudes.
+    """
     config = evidence.config
     along_n = stated_bound_n(evidence) + added_n(config.faults, world_of(evidence, config.frame.approach))
     if truth.vectors is None or config.frame.follow_normal:
         yield truth.forces, along_n
         return
     yield np.abs(truth.vectors @ np.array(config.frame.approach)), along_n
-    ways = config.frame.approach, config.frame.travel, config.frame.across
-    added = max(added_n(config.faults, world_of(evidence, way)) for way in ways)
+    directions = config.frame.approach, config.frame.travel, config.frame.across
+    added = max(added_n(config.faults, world_of(evidence, direction)) for direction in directions)
     yield truth.forces, side_bound_n(evidence) + added
 
 
-def _hardest(config: Config) -> float:
+def _max_stiffness(config: Config) -> float:
     """Return the stiffness of the hardest object in the cell, N/m."""
     surface = config.cell.surface
     wall = surface.wall_stiffness_n_m if surface.wall_at_mm is not None else 0.0
@@ -85,7 +89,7 @@ def _hardest(config: Config) -> float:
 
 
 def _speeds(config: Config) -> Iterator[float]:
-    """Yield the speeds of lateral motions, m/s."""
+    """Yield the speeds of all lateral motions of the task, m/s."""
     yield config.task.speed_mm_s * 1e-3
     for step in config.task.step:
         yield (getattr(step, "speed_mm_s", None) or 0.0) * 1e-3

@@ -1,8 +1,9 @@
-"""Model of the guard as a state machine: phases, conditions of the cause table, and reactions.
+"""Model of the guard as a state machine: phases, conditions from the cause table, and reactions.
 
-Conditions and reactions are those of `hil_bridge.errors.cause_table`, from which the code and the pages tell them too.
-The tables below are the rest of the model: which conditions a phase looks at, which orders it asks for, and which
-phases may follow. It knows no forces and no times. An order is compared with the one before it: back, same or deeper.
+Conditions and reactions are those of `hil_bridge.errors.cause_table`, the table that the code and the documentation
+also use. The tables below complete the model: the conditions that each phase checks, the orders that it requests,
+and the phases that may follow. The model contains no forces and no times. An order is compared with the previous
+order: back, same or deeper.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -18,7 +19,7 @@ from hil_bridge.errors.causes import Cause
 
 
 class Way(IntEnum):
-    """Direction of an order along the approach, relative to the previous one."""
+    """Direction of an order along the approach, relative to the previous order."""
 
     BACK = -1
     SAME = 0
@@ -29,38 +30,40 @@ class Told(StrEnum):
     """Report on the tool at the end of a run."""
 
     NOTHING = ""
-    """The run has not ended."""
+    """No report: the run has not ended."""
     UNMOVED = "nothing has moved"
     RETRACTED = "retracted"
     LEFT = "NOT retracted"
 
 
 BY_ORDERS, AT_REST = "by orders", "at rest"
-"""Phases after the cycles: back by orders alone, when the run can decide no more; and the look at what was left."""
+"""Phases after the cycles: the retraction by orders alone, for a run that can no longer decide, and the final check
+of the tool.
+"""
 WORKING = frozenset({Phase.APPROACH, Phase.TRACK, Phase.SEEK, Phase.MOVE, Phase.ZERO})
 CYCLES = WORKING | {Phase.RETRACT}
-"""Phases that go cycle by cycle, and so stand in a recording."""
+"""Phases that run cycle by cycle and therefore appear in a recording."""
 
 
 class GuardState(NamedTuple):
-    """State of a run."""
+    """State of the guard in a run."""
 
     phase: str = CONNECT
     code: int | None = None
     """Exit code of the run; None while it continues."""
     away: bool = True
-    """Whether the tool was ordered to be no deeper than the start, and nothing contradicts it."""
+    """Whether the tool is ordered to a depth no deeper than the start, and no observation contradicts this."""
     stage: Stage = Stage.GOES
-    """Stage of a retraction."""
+    """Stage of the retraction."""
     told: Told = Told.NOTHING
 
 
 class GuardStep(NamedTuple):
-    """Transition: active conditions, resulting order, and next state."""
+    """Transition of the model: active conditions, resulting order, and next state."""
 
     conditions: tuple[Cause, ...]
     shown: str
-    """Phase of the cycle that records it; empty for a step without a cycle."""
+    """Phase of the cycle that records the transition; empty if no cycle records it."""
     way: Way | None
     """Direction of the order; None if there is none."""
     after: GuardState
@@ -75,7 +78,7 @@ LOOKS: Mapping[str, frozenset[When]] = {
     AT_REST: frozenset({When.END}),
     Phase.END: frozenset(),
 }
-"""Times at which conditions are checked in each phase."""
+"""Times at which a phase checks conditions, by phase."""
 ASKS: Mapping[str, frozenset[Way]] = {
     TARE: frozenset({Way.BACK, Way.SAME}),
     Phase.APPROACH: frozenset({Way.SAME, Way.DEEPER}),
@@ -86,33 +89,33 @@ ASKS: Mapping[str, frozenset[Way]] = {
     Phase.RETRACT: frozenset({Way.BACK, Way.SAME}),
     BY_ORDERS: frozenset({Way.BACK, Way.SAME}),
 }
-"""Orders that a phase requests."""
+"""Directions of the orders that a phase may request."""
 FOLLOWS: Mapping[str, frozenset[str]] = {
     CONNECT: frozenset({CONNECT, TARE}),
     TARE: frozenset({TARE, *CYCLES}),
     **dict.fromkeys(CYCLES, CYCLES),
 }
-"""Possible phases of the next sample while the run continues. A program runs its steps in any order."""
+"""Phases that the next sample may have while the run continues. A program may run its steps in any order."""
 WITHIN: Mapping[str, frozenset[str]] = {
     **{phase: frozenset({phase}) for phase in CYCLES},
     Phase.APPROACH: frozenset({Phase.APPROACH, Phase.TRACK}),
     Phase.TRACK: frozenset({Phase.TRACK, Phase.APPROACH}),
 }
-"""The same within one program step: contact is detected, and lost."""
+"""Phases that the next sample may have within one program step, in which contact is detected and lost."""
 ENDS: Mapping[str, frozenset[str]] = {
     TARE: frozenset({TARE}),
     Phase.RETRACT: frozenset({Phase.RETRACT}),
     BY_ORDERS: frozenset({BY_ORDERS}),
     AT_REST: frozenset({AT_REST}),
 }
-"""Possible phases of the next sample once the run ends."""
+"""Phases that the next sample may have once the run ends."""
 STAGES: Mapping[Stage, frozenset[Stage]] = {
     Stage.GOES: frozenset({Stage.GOES, Stage.WAITS, Stage.TRUSTED}),
     Stage.WAITS: frozenset({Stage.WAITS, Stage.SLOW, Stage.TRUSTED}),
     Stage.SLOW: frozenset({Stage.SLOW, Stage.TRUSTED}),
     Stage.TRUSTED: frozenset({Stage.TRUSTED}),
 }
-"""Possible next stages of a retraction: it waits once, and retries once."""
+"""Stages that may follow a stage of a retraction. A retraction waits once, and retries once."""
 STRONGEST = (
     Reaction.REFUSED,
     Reaction.LEFT,
@@ -121,12 +124,12 @@ STRONGEST = (
     Reaction.RETRACTS,
     Reaction.CLAMPED,
 )
-"""Priority of reactions: of two simultaneous conditions, the first one here applies."""
+"""Priority of reactions, strongest first: of several simultaneous conditions, only the strongest reaction applies."""
 
 
 @dataclass(frozen=True)
 class GuardModel:
-    """State machine of the guard. Tests replace tables to plant mistakes."""
+    """State machine of the guard. Tests replace its tables to plant deliberate mistakes."""
 
     rows: Mapping[Cause, CauseRow] = field(default_factory=lambda: ROWS)
     looks: Mapping[str, frozenset[When]] = field(default_factory=lambda: LOOKS)
@@ -135,11 +138,13 @@ class GuardModel:
     ends: Mapping[str, frozenset[str]] = field(default_factory=lambda: ENDS)
     stages: Mapping[Stage, frozenset[Stage]] = field(default_factory=lambda: STAGES)
     strongest: tuple[Reaction, ...] = STRONGEST
-    believes_orders: bool = False
-    """A mistake to plant: a tool that was ordered away is told as retracted, whatever is found at the end."""
+    trusts_orders: bool = False
+    """Deliberate mistake for tests: whether a tool that was ordered away is reported as retracted, regardless of
+    what the final check detects.
+    """
 
     def conditions(self, phase: str) -> tuple[Cause, ...]:
-        """Return the conditions checked in a phase. The motion limits also apply in a retraction."""
+        """Return the conditions that a phase checks. The motion limits also apply in a retraction."""
         whens = self.looks[phase]
         return tuple(
             cause
@@ -149,13 +154,13 @@ class GuardModel:
         )
 
     def next_phases(self, state: GuardState) -> frozenset[str]:
-        """Return the possible phases of the next sample."""
+        """Return the phases that the next sample may have."""
         if state.code is None and state.phase in self.follows:
             return self.follows[state.phase]
         return self.ends.get(state.phase, frozenset())
 
     def judge(self, state: GuardState, phase: str, conditions: tuple[Cause, ...]) -> Iterator[GuardStep]:
-        """Yield every transition of a sample in this phase."""
+        """Yield every possible transition for a sample in this phase with these conditions."""
         rows = [self.rows[cause] for cause in conditions]
         ending = [row for row in rows if row.exit_code not in (None, COMPLETED)]
         reactions = {row.reaction for row in rows if row.exit_code != COMPLETED}
@@ -169,7 +174,7 @@ class GuardModel:
         elif phase == TARE:
             yield from self._lift(here, conditions, reaction)
         elif phase == AT_REST:
-            yield self._tell(here, conditions)
+            yield self._report_end(here, conditions)
         elif phase == BY_ORDERS:
             yield from self._leave(here, conditions, reaction)
         else:
@@ -178,12 +183,13 @@ class GuardModel:
     def _lift(
         self, here: GuardState, conditions: tuple[Cause, ...], reaction: Reaction | None
     ) -> Iterator[GuardStep]:
-        """Model the motion to the zero. Every fault leaves the tool where it is, and the robot may also refuse to end
-        its movement.
+        """Yield the transitions of the motion to the point where the zero is taken.
+
+        Every fault leaves the tool at its position, and the robot may also refuse to end its movement.
         """
         if reaction is None and here.code is None:
-            for way in self.asks[TARE]:
-                yield GuardStep(conditions, "", way, here)
+            for direction in self.asks[TARE]:
+                yield GuardStep(conditions, "", direction, here)
             return
         if reaction is not None:
             yield GuardStep(conditions, "", None, here)
@@ -193,70 +199,78 @@ class GuardModel:
     def _cycle(
         self, here: GuardState, conditions: tuple[Cause, ...], reaction: Reaction | None
     ) -> Iterator[GuardStep]:
-        """Yield the transitions of a cycle, or of the end of the cycles."""
+        """Yield the transitions of a cycle, including the transitions that end the cycles."""
         phase, rows = here.phase, [self.rows[cause] for cause in conditions]
         back, rest = here._replace(phase=Phase.RETRACT), here._replace(phase=AT_REST)
         if reaction is Reaction.LEFT:
             yield GuardStep(conditions, "", None, rest._replace(away=False))
         elif reaction is Reaction.STANDS:
-            for shown in {phase, str(Phase.RETRACT)}:
-                yield GuardStep(conditions, shown, Way.SAME, rest)
+            for recorded in {phase, str(Phase.RETRACT)}:
+                yield GuardStep(conditions, recorded, Way.SAME, rest)
         elif reaction in (Reaction.RETRACTS, Reaction.RETRACTS_OR_LEFT):
-            for shown in {phase, str(Phase.RETRACT)}:
-                for way in self.asks[Phase.RETRACT]:
-                    yield from _moved(GuardStep(conditions, shown, way, back))
+            for recorded in {phase, str(Phase.RETRACT)}:
+                for direction in self.asks[Phase.RETRACT]:
+                    yield from _after_order(GuardStep(conditions, recorded, direction, back))
             if any(row.when is When.ALWAYS for row in rows):  # an exception leaves the cycles
                 yield GuardStep(conditions, "", None, here._replace(phase=BY_ORDERS))
             if reaction is Reaction.RETRACTS_OR_LEFT:
                 yield GuardStep(conditions, "", None, rest._replace(away=False))
         else:
-            held = reaction is Reaction.CLAMPED
+            is_clamped = reaction is Reaction.CLAMPED
             for stage in self.stages[here.stage] if phase == Phase.RETRACT else (Stage.GOES,):
-                for way in self._ways(phase, stage, conditions, held):
-                    yield from _moved(GuardStep(conditions, phase, way, here._replace(stage=stage)))
-            if phase == Phase.RETRACT and not held:
+                for direction in self._directions(phase, stage, conditions, is_clamped):
+                    yield from _after_order(
+                        GuardStep(conditions, phase, direction, here._replace(stage=stage))
+                    )
+            if phase == Phase.RETRACT and not is_clamped:
                 yield GuardStep(conditions, "", None, rest)
 
-    def _ways(self, phase: str, stage: Stage, conditions: tuple[Cause, ...], held: bool) -> frozenset[Way]:
-        """Return the possible orders of a continuing cycle. A clamp reduces a request, at most to standstill."""
+    def _directions(
+        self, phase: str, stage: Stage, conditions: tuple[Cause, ...], is_clamped: bool
+    ) -> frozenset[Way]:
+        """Return the possible directions of the order in a cycle that continues. A clamp may reduce a request, at
+        most to a standstill.
+        """
         if phase == Phase.RETRACT and stage is Stage.WAITS and Cause.NO_FORCE not in conditions:
             return frozenset({Way.SAME})
-        asked = self.asks[phase]
-        return asked | {Way.SAME, Way.BACK} if held else asked
+        requested = self.asks[phase]
+        return requested | {Way.SAME, Way.BACK} if is_clamped else requested
 
     def _leave(
         self, here: GuardState, conditions: tuple[Cause, ...], reaction: Reaction | None
     ) -> Iterator[GuardStep]:
-        """Yield the retraction by orders alone, as long as the robot accepts them."""
+        """Yield the transitions of the retraction by orders alone, as long as the robot accepts orders."""
         if reaction not in (Reaction.STANDS, Reaction.LEFT):
-            for way in self.asks[BY_ORDERS]:
-                yield from _moved(GuardStep(conditions, "", way, here))
+            for direction in self.asks[BY_ORDERS]:
+                yield from _after_order(GuardStep(conditions, "", direction, here))
         if reaction is Reaction.CLAMPED:
             return
         unknown = reaction in (Reaction.LEFT, Reaction.RETRACTS_OR_LEFT)
         rest = here._replace(phase=AT_REST)
         yield GuardStep(conditions, "", None, rest._replace(away=False) if unknown else rest)
 
-    def _tell(self, here: GuardState, conditions: tuple[Cause, ...]) -> GuardStep:
-        """Judge the end. A tool that is not known to be away and free was not retracted."""
-        free = here.away and (self.believes_orders or not conditions)
+    def _report_end(self, here: GuardState, conditions: tuple[Cause, ...]) -> GuardStep:
+        """Return the transition to the end of the run. A tool that is not known to be away and free counts as not
+        retracted.
+        """
+        free = here.away and (self.trusts_orders or not conditions)
         code = (here.code or COMPLETED) if free else (here.code or STOPPED)
         if not free and code == INTERRUPTED:
             code = STOPPED
-        told = Told.RETRACTED if free else Told.LEFT
-        return GuardStep(conditions, "", None, here._replace(phase=Phase.END, code=code, told=told))
+        report = Told.RETRACTED if free else Told.LEFT
+        return GuardStep(conditions, "", None, here._replace(phase=Phase.END, code=code, told=report))
 
 
 def _code_after(before: int | None, ending: Collection[CauseRow]) -> int | None:
-    """Return the exit code after these conditions: only a failure overrides a request of the operator."""
+    """Return the exit code after these conditions. Only a failure overrides an interruption by the operator."""
     codes = [row.exit_code for row in ending if row.exit_code != INTERRUPTED]
     if before not in (None, INTERRUPTED) or not ending:
         return before
     return codes[0] if codes else INTERRUPTED
 
 
-def _moved(step: GuardStep) -> Iterator[GuardStep]:
-    """Yield the transition with each position that its order may lead to."""
+def _after_order(step: GuardStep) -> Iterator[GuardStep]:
+    """Yield the transition with each value of `away` to which its order may lead."""
     match step.way:
         case Way.DEEPER:
             places = {False, step.after.away}

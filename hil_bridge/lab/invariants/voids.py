@@ -1,8 +1,8 @@
-"""What an injected fault adds to the bound of the true force, N, and why: one table of data.
+"""Additions of injected faults to the bound of the true force, N, with their reasons, as one table.
 
-The guard knows the world through one sensor and one robot. A fault that makes these lie, or that moves the surface,
-takes the true force beyond the bound by a number. It follows from the fault, the settings of the run and the surface.
-The end of a run and its last line are judged whatever was injected.
+The guard observes the cell through one sensor and one robot. A fault that falsifies their reports, or that moves
+the surface, raises the true force beyond the bound. The amount follows from the fault, the settings of the run and
+the surface. The end of a run and its last line are judged regardless of the injected faults.
 """
 
 import math
@@ -19,50 +19,52 @@ from hil_bridge.settings.faults import FaultConfig
 from protocol.geometry import Vector
 
 BEFORE = ("", *BEFORE_TOUCH)
-"""Phases before anything moves. A fault without a phase begins in the first."""
+"""Phases before any motion. A fault without a phase begins in the first phase."""
 FORCE_AXES = ("fx", "fy", "fz")
 FRAME_S = 0.1
-"""Chosen: frames that are spoilt one by one hide the force for no longer, s."""
+"""Longest time for which frames that are corrupted one by one hide the force, s. Chosen."""
 
 
 class World(NamedTuple):
-    """Everything beside a fault from which its addition follows."""
+    """Data that determine the addition by a fault, except the fault itself."""
 
     config: Config
     stiffness_n_m: float
-    """That of the hardest thing touched."""
+    """Stiffness of the hardest object that the tool may touch, N/m."""
     speed_m_s: float
-    """Fastest ordered motion into it."""
+    """Speed of the fastest ordered motion into this object, m/s."""
     reaction_s: float
-    """As the bound counts it."""
+    """Reaction time that the bound uses, s."""
     lasted_s: float
-    """Duration of the run: a fault without an end lasts as long."""
+    """Duration of the run, s, which is also the duration of a fault without an end."""
     direction: Vector
-    """Unit vector in the base frame along which the tool presses."""
+    """Unit vector along which the tool presses, base frame."""
 
-    def told_share(self, changed: Callable[[Floats], Floats]) -> float:
-        """Share of a force along the direction that a sensor tells which changes a force in its frame so."""
+    def reported_share(self, changed: Callable[[Floats], Floats]) -> float:
+        """Return the share of a force along the direction that is reported, if the sensor changes forces as
+        `changed` does.
+        """
         along = rotation_matrix(self.config.cell.start_quaternion).T @ np.array(self.direction)
         return float(along @ changed(along))
 
     def hidden_n(self, share: float) -> float:
-        """Return the true force beyond the limit while the sensor reports this share of it, N."""
+        """Return the true force in excess of the limit while the sensor reports this share of the force, N."""
         limit_n = max(self.config.limits.force_limit_n, self.config.limits.resultant_limit_n)
         return self.blind_m * self.stiffness_n_m if share <= 0.0 else limit_n * max(1.0 / share - 1.0, 0.0)
 
     @property
     def weight_n(self) -> tuple[float, ...]:
-        """Weight of the tool on each axis of the sensor, N, without its sign."""
+        """Magnitude of the tool's weight on each sensor axis, N."""
         down = rotation_matrix(self.config.cell.start_quaternion).T @ np.array((0.0, 0.0, STANDARD_GRAVITY))
         return tuple(abs(self.config.cell.tool.mass_kg * down).tolist())
 
     @property
     def blind_m(self) -> float:
-        """Way into the surface that a run takes without an answer of the force, m."""
+        """Distance into the surface that the tool moves without a response of the force, m."""
         return self.config.task.approach_depth_limit_mm * 1e-3
 
     def lasts_s(self, fault: FaultConfig) -> float:
-        """How long a fault may last in this run, s."""
+        """Return the longest possible duration of a fault in this run, s."""
         return self.lasted_s if fault.for_s is None else min(fault.for_s, self.lasted_s)
 
 
@@ -70,25 +72,29 @@ Adds = Callable[[FaultConfig, World], float]
 
 
 class Void(NamedTuple):
-    """Faults that add to the bound: a way of the tool that the guard does not know of, or newtons."""
+    """Faults with the same addition to the bound: a tool displacement that the guard cannot observe, or a force in
+    N.
+    """
 
     on: str
     faults: frozenset[str]
-    """Names at that target; empty for all that no row before names."""
+    """Names of the faults at the target; empty for all faults that no earlier row names."""
     why: str
     metres: Adds | None = None
     newtons: Adds | None = None
     missed: Adds | None = None
-    """What it adds if it is there before anything moves: the check before the run has to find all but that, N."""
+    """Addition by a fault that is present before any motion, N: the part that the check before the run may fail to
+    detect.
+    """
     voids: frozenset[Promise] = frozenset()
-    """Promises of the orders that it takes away altogether, for the depth that they count from is a false one."""
+    """Promises about orders that the fault voids entirely, because it falsifies the depth to which they refer."""
 
     def covers(self, fault: FaultConfig) -> bool:
-        """Whether this row tells of this fault."""
+        """Return whether this row applies to the fault."""
         return fault.on == self.on and (not self.faults or fault.fault in self.faults)
 
     def added_n(self, fault: FaultConfig, world: World) -> float:
-        """Return what a fault adds to the bound, N."""
+        """Return the addition by a fault to the bound, N."""
         checked = fault.phase in BEFORE and not fault.after_s and not fault.when and fault.for_s is None
         if checked and self.missed is not None:
             return self.missed(fault, world)
@@ -106,7 +112,7 @@ def _length(fault: FaultConfig, *names: str) -> float:
 
 
 def _axis(fault: FaultConfig, factor: float) -> Callable[[Floats], Floats]:
-    """Return the error of a sensor that reports one axis of the force by this factor."""
+    """Return the error of a sensor that multiplies one axis of the force by this factor."""
     axis = str(fault.parameters.get("axis", "fz"))
     factors = [factor if axis in (name, "all") else 1.0 for name in FORCE_AXES]
     return lambda force: force * factors
@@ -129,15 +135,15 @@ def _turned(fault: FaultConfig) -> Callable[[Floats], Floats]:
     return lambda force: np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ force
 
 
-def _of_force(fault: FaultConfig, amount: float) -> float:
-    """Return an amount on the axis of a fault, N; 0 for an axis of the moment."""
+def _force_part(fault: FaultConfig, amount: float) -> float:
+    """Return an amount on the axis of a fault as a force, N; 0 for a moment axis."""
     axis = fault.parameters.get("axis", "fz")
     return abs(amount) * (math.sqrt(3.0) if axis == "all" else 1.0) if axis in (*FORCE_AXES, "all") else 0.0
 
 
 def _hides(changed: Callable[[FaultConfig], Callable[[Floats], Floats]]) -> Adds:
-    """Return the force that a sensor hides by changing it in this way."""
-    return lambda fault, world: world.hidden_n(world.told_share(changed(fault)))
+    """Return a function that computes the force that a sensor hides by this error."""
+    return lambda fault, world: world.hidden_n(world.reported_share(changed(fault)))
 
 
 def _scaled(fault: FaultConfig) -> Callable[[Floats], Floats]:
@@ -149,7 +155,10 @@ def _wrong_scales(fault: FaultConfig, world: World) -> float:
 
 
 def _missed_scale(adds: Adds) -> Adds:
-    """Return the same for a scale that moves the tool's weight on its axes by less than the tolerance."""
+    """Return a function that computes `adds` for a scale factor that the check before the run may fail to detect.
+
+    The check fails to detect a factor that changes each axis of the tool's weight by less than the tolerance.
+    """
 
     def added(fault: FaultConfig, world: World) -> float:
         axis = fault.parameters.get("axis", "fz" if fault.on == "signal" else "all")
@@ -165,7 +174,7 @@ def _missed_scale(adds: Adds) -> Adds:
 
 
 def _offset(fault: FaultConfig, world: World) -> float:
-    return _of_force(fault, _value(fault, "amount", 20.0))
+    return _force_part(fault, _value(fault, "amount", 20.0))
 
 
 def _missed_offset(fault: FaultConfig, world: World) -> float:
@@ -177,13 +186,19 @@ def _nothing(fault: FaultConfig, world: World) -> float:
 
 
 def _late_s(fault: FaultConfig, world: World) -> float:
-    """How late forces may come before the guard ends the run, s. From the first frame on nothing tells a delay."""
+    """Return the largest delay of forces before the guard ends the run, s.
+
+    A delay that exists from the first frame on cannot be detected.
+    """
     late_s = _value(fault, "ms", 100.0) * 1e-3
     return late_s if fault.phase in BEFORE else min(late_s, world.config.limits.stale_after_ms * 1e-3)
 
 
 def _rises(fault: FaultConfig, world: World) -> float:
-    """Way of a surface that rises, m: until the tool goes back as fast, or all of it where it is faster."""
+    """Return the effective rise of a surface, m.
+
+    It is the rise until the tool retracts as fast as the surface, or the complete rise if the surface is faster.
+    """
     speed = _value(fault, "mm_s", 2.0) * 1e-3
     lasts_s = min(1.0 if fault.for_s is None else fault.for_s, world.lasted_s)
     followed = speed <= world.speed_m_s
@@ -198,12 +213,12 @@ def _harder(fault: FaultConfig, world: World) -> float:
 
 def _behind(fault: FaultConfig, world: World) -> float:
     limits = world.config.limits
-    way = limits.escape_mm_s * 1e-3 * world.reaction_s + limits.blind_retract_mm * 1e-3
-    return _value(fault, "stiffness_n_m", 50e3) * way
+    distance = limits.escape_mm_s * 1e-3 * world.reaction_s + limits.blind_retract_mm * 1e-3
+    return _value(fault, "stiffness_n_m", 50e3) * distance
 
 
 def _weight_n(fault: FaultConfig, world: World) -> float:
-    """Weight of the tool that a false orientation moves to another axis, N."""
+    """Return the part of the tool's weight that a false orientation moves to another axis, N."""
     tilt = min(abs(_value(fault, "degrees", 30.0)), world.config.limits.tilt_deg)
     return world.config.cell.tool.mass_kg * STANDARD_GRAVITY * math.radians(tilt)
 
@@ -221,17 +236,17 @@ def _followed(fault: FaultConfig, world: World) -> float:
     return world.config.limits.following_error_mm * 1e-3
 
 
-def _whole_way(fault: FaultConfig, world: World) -> float:
-    """Way of the tool after a place that stays what it was, m."""
+def _unreported_travel(fault: FaultConfig, world: World) -> float:
+    """Return the displacement of the tool while the reported position remains constant, m."""
     return world.config.limits.correction_total_mm * 1e-3
 
 
-def _believed(way: Adds) -> Adds:
-    """Return a false place, m, as far as the guard believes it."""
-    return lambda fault, world: min(way(fault, world), _followed(fault, world))
+def _accepted_error(displacement: Adds) -> Adds:
+    """Return a function that computes a position error, m, limited to the error that the guard accepts."""
+    return lambda fault, world: min(displacement(fault, world), _followed(fault, world))
 
 
-def _astray(fault: FaultConfig, world: World) -> float:
+def _drift_error(fault: FaultConfig, world: World) -> float:
     return _length(fault, "x_mm_s", "y_mm_s", "z_mm_s") * 1e-3 * world.lasts_s(fault)
 
 
@@ -247,9 +262,9 @@ def _path_error(fault: FaultConfig, world: World) -> float:
     return world.config.limits.path_error_mm * 1e-3 + world.speed_m_s * world.reaction_s
 
 
-_FORCE, _PLACE = "the sensor tells another force than there is", "the robot tells another place than its own"
-_MOVES = "the surface or an obstacle moves by itself, however the tool stands still"
-_LATE = "forces or orders come late, and nothing on the wire tells it"
+_FORCE, _PLACE = "the sensor reports a false force", "the robot reports a false position"
+_MOVES = "the surface or an obstacle moves, even if the tool is stationary"
+_LATE = "forces or orders are delayed, which the link does not reveal"
 _ORDERS = frozenset({Promise.ORDERS, Promise.SPEED})
 
 
@@ -268,8 +283,8 @@ VOIDS: tuple[Void, ...] = (
     _row(
         "signal",
         "drift",
-        "a force that drifts is told too low by its rate and the time that it lasts",
-        newtons=lambda fault, world: _of_force(fault, _value(fault, "per_s", 1.0)) * world.lasts_s(fault),
+        "a drifting force is reported too low, by its rate times its duration",
+        newtons=lambda fault, world: _force_part(fault, _value(fault, "per_s", 1.0)) * world.lasts_s(fault),
     ),
     _row(
         "signal",
@@ -288,17 +303,17 @@ VOIDS: tuple[Void, ...] = (
             world.blind_m,
         ),
     ),
-    _row("signal", "stuck", "counts that stay the same end a run after some way", metres=_stuck),
+    _row("signal", "stuck", "constant counts end a run only after some distance", metres=_stuck),
     _row(
         "signal",
         "replayed",
-        "a force that is replayed answers nothing, so that the tool goes as far as the limits of depth allow",
+        "a replayed force does not respond, so the tool moves up to the depth limits",
         metres=lambda fault, world: world.config.limits.correction_total_mm * 1e-3,
     ),
     _row(
         "sensor",
         "biased",
-        "another program takes the force of that moment for zero: it may be that of the limit",
+        "another program zeroes the sensor under load, possibly at the force limit",
         newtons=lambda fault, world: world.config.limits.force_limit_n,
     ),
     _row("sensor", "unplugged", _FORCE, metres=lambda fault, world: world.blind_m),
@@ -308,18 +323,18 @@ VOIDS: tuple[Void, ...] = (
     _row(
         "sensor-wire",
         "corrupted garbled",
-        "a frame that is spoilt and passes its check tells any force",
+        "a corrupted frame that passes its check may report any force",
         metres=_stale,
     ),
     _row("bus", "babble errors", "frames wait on the bus", metres=_stale),
-    _row("pose", "encoder-offset", "the arm itself moves by as much", metres=_off, voids=_ORDERS),
-    _row("pose", "offset", _PLACE, metres=_believed(_off), voids=_ORDERS),
-    _row("pose", "drift", _PLACE, metres=_believed(_astray), voids=_ORDERS),
+    _row("pose", "encoder-offset", "the arm moves by the offset", metres=_off, voids=_ORDERS),
+    _row("pose", "offset", _PLACE, metres=_accepted_error(_off), voids=_ORDERS),
+    _row("pose", "drift", _PLACE, metres=_accepted_error(_drift_error), voids=_ORDERS),
     _row(
         "pose",
         "late",
         _PLACE,
-        metres=_believed(lambda fault, world: world.speed_m_s * _value(fault, "ms", 200.0) * 1e-3),
+        metres=_accepted_error(lambda fault, world: world.speed_m_s * _value(fault, "ms", 200.0) * 1e-3),
         voids=_ORDERS,
     ),
     _row(
@@ -332,7 +347,7 @@ VOIDS: tuple[Void, ...] = (
     _row(
         "pose",
         "turned",
-        "the tool's weight is taken off along another axis",
+        "the tool's weight is subtracted along another axis",
         newtons=_weight_n,
         voids=_ORDERS,
     ),
@@ -347,21 +362,21 @@ VOIDS: tuple[Void, ...] = (
     _row(
         "wire",
         "twice reordered",
-        "an order is done twice, or an old one again",
+        "an order is executed twice, or an old one again",
         metres=_path_error,
         voids=_ORDERS,
     ),
     _row(
         "wire",
         "corrupted garbled babble",
-        "an order that is spoilt and passes its check leads anywhere, at the robot's own speed",
+        "a corrupted order that passes its check may lead anywhere, at the robot's own speed",
         metres=_any_order,
         voids=_ORDERS,
     ),
     _row(
         "robot",
         "spontaneous limit slider",
-        "the robot does not do what it took",
+        "the robot does not execute the order that it accepted",
         metres=_path_error,
         voids=_ORDERS,
     ),
@@ -375,46 +390,46 @@ VOIDS: tuple[Void, ...] = (
     _row("surface", "hole", _MOVES, metres=lambda fault, world: _value(fault, "depth_mm", 20.0) * 1e-3),
     _row("surface", "rises", _MOVES, metres=_rises),
     _row("surface", "swings", _MOVES, metres=lambda fault, world: 2.0 * _value(fault, "mm", 1.0) * 1e-3),
-    _row("surface", "hard", "what the tool has pressed in presses back harder", newtons=_harder),
-    _row("obstacle", "", "the tool goes back into it", newtons=_behind),
+    _row("surface", "hard", "the surface under the tool becomes harder", newtons=_harder),
+    _row("obstacle", "", "the tool retracts into the obstacle", newtons=_behind),
     _row(
         "computer",
         "pause",
-        "the computer decides nothing meanwhile",
+        "the computer makes no decisions during that time",
         metres=lambda fault, world: world.speed_m_s * _value(fault, "seconds", 0.5),
     ),
 )
-"""Every fault that adds to the bound. What is not in it adds nothing."""
+"""All faults that add to the bound. Any fault that is not in this table adds nothing."""
 
 
 def rows_of(fault: FaultConfig) -> tuple[Void, ...]:
-    """Return the rows of a fault; none if it adds nothing."""
+    """Return the row that applies to a fault, as a tuple; empty if the fault adds nothing."""
     return tuple(row for row in VOIDS if row.covers(fault))[:1]
 
 
 def moves_surface(fault: FaultConfig) -> bool:
-    """Whether a fault moves the surface. One that the table does not name may do so."""
+    """Return whether a fault moves the surface. A fault that is not in the table may do so."""
     return fault.on == "surface" and all(row.why == _MOVES for row in rows_of(fault))
 
 
 def added_n(faults: Iterable[FaultConfig], world: World) -> float:
-    """Return what these faults add to the bound together, N."""
+    """Return the sum of the additions by these faults to the bound, N."""
     return sum(row.added_n(fault, world) for fault in faults for row in rows_of(fault))
 
 
-def told_off_m(faults: Iterable[FaultConfig], world: World) -> float:
-    """How far the place that the robot tells may be from its own by these faults, m."""
-    ways: dict[str, Adds] = {
+def position_error_m(faults: Iterable[FaultConfig], world: World) -> float:
+    """Return the largest error of the reported position that these faults cause, m."""
+    errors: dict[str, Adds] = {
         "encoder-offset": _off,
         "offset": _off,
-        "drift": _astray,
-        "frozen": _whole_way,
-        "mirrored": lambda fault, world: 2.0 * _whole_way(fault, world),
+        "drift": _drift_error,
+        "frozen": _unreported_travel,
+        "mirrored": lambda fault, world: 2.0 * _unreported_travel(fault, world),
     }
-    return sum(ways.get(fault.fault, _followed)(fault, world) for fault in faults if fault.on == "pose")
+    return sum(errors.get(fault.fault, _followed)(fault, world) for fault in faults if fault.on == "pose")
 
 
 def void_reasons(promise: Promise, faults: Iterable[FaultConfig]) -> tuple[str, ...]:
-    """Why a promise is void in a run with these faults; empty where it holds."""
+    """Return the reasons why a promise is void in a run with these faults; empty if the promise applies."""
     reasons = (row.why for fault in faults for row in rows_of(fault) if promise in row.voids)
     return tuple(dict.fromkeys(reasons))

@@ -1,4 +1,4 @@
-"""Comparison of two sets of parameters on the same seeds."""
+"""Comparison of two sets of controller parameters on the same seeds."""
 
 import math
 import statistics
@@ -9,11 +9,11 @@ from enum import StrEnum
 from hil_bridge.lab.tuning.evaluating import Evaluation
 
 _ERRORS = 2.0
-"""Chosen: standard errors that a mean difference must exceed to count."""
+"""Number of standard errors that a mean difference must exceed to be significant. Chosen."""
 
 
 class Finding(StrEnum):
-    """Finding of a comparison."""
+    """Result of comparing the tuned parameters with the defaults."""
 
     BETTER = "better"
     WORSE = "worse"
@@ -27,7 +27,7 @@ class Finding(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Tuned and default parameters in one cell."""
+    """Evaluations of the tuned and the default parameters in one cell."""
 
     name: str
     tuned: Evaluation
@@ -35,7 +35,7 @@ class Comparison:
 
     @property
     def finding(self) -> Finding:
-        """Finding from the scores, paired by seed."""
+        """Result of the comparison, from the scores paired by seed."""
         ours, theirs = len(self.tuned.failures), len(self.defaults.failures)
         if ours and theirs:
             return Finding.MORE if ours > theirs else Finding.LESS if ours < theirs else Finding.NEITHER
@@ -60,7 +60,9 @@ def _by_pairs(differences: Sequence[float]) -> Finding:
 
 
 def describe_comparison(comparison: Comparison, figures: Sequence[str]) -> Iterator[str]:
-    """Yield text lines: each figure of both, mean ± standard deviation over the seeds."""
+    """Yield the comparison as text lines: each figure of both sets of parameters, as mean ± standard deviation over
+    the seeds.
+    """
     one = comparison
     runs = len(one.tuned.runs)
     yield f"{one.name}, {runs} {'runs' if one.tuned.cells else 'seeds'}: {one.finding}"
@@ -77,7 +79,9 @@ def _figure(side: Evaluation, name: str) -> str:
 
 
 def sentence(comparisons: Sequence[Comparison]) -> str:
-    """Return a summary: in how many cells the tuned parameters are better, and whether they beat the defaults."""
+    """Return a summary sentence: whether the tuned parameters beat the defaults, and in how many cells they are
+    better.
+    """
     better = [one for one in comparisons if one.finding in (Finding.BETTER, Finding.SAVES)]
     worse = [one for one in comparisons if one.finding in (Finding.WORSE, Finding.FAILS, Finding.MORE)]
     both = sum(bool(one.tuned.failures and one.defaults.failures) for one in comparisons)

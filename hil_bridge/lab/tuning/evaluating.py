@@ -1,4 +1,4 @@
-"""Evaluation of a point of the space: runs in virtual time, and their score."""
+"""Evaluation of a point in the search space: runs in virtual time, and their score."""
 
 import json
 import math
@@ -18,22 +18,22 @@ from hil_bridge.record.analysis.figures import FIGURES, TUNED
 from hil_bridge.settings.configuration import read_config
 
 FAILURE = "failure"
-"""Additional key in the figures of a run that raised an error: its message."""
+"""Key of the error message in the figures of a run that raised an error."""
 
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """Goal of a search."""
+    """Goal of a search: the figures to minimise, and a limit of the force."""
 
     weights: Mapping[str, float]
-    """Weight of each minimised figure."""
+    """Weight of each figure to minimise."""
     force_limit_n: float
-    """Limit of the true force, N; a run that exceeds it counts as failed."""
+    """Limit of the true force, N. A run that exceeds it counts as failed."""
     scales: Mapping[str, float]
-    """Figures of the defaults: a score of 1 is as good as theirs."""
+    """Scale of each figure: its mean for the defaults. A score of 1 is therefore as good as the defaults."""
 
     def score(self, figures: Figures) -> float | None:
-        """Return the score of a run, lower is better; None for a failed run."""
+        """Return the score of a run; lower is better. None for a failed run."""
         if self.failure(figures):
             return None
         total = sum(self.weights.values())
@@ -46,7 +46,7 @@ class Goal:
         )
 
     def failure(self, figures: Figures) -> str:
-        """Return why a run failed; empty if it did not."""
+        """Return the reason why a run failed; empty if it did not."""
         if figures["outcome"] != "completed":
             return figure_text(figures.get(FAILURE) or figures["outcome"])
         force = figures.get("force_true_max_n")
@@ -61,15 +61,15 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """Point with the results of its runs, by seed."""
+    """Point of the search space with the results of its runs, by seed."""
 
     point: Point
     runs: tuple[Figures, ...]
     scores: tuple[float | None, ...]
     failures: tuple[str, ...]
-    """Reasons of the failed runs."""
+    """Reason of each failed run."""
     cells: tuple["Evaluation", ...] = ()
-    """Evaluation in each cell, if it was tried in several."""
+    """Evaluation in each cell, if the point was tried in several cells."""
 
     @property
     def feasible(self) -> bool:
@@ -78,8 +78,11 @@ class Evaluation:
 
     @property
     def score(self) -> float:
-        """Mean of its scores plus the standard error, so that luck with one seed does not pay. A point with failed
-        runs scores above all others, increasing with their share.
+        """Score of the point; lower is better.
+
+        It is the mean score of the runs plus the standard error of the mean, so that luck with one seed does not
+        pay. A point with failed runs scores above all others, and its score increases with the share of failed
+        runs.
         """
         if self.failures:
             return 1e3 * (1.0 + len(self.failures) / len(self.runs))
@@ -90,24 +93,24 @@ class Evaluation:
         return statistics.fmean(scores) + error
 
     def mean(self, figure: str) -> float | None:
-        """Return the mean of a figure over the runs of all cells that have it."""
+        """Return the mean of a figure over the runs of all cells that have the figure; None if no run has it."""
         values = self.values(figure)
         return statistics.fmean(values) if values else None
 
     def spread(self, figure: str) -> float:
-        """Return the standard deviation of a figure over the seeds, averaged over the cells; 0 with one run."""
+        """Return the standard deviation of a figure over the seeds, averaged over the cells; 0 for a single run."""
         if self.cells:
             return statistics.fmean(cell.spread(figure) for cell in self.cells)
         values = self.values(figure)
         return statistics.stdev(values) if len(values) > 1 else 0.0
 
     def values(self, figure: str) -> list[float]:
-        """Return a figure of each run that has it."""
+        """Return the figure of each run that has the figure."""
         return [_number(run[figure]) for run in self.runs if run.get(figure) is not None]
 
 
 def combine_cells(cells: Sequence[Evaluation]) -> Evaluation:
-    """Combine the evaluations of a point in several cells: it fails if it fails in one of them."""
+    """Combine the evaluations of a point in several cells. The point fails if it fails in any cell."""
     if len(cells) == 1:
         return cells[0]
     return Evaluation(
@@ -130,8 +133,9 @@ def evaluate(goal: Goal, point: Point, runs: Sequence[Figures]) -> Evaluation:
 
 
 def scales_of(weights: Mapping[str, float], runs: Sequence[Figures]) -> dict[str, float]:
-    """Return scales from the mean figures of the defaults, not below their `least`. Raises ConfigError for an unknown
-    figure.
+    """Return the scale of each figure: its mean for the defaults, but at least the `least` of the figure.
+
+    Raises ConfigError for an unknown figure.
     """
     scales = {}
     for name in weights:
@@ -147,7 +151,9 @@ def scales_of(weights: Mapping[str, float], runs: Sequence[Figures]) -> dict[str
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """Run: the complete configuration as JSON, overrides of its controller's parameters, and a seed."""
+    """Run to be executed: the complete configuration and overrides of the controller's parameters, both as JSON,
+    and a seed.
+    """
 
     config: str
     parameters: str
@@ -155,13 +161,13 @@ class Job:
 
 
 def figures_of(job: Job) -> Figures:
-    """Execute a run and return its figures; a bug counts as a failed run."""
+    """Execute a run and return its figures. A run that raises an error counts as failed."""
     values = json.loads(job.config)
     values["controller"]["parameters"] |= json.loads(job.parameters)
     values["run"]["seed"] = job.seed
     try:
         return run(read_config(values)).figures
-    except Exception as error:  # an invalid point must not lose the others
+    except Exception as error:  # an invalid point must not lose the other points
         return {
             "outcome": "error",
             FAILURE: f"{type(error).__name__}: {one_line(str(error))[:200]}",
@@ -169,14 +175,15 @@ def figures_of(job: Job) -> Figures:
 
 
 Runs = Callable[[Sequence[Job]], list[Figures]]
-"""Executes runs, and returns their figures in the same order."""
+"""Function that executes runs and returns their figures in the order of the runs."""
 
 
 @contextmanager
 def running(workers: int, advance: Callable[[], object]) -> Iterator[Runs]:
-    """Provide `workers` processes for runs (this process for one worker); `advance` is called after each run.
+    """Provide a function that executes runs in `workers` processes, or in this process for one worker.
 
-    Leaving the context early ends the processes. The results do not depend on their number.
+    `advance` is called after each run. Leaving the context early ends the processes. The results do not depend on
+    the number of processes.
     """
     with own_processes(workers) as pool:
         # Chunks of one: a generation is as slow as its last run.

@@ -39,7 +39,9 @@ def describe_front(points: Sequence[Evaluation], space: Space, first: str, secon
 
 
 def check_picture(place: Path) -> None:
-    """Raise ConfigError for a file name without a picture suffix, and if matplotlib is not installed."""
+    """Check the file name of a plot. Raises ConfigError for a suffix that is not a picture format, and if
+    matplotlib is not installed.
+    """
     if place.suffix not in PICTURES:
         raise ConfigError(f"{place}: the file name of a picture must end in {' or '.join(PICTURES)}")
     drawing_library()
@@ -52,7 +54,9 @@ def picture(
     axes: tuple[str, str],
     kind: str,
 ) -> bytes:
-    """Plot all points, the front, the defaults and the best, as SVG or PNG (`kind` without a dot)."""
+    """Plot all points, the front, the defaults and the best point, as SVG or PNG. `kind` is the suffix without a
+    dot.
+    """
     first, second = axes
     good = [one for one in tried if one.feasible]
     groups = {

@@ -1,4 +1,6 @@
-"""Preparation of a search from command line options, and use of its result: tuned file, validation in other cells."""
+"""Preparation of a search from command line options, and use of its result: tuned file, and validation in other
+cells.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,7 +23,7 @@ _AXES = ("rise_s", "overshoot_percent")
 
 
 def axes_of(text: str | None) -> tuple[str, str]:
-    """Parse the two figures of a trade-off, `X:Y`. Raises ConfigError."""
+    """Parse the two figures of a trade-off from a text `X:Y`. Raises ConfigError."""
     first, colon, second = (text or ":".join(_AXES)).partition(":")
     if not colon or first not in TUNED or second not in TUNED:
         raise ConfigError(f"--trade {text}: must be X:Y with two of {', '.join(TUNED)}")
@@ -29,7 +31,7 @@ def axes_of(text: str | None) -> tuple[str, str]:
 
 
 def limit_of(config: Config, force_limit_n: float | None) -> float:
-    """Return the limit of the true force, N: by default the guard's limit. Raises ConfigError."""
+    """Return the limit of the true force, N. The default is the limit of the guard. Raises ConfigError."""
     limit = config.limits.force_limit_n if force_limit_n is None else force_limit_n
     if not 0.0 < limit < float("inf"):
         raise ConfigError(f"--force-limit: must be greater than 0, got {limit:g}")
@@ -37,7 +39,7 @@ def limit_of(config: Config, force_limit_n: float | None) -> float:
 
 
 def weights_of(minimise: Sequence[str]) -> dict[str, float]:
-    """Parse the figures to minimise, `FIGURE=WEIGHT`. Raises ConfigError."""
+    """Parse the figures to minimise from texts `FIGURE=WEIGHT`. Raises ConfigError."""
     return dict(_weight(text) for text in minimise or _MINIMISED)
 
 
@@ -55,19 +57,20 @@ def _weight(text: str) -> tuple[str, float]:
 
 
 def load_other_cell(place: Path, tuned: Config) -> Config:
-    """Load another cell for the same controller: everything in the file except `[controller]`, at the tuned pace.
+    """Load another cell for the tuned controller: all settings of the file except `[controller]`, at the tuned
+    pace.
 
-    Its defaults are those of the tuned cell. Raises ConfigError.
+    The defaults of the controller are those in the tuned cell. Raises ConfigError.
     """
     kind = controller_kind(tuned.controller.name)
     sample_ms = tuned.controller.sample_ms or float(getattr(kind, "sample_ms", SAMPLE_MS))
-    given = {
+    values = {
         "controller.name": tuned.controller.name,
         "controller.parameters": dict(tuned.controller.parameters),
         "controller.sample_ms": sample_ms,
         "run.duration_s": tuned.run.duration_s,
     }
-    config = Setup(load_config(place, given)).config
+    config = Setup(load_config(place, values)).config
     if config.robot.url or config.sensor.url:
         raise ConfigError(
             f"{place}: tuning runs on emulated cells only; leave robot.url and sensor.url empty"
@@ -76,7 +79,9 @@ def load_other_cell(place: Path, tuned: Config) -> Config:
 
 
 def compare_with_defaults(name: str, config: Config, state: Search, runs: Runs) -> Comparison:
-    """Compare the best with the defaults in another cell, both on fresh seeds, scaled by the defaults there."""
+    """Compare the best point with the defaults in another cell, both on fresh seeds. The scores are scaled by the
+    defaults in that cell.
+    """
     best, plan, text = state.best, state.plan, dump(config)
     assert best is not None, "a feasible point to compare"
     fresh, count = plan.fresh, len(plan.fresh)

@@ -1,4 +1,4 @@
-"""Report of a search: text, comments of the tuned file, and JSON."""
+"""Report of a search as text, as comments in the tuned file, and as JSON."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -10,7 +10,9 @@ from hil_bridge.lab.tuning.searching import Search
 
 
 def fresh_comparison(state: Search) -> Comparison | None:
-    """Compare the best with the defaults on seeds that the search did not use; None before that stage."""
+    """Compare the best point with the defaults on seeds that the search did not use; None if these runs were not
+    executed.
+    """
     if state.best is None or state.defaults_fresh is None or not state.finals:
         return None
     name = "the same cell" if state.plan.cells == 1 else f"the same {state.plan.cells} cells"
@@ -18,7 +20,7 @@ def fresh_comparison(state: Search) -> Comparison | None:
 
 
 def describe_parameters(state: Search) -> Iterator[str]:
-    """Yield the tuned parameters and their defaults as text, line by line."""
+    """Yield the tuned parameters with their default values as text, line by line."""
     if not state.tried:
         yield "interrupted before the first generation of points was complete"
         return
@@ -37,7 +39,7 @@ def describe_parameters(state: Search) -> Iterator[str]:
 
 
 def comments(state: Search, config_name: str) -> Iterator[str]:
-    """Yield the comments of the tuned file: its origin."""
+    """Yield the comments of the tuned file, which describe its origin."""
     plan = state.plan
     yield f"Tuned by `hil-bridge tune` on {config_name}."
     yield f"Minimised: {', '.join(f'{name} x {weight:g}' for name, weight in plan.weights.items())}."

@@ -1,4 +1,4 @@
-"""Search: SciPy's differential evolution, one generation at a time, with the same seeds for every point."""
+"""Search by SciPy's differential evolution, one generation at a time, with the same seeds for every point."""
 
 import json
 import math
@@ -24,11 +24,11 @@ from hil_bridge.lab.tuning.space import Point, Space
 from hil_bridge.settings.configuration import Config, dump
 
 FINALISTS = 3
-"""Chosen: number of best points compared with the defaults on fresh seeds."""
+"""Number of best points that are compared with the defaults on fresh seeds. Chosen."""
 FRESH = 2
-"""Chosen: fresh seeds for the finalists, per seed of the search."""
+"""Number of fresh seeds for the finalists, per seed of the search. Chosen."""
 _FRESH_FROM = 1_000_000
-"""Offset of the fresh seeds."""
+"""Offset that separates the fresh seeds from the seeds of the search."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class SearchPlan:
     force_limit_n: float
     seeds: tuple[int, ...]
     budget: int
-    """Largest number of runs, including those of the defaults and the finalists."""
+    """Maximum number of runs, including the runs of the defaults and of the finalists."""
     seed: int
     """Seed of the optimiser."""
     cells: int = 1
@@ -55,7 +55,7 @@ class SearchPlan:
 
     @property
     def fresh(self) -> tuple[int, ...]:
-        """Seeds that the search does not use."""
+        """Fresh seeds, which the search does not use."""
         return tuple(_FRESH_FROM + self.seed * 1000 + number for number in range(FRESH * len(self.seeds)))
 
     @property
@@ -65,29 +65,29 @@ class SearchPlan:
 
     @property
     def of_finalists(self) -> int:
-        """Number of runs reserved for the finalists and the defaults, with fresh seeds."""
+        """Number of runs on fresh seeds that are reserved for the finalists and the defaults."""
         return (FINALISTS + 1) * len(self.fresh) * self.cells
 
     @property
     def population(self) -> int:
-        """Number of points of a generation. Chosen: five per parameter, as differential evolution requires."""
+        """Number of points in a generation. Chosen: five per parameter, as differential evolution requires."""
         return max(5, 5 * len(self.space.parameters))
 
 
 @dataclass
 class Search:
-    """State of a search and its results so far."""
+    """State of a search, and its results so far."""
 
     configs: tuple[str, ...]
-    """Configurations of the cells with the defaults, as JSON."""
+    """Configuration of each cell with the default parameters, as JSON."""
     plan: SearchPlan
     goals: tuple[Goal, ...]
-    """One for each cell, scaled by its own defaults."""
+    """Goal in each cell, scaled by the figures of the defaults in that cell."""
     defaults: Evaluation
     tried: list[Evaluation] = field(default_factory=list)
-    """All points, in the order in which they were tried."""
+    """All points so far, in the order in which they were tried."""
     finals: list[Evaluation] = field(default_factory=list)
-    """Finalists on fresh seeds, best first."""
+    """Evaluations of the finalists on fresh seeds, best first."""
     defaults_fresh: Evaluation | None = None
 
     @property
@@ -98,19 +98,19 @@ class Search:
 
 
 def jobs_of(config: str, parameters: dict[str, Any], seeds: Sequence[int]) -> list[Job]:
-    """Return a run for each seed."""
+    """Return one run for each seed."""
     return [Job(config, json.dumps(parameters), seed) for seed in seeds]
 
 
 def begin(configs: Sequence[Config], plan: SearchPlan, runs: Runs) -> Search:
-    """Evaluate the defaults in each cell, the reference of the search.
+    """Start a search: evaluate the defaults in each cell, as its reference.
 
     Raises ConfigError for an unknown figure, and for a cell that cannot be run.
     """
     scales_of(plan.weights, [])
     plan.points  # noqa: B018  raises before the first run
     texts = tuple(map(dump, configs))
-    optimiser()  # before the first run
+    optimiser()  # raises before the first run
     goals, defaults = [], []
     for figures in _by_cell(texts, {}, plan.seeds, runs):
         failure = next((one[FAILURE] for one in figures if FAILURE in one), None)
@@ -129,11 +129,11 @@ def _by_cell(
 
 
 class _BudgetExhausted(Exception):
-    """The budget of runs is exhausted."""
+    """Signal that the budget of runs is exhausted."""
 
 
 def search(state: Search, runs: Runs) -> None:
-    """Try points until the budget is exhausted or the points converge, then evaluate the best on fresh seeds."""
+    """Try points until the budget is exhausted or the points converge. Then evaluate the best points on fresh seeds."""
     minimise, plan = optimiser(), state.plan
     space, known = plan.space, dict[Point, Evaluation]()
 

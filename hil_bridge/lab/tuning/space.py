@@ -1,4 +1,4 @@
-"""Search space: the varied parameters and their bounds, declared by the controller or given by the user."""
+"""Search space: the parameters to vary, and their bounds, which the controller declares or the user gives."""
 
 import dataclasses
 import math
@@ -11,19 +11,19 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.settings.configuration import Config
 
 Point = tuple[float, ...]
-"""Values of the parameters, in their order and units."""
+"""Values of the parameters, in the order of the space and in their units."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Parameter:
-    """Varied parameter."""
+    """Parameter to vary."""
 
     name: str
     range: Range
     whole: bool
-    """Whether it takes integers only."""
+    """Whether the parameter takes integers only."""
     default: float | None
-    """Its value without tuning; None if the configuration gives no number."""
+    """Value of the parameter without tuning; None if the configuration gives no number."""
 
     def coordinate(self, value: float) -> float:
         """Map a value to the optimiser's coordinate."""
@@ -40,13 +40,13 @@ class Parameter:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Space:
-    """All varied parameters."""
+    """Search space of all parameters to vary."""
 
     parameters: tuple[Parameter, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the parameters, in order."""
+        """Names of the parameters, in the order of the space."""
         return tuple(parameter.name for parameter in self.parameters)
 
     @property
@@ -69,7 +69,7 @@ class Space:
 
     @property
     def start(self) -> Point | None:
-        """The defaults, clipped to the bounds; None if a parameter has none."""
+        """Default values, clipped to the bounds; None if a parameter has no default."""
         values = []
         for parameter in self.parameters:
             if parameter.default is None:
@@ -78,25 +78,26 @@ class Space:
         return tuple(values)
 
     def table(self, point: Point) -> dict[str, float | int]:
-        """Return the values of a point as `[controller.parameters]`."""
+        """Return the values of a point as a table `[controller.parameters]`."""
         return {
             parameter.name: int(value) if parameter.whole else value
             for parameter, value in zip(self.parameters, point, strict=True)
         }
 
 
-def space_of(config: Config, given: Sequence[str]) -> Space:
-    """Return the space of a configuration's controller: `NAME=LOW:HIGH`, with `:log` for a logarithmic scale, or NAME
-    alone for the declared bounds; if none are given, all that the controller declares.
+def space_of(config: Config, ranges: Sequence[str]) -> Space:
+    """Return the search space for the controller of a configuration.
 
-    Raises ConfigError for an unknown parameter, and if there are no bounds.
+    Each range is `NAME=LOW:HIGH`, with `:log` appended for a logarithmic scale, or NAME alone for the declared
+    bounds. If no ranges are given, the space contains all parameters whose bounds the controller declares. Raises
+    ConfigError for an unknown parameter, and for a parameter without bounds.
     """
     kind: Any = controller_kind(config.controller.name)
     declared = {
         name: bounds for name, bounds in getattr(kind, "ranges", {}).items() if isinstance(bounds, Range)
     }
     requested: Mapping[str, Range] = (
-        dict(_read_range(text, declared, kind.name) for text in given) or declared
+        dict(_read_range(text, declared, kind.name) for text in ranges) or declared
     )
     if not requested:
         raise ConfigError(
@@ -110,8 +111,8 @@ def space_of(config: Config, given: Sequence[str]) -> Space:
         _check(name, bounds)
         value = config.controller.parameters.get(name, fields[name].default)
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        whole = fields[name].type in (int, "int")
-        parameters.append(Parameter(name, bounds, whole, float(value) if number else None))
+        is_integer = fields[name].type in (int, "int")
+        parameters.append(Parameter(name, bounds, is_integer, float(value) if number else None))
     return Space(tuple(parameters))
 
 

@@ -13,7 +13,9 @@ from hil_bridge.settings.places import FILE_KEYS
 def tuned_values(
     values: Mapping[str, Any], config: Config, parameters: Mapping[str, float | int]
 ) -> dict[str, Any]:
-    """Return the values of the original file with the tuned `[controller]` and the pace for which it was tuned."""
+    """Return the values of the original file with the tuned `[controller]`, and with the pace for which it was
+    tuned.
+    """
     result = deepcopy(dict(values))
     combined = config.controller.parameters | dict(parameters)
     lay_over(result, {"controller.name": config.controller.name, "controller.parameters": combined})
@@ -24,7 +26,7 @@ def tuned_values(
 
 
 def toml(values: Mapping[str, Any], comment: Sequence[str]) -> str:
-    """Format nested tables as TOML, preceded by comment lines."""
+    """Format nested tables as TOML, with comment lines at the beginning."""
     lines = [*(f"# {line}" for line in comment), "", *_table(values, ())]
     return "\n".join(lines).rstrip() + "\n"
 
@@ -42,7 +44,7 @@ def _table(values: Mapping[str, Any], where: tuple[str, ...]) -> Iterator[str]:
 
 
 def absolute_files(values: dict[str, Any]) -> None:
-    """Make file paths absolute: the new file may be in another folder."""
+    """Make file paths absolute, because the new file may be in another folder."""
     for key in FILE_KEYS:
         *sections, name = key.split(".")
         table: Any = values

@@ -8,19 +8,27 @@ from hil_bridge.lab.conform.trial import CUT, NOMINAL
 from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 MOVED_M = 0.5e-3
-"""Chosen: distance from its start at which a tool has moved, above noise and rounding of any robot."""
+"""Smallest distance from the start at which a tool counts as moved, m. Chosen: above noise and rounding of any
+robot.
+"""
 MOVED_RAD = 5e-3
-"""Chosen: the same for its rotation. A client that turns only the last joint moves no point on the tool's axis."""
+"""Smallest rotation from the start at which a tool counts as moved, rad. Chosen: above noise and rounding of any
+robot. It is needed because a client that turns only the last joint moves no point on the tool's axis.
+"""
 SAME_PLACE_M = 1e-5
-"""Chosen: distance below which two orders lead to the same position, as those of a holding client."""
+"""Largest distance at which two orders lead to the same position, m. Chosen: the orders of a client that holds its
+position are that close.
+"""
 SAME_TURN_RAD = 1e-4
-"""Chosen: the same for their orientation; a quaternion in steps of 1/16384 is as coarse."""
+"""Largest angle at which two orders lead to the same orientation, rad. Chosen: a quaternion with a resolution of
+1/16384 is as coarse.
+"""
 STILL_M = 0.05e-3
-"""Chosen: motion within `STILL_S` below which a tool is stationary."""
+"""Largest motion within `STILL_S` of a tool that counts as stationary, m. Chosen."""
 STILL_RAD = 1e-3
-"""Chosen: the same for its rotation."""
+"""Largest rotation within `STILL_S` of a tool that counts as stationary, rad. Chosen."""
 STILL_S = 0.2
-"""Chosen: duration of a standstill."""
+"""Time for which a tool must be stationary, s. Chosen."""
 
 LATE, REFUSED, STOPPED, EMERGENCY = "late", "refused", "stopped", "emergency"
 SCENARIOS: Mapping[str, str] = {
@@ -31,12 +39,12 @@ SCENARIOS: Mapping[str, str] = {
     EMERGENCY: "the emergency stop is pressed while the tool moves",
     CUT: "the link is cut while the tool moves, and restored",
 }
-"""Scenarios with their meaning, in the order in which they run."""
+"""Description of each scenario, in the order of execution."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """Durations of the parts of a scenario, and requirements for a client."""
+    """Durations of the parts of a scenario, and requirements that a client must meet."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 

@@ -78,8 +78,8 @@ class RobotTrial(Trial[RobotEvidence]):
     def scene(self, name: str, in_cell: InCell, client: Client) -> Scene[RobotEvidence]:
         return _RobotScene(name, self, in_cell, client)
 
-    def judge(self, name: str, seen: RobotEvidence) -> Verdict:
-        return judge(name, seen, self.rules)
+    def judge(self, name: str, evidence: RobotEvidence) -> Verdict:
+        return judge(name, evidence, self.rules)
 
     def refuse(
         self, name: str, nominal: ScenarioResult[RobotEvidence]
@@ -92,7 +92,7 @@ class RobotTrial(Trial[RobotEvidence]):
 
 
 class _RobotScene(Scene[RobotEvidence]):
-    """Running scenario."""
+    """Scenario for a robot client while it is executed."""
 
     def __init__(self, name: str, trial: RobotTrial, in_cell: InCell, client: Client) -> None:
         robot = in_cell.cell.robot
@@ -106,7 +106,7 @@ class _RobotScene(Scene[RobotEvidence]):
         robot.orders.listener = self._watch.receive
 
     async def play(self, where: Where) -> None:
-        """Run the scenario: the client starts, the fault occurs, the client ends, the tool stops or not."""
+        """Run the scenario: start the client, inject the fault, end the client, and check whether the tool stops."""
         self._check()
         if self._name == REFUSED:
             self._inject_fault()
@@ -117,26 +117,26 @@ class _RobotScene(Scene[RobotEvidence]):
         await self._check_standstill()
 
     async def _course(self) -> None:
-        rules, seen = self._rules, self.seen
+        rules, evidence = self._rules, self.seen
         if self._name == REFUSED:
-            await self._until(lambda: seen.first_order_at is not None, rules.start_s - rules.watch_s)
+            await self._until(lambda: evidence.first_order_at is not None, rules.start_s - rules.watch_s)
             await self._until(None, rules.watch_s)
             return
-        await self._until(lambda: seen.moved_at is not None, rules.start_s)
-        if seen.moved_at is None:
+        await self._until(lambda: evidence.moved_at is not None, rules.start_s)
+        if evidence.moved_at is None:
             return
         if self._name == NOMINAL:
             await self._until(None, rules.run_s)
             return
         await self._until(None, rules.after_s)
-        seen.fault_at = self._since()
+        evidence.fault_at = self._since()
         self._inject_fault()
         if self._name != CUT:
             await self._until(None, rules.watch_s)
             return
         await self._until(None, rules.cut_s)
-        seen.returned_at = self._since()
-        await self._until(lambda: seen.back_at is not None, rules.back_s)
+        evidence.returned_at = self._since()
+        await self._until(lambda: evidence.back_at is not None, rules.back_s)
         await self._until(None, STILL_S)
 
     def _inject_fault(self) -> None:
@@ -150,20 +150,20 @@ class _RobotScene(Scene[RobotEvidence]):
         self._watch.update(now, tool, self._robot.hindrance(now))
 
     async def _check_standstill(self) -> None:
-        """Check whether the tool is stationary after the client's end."""
-        seen = self.seen
+        """Check whether the tool is stationary after the client has ended."""
+        evidence = self.seen
         for _ in self._checks(self._rules.stand_s):
-            before, since = seen.last_pose, self._clock.now()
+            before, since = evidence.last_pose, self._clock.now()
             await self._clock.sleep_until(self._clock.now() + STILL_S)
             self._check()
             assert before is not None
-            assert seen.last_pose is not None
-            gone = math.dist(before[0], seen.last_pose[0])
-            turned = angle_between(before[1], seen.last_pose[1])
+            assert evidence.last_pose is not None
+            gone = math.dist(before[0], evidence.last_pose[0])
+            turned = angle_between(before[1], evidence.last_pose[1])
             span = self._clock.now() - since
-            seen.left_m_s = gone / span if gone > STILL_M else 0.0
-            seen.left_rad_s = turned / span if turned > STILL_RAD else 0.0
-            if not seen.left_m_s and not seen.left_rad_s:
+            evidence.left_m_s = gone / span if gone > STILL_M else 0.0
+            evidence.left_rad_s = turned / span if turned > STILL_RAD else 0.0
+            if not evidence.left_m_s and not evidence.left_rad_s:
                 return
 
     @staticmethod

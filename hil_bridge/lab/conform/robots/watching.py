@@ -1,4 +1,6 @@
-"""Evidence about a client from an emulated robot: its orders, and the motion of the tool. Its size is bounded."""
+"""Evidence about a client, collected from an emulated robot: its orders, and the motion of the tool. The amount of
+data is bounded.
+"""
 
 import math
 from collections import deque
@@ -12,94 +14,106 @@ from hil_bridge.lab.conform.robots.strides import Stride, Strides
 from protocol.geometry import Pose, Quaternion, Vector, angle_between
 
 _WINDOW_S = 0.05
-"""Chosen: shortest time over which a rotation of the tool, and a change of its speed, is measured."""
+"""Shortest time over which a rotation of the tool, and a change of its speed, is measured, s. Chosen."""
 _FIRST = 10
-"""Chosen: number of first texts of one kind that are kept."""
+"""Maximum number of texts of one kind that are kept, earliest first. Chosen."""
 
 
 @dataclass(slots=True)
 class RobotEvidence(Ending):
-    """Evidence of one scenario of a robot. Times are seconds since its start; lengths m, speeds m/s."""
+    """Evidence of one scenario with a robot. Times are in s since the start of the scenario, lengths in m, speeds
+    in m/s.
+    """
 
     contact_at: float | None = None
-    """First contact of the client: a connection, a request or an order."""
+    """Time of the client's first contact: a connection, a request or an order."""
     unreadable: int = 0
-    """Packets that the robot cannot parse."""
+    """Number of packets that the robot cannot parse."""
     first_unreadable: str = ""
     orders: int = 0
-    """Motion orders."""
+    """Number of motion orders."""
     taken: int = 0
-    """Orders that the robot accepted."""
+    """Number of motion orders that the robot accepted."""
     moving: int = 0
-    """Accepted orders that lead to another pose than the previous one."""
+    """Number of accepted orders that lead to another pose than the previous order."""
     refusals: list[str] = field(default_factory=list)
-    """Requests that this emulated robot does not support, the first ten."""
+    """First ten requests that this emulated robot does not support."""
     breaches: int = 0
-    """Orders with a protocol violation that the robot tolerates."""
+    """Number of orders that violate the protocol in a way that the robot tolerates."""
     first_breach: str = ""
     first_order_at: float | None = None
     last_order_at: float | None = None
     largest_step_m: float = 0.0
-    """Largest distance of an order from the previous one, or from the tool if that is nearer."""
+    """Largest distance of an order from the previous order, or from the tool if the tool is nearer, m."""
     largest_turn_rad: float = 0.0
-    """The same for the rotation."""
+    """Largest rotation of an order relative to the previous order, or to the tool if the tool is nearer, rad."""
     largest_speed_m_s: float = 0.0
-    """Largest ordered speed: explicit, or the step over the time since the previous order."""
+    """Largest ordered speed, m/s: the speed in an order, or the step divided by the time since the previous order."""
     leaps: int = 0
-    """Orders farther from the previous one than the robot moves in one cycle."""
+    """Number of orders whose step is larger than the speed of the robot and the client's own pace allow."""
     turns: int = 0
-    """The same for the rotation."""
+    """Number of orders whose rotation is larger than the speed of the robot and the client's own pace allow."""
     w_misplaced: bool = False
-    """Whether one of these has the w of its quaternion at the wrong end, judged by the tool's orientation."""
+    """Whether one of these rotations has the w of its quaternion at the wrong end, judged by the orientation of the
+    tool.
+    """
     rushes: int = 0
-    """Orders of a speed above the robot's."""
+    """Number of orders with a speed above the top speed of the robot."""
     robot_speed_m_s: float | None = None
-    """Top speed of the robot's tool; None if it is unknown, or orders contain a speed."""
+    """Top speed of the robot's tool, m/s; None if it is unknown, or if the robot plans its own path."""
     longest_pause_s: float = 0.0
-    """Longest time between two orders."""
+    """Longest time between two orders, s."""
     moved_at: float | None = None
     moved_m: float = 0.0
-    """Largest distance of the tool from its start."""
+    """Largest distance of the tool from its start, m."""
     turned_rad: float = 0.0
-    """Largest rotation of the tool from its start."""
+    """Largest rotation of the tool from its start, rad."""
     fastest_m_s: float = 0.0
-    """Largest speed of the tool, sampled every few milliseconds."""
+    """Largest speed of the tool, sampled every few milliseconds, m/s."""
     fastest_rad_s: float = 0.0
-    """The same for its rotation, over 50 ms or more."""
+    """Largest angular speed of the tool, measured over 50 ms or more, rad/s."""
     largest_gain_m_s: float = 0.0
-    """Largest change of the tool's velocity within `speed_up_s`, before the fault and by orders."""
+    """Largest change of the tool's velocity within `speed_up_s`, before the fault and while the robot follows
+    orders, m/s.
+    """
     fault_at: float | None = None
-    """Time of the fault; in a scenario without one, time of the first order."""
+    """Time of the fault, s. In a scenario in which the robot may not move from the start, time of the first order
+    that would move the tool.
+    """
     last_motion_s: float | None = None
-    """Time from the fault to the last order that would have moved the tool."""
+    """Time from the fault to the last order that would have moved the tool, s."""
     after_stop: int = 0
-    """Orders that would have moved the tool, later than `react_s` after the fault."""
+    """Number of orders later than `react_s` after the fault that would have moved the tool."""
     after_stop_step_m: float = 0.0
-    """Largest step of those."""
+    """Largest step of these orders, m."""
     moved_after_m: float = 0.0
-    """Distance that the tool moved later than `react_s` after the fault."""
+    """Distance that the tool moved later than `react_s` after the fault, m."""
     turned_after_rad: float = 0.0
-    """Angle that it rotated then."""
+    """Angle by which the tool rotated later than `react_s` after the fault, rad."""
     releases: list[str] = field(default_factory=list)
-    """Actions after the fault that are reserved for an operator at the robot, the first ten."""
+    """First ten actions after the fault that are reserved for an operator at the robot."""
     returned_at: float | None = None
-    """End of the cut."""
+    """Time at which the cut ended."""
     back_at: float | None = None
-    """First order accepted after the cut."""
+    """Time of the first order accepted after the cut."""
     hindrance: str = ""
-    """First state after the first order in which the robot did not follow orders."""
+    """Description of the first state after the first order in which the robot did not follow orders; empty if there
+    was none.
+    """
     own_stop: str = ""
-    """First such state that an order of the client caused."""
+    """Description of the first state without response to orders that an order of the client caused; empty if there
+    was none.
+    """
     left_m_s: float = 0.0
-    """Speed of the tool at the end."""
+    """Speed of the tool at the end of the scenario, m/s."""
     left_rad_s: float = 0.0
-    """The same for its rotation."""
+    """Angular speed of the tool at the end of the scenario, rad/s."""
     last_pose: tuple[Vector, tuple[float, ...]] | None = None
-    """Position, m, and quaternion w x y z of the tool at the end."""
+    """Position, m, and quaternion w x y z of the tool at the end of the scenario."""
 
 
 class ToolSample(NamedTuple):
-    """Sample of the tool's pose, m, and velocity, m/s, in the base frame."""
+    """Sample of the tool's pose and velocity in the base frame: position, m, quaternion, and velocity, m/s."""
 
     position: Vector
     quaternion: Quaternion
@@ -107,10 +121,12 @@ class ToolSample(NamedTuple):
 
 
 class Watch:
-    """Collector of evidence from a robot's orders and the motion of its tool."""
+    """Collector of evidence from the orders of a client and the motion of the robot's tool."""
 
     def __init__(self, begun_at: float, rules: Rules, *, stops: bool, from_start: bool) -> None:
-        """Watch a trial. `stops`: the fault stops the robot. `from_start`: it may not move from the start."""
+        """Create a collector. `stops` is whether the fault stops the robot, `from_start` whether the robot may not
+        move from the start.
+        """
         self.seen = RobotEvidence()
         self._begun_at, self._react, self._speed_up = begun_at, rules.react_s, rules.speed_up_s
         self._stops, self._from_start = stops, from_start
@@ -120,28 +136,28 @@ class Watch:
         self._tool: Pose | None = None
         """Present pose of the tool."""
         self._samples: deque[tuple[float, ToolSample]] = deque()
-        """Newest samples, from which speeds are measured."""
+        """Most recent samples, from which speeds are measured."""
         self._stood: ToolSample | None = None
-        """Sample of the tool at `react_s` after the fault."""
+        """First sample of the tool at `react_s` after the fault or later."""
         self._hindered = False
 
     # --- orders
 
     def receive(self, order: ReceivedOrder) -> None:
-        """Evaluate an order received by the robot."""
-        at, seen = order.at - self._begun_at, self.seen
-        if seen.contact_at is None:
-            seen.contact_at = at
+        """Evaluate an order that the robot received."""
+        at, evidence = order.at - self._begun_at, self.seen
+        if evidence.contact_at is None:
+            evidence.contact_at = at
         match order.act:
             case Act.UNREADABLE:
-                seen.unreadable += 1
-                seen.first_unreadable = seen.first_unreadable or order.words
+                evidence.unreadable += 1
+                evidence.first_unreadable = evidence.first_unreadable or order.words
             case Act.RELEASE:
-                behind = self._from_start or (seen.fault_at is not None and at > seen.fault_at)
+                behind = self._from_start or (evidence.fault_at is not None and at > evidence.fault_at)
                 if behind:
-                    _keep(seen.releases, order.words)
+                    _keep(evidence.releases, order.words)
             case Act.REFUSED:
-                _keep(seen.refusals, order.words)
+                _keep(evidence.refusals, order.words)
             case Act.PROGRAM if order.moves:
                 self._ordered(at, order, Stride())
             case Act.MOTION:
@@ -150,73 +166,78 @@ class Watch:
                 pass
 
     def _ordered(self, at: float, order: ReceivedOrder, stride: Stride) -> None:
-        seen, moving = self.seen, stride.elsewhere
-        seen.orders += 1
-        seen.taken += order.taken
-        seen.moving += order.taken and moving and order.act is Act.MOTION
+        evidence, moving = self.seen, stride.elsewhere
+        evidence.orders += 1
+        evidence.taken += order.taken
+        evidence.moving += order.taken and moving and order.act is Act.MOTION
         if order.breach:
-            seen.breaches += 1
-            seen.first_breach = seen.first_breach or order.breach
-        if seen.last_order_at is not None:
-            seen.longest_pause_s = max(seen.longest_pause_s, at - seen.last_order_at)
-        seen.last_order_at = at
-        seen.largest_step_m = max(seen.largest_step_m, stride.step_m)
-        seen.largest_turn_rad = max(seen.largest_turn_rad, stride.turn_rad)
-        seen.largest_speed_m_s = max(seen.largest_speed_m_s, stride.speed_m_s)
-        seen.leaps += stride.leaps
-        seen.turns += stride.turns
-        seen.w_misplaced |= stride.w_misplaced
-        seen.rushes += stride.rushes
-        if order.reach is not None and not order.reach.own_way:
-            seen.robot_speed_m_s = order.reach.speed_m_s
-        if seen.first_order_at is None:
-            seen.first_order_at = at
-        if self._from_start and moving and seen.fault_at is None:
-            seen.fault_at = at
-        if self._stops and seen.fault_at is not None and moving and at >= seen.fault_at:
-            since = at - seen.fault_at
-            seen.last_motion_s = since
+            evidence.breaches += 1
+            evidence.first_breach = evidence.first_breach or order.breach
+        if evidence.last_order_at is not None:
+            evidence.longest_pause_s = max(evidence.longest_pause_s, at - evidence.last_order_at)
+        evidence.last_order_at = at
+        evidence.largest_step_m = max(evidence.largest_step_m, stride.step_m)
+        evidence.largest_turn_rad = max(evidence.largest_turn_rad, stride.turn_rad)
+        evidence.largest_speed_m_s = max(evidence.largest_speed_m_s, stride.speed_m_s)
+        evidence.leaps += stride.leaps
+        evidence.turns += stride.turns
+        evidence.w_misplaced |= stride.w_misplaced
+        evidence.rushes += stride.rushes
+        if order.reach is not None and not order.reach.plans_own_path:
+            evidence.robot_speed_m_s = order.reach.speed_m_s
+        if evidence.first_order_at is None:
+            evidence.first_order_at = at
+        if self._from_start and moving and evidence.fault_at is None:
+            evidence.fault_at = at
+        if self._stops and evidence.fault_at is not None and moving and at >= evidence.fault_at:
+            since = at - evidence.fault_at
+            evidence.last_motion_s = since
             if since > self._react and not (self._from_start and order.taken):
-                seen.after_stop += 1
-                seen.after_stop_step_m = max(seen.after_stop_step_m, stride.step_m)
-        if order.taken and seen.returned_at is not None and seen.back_at is None and at >= seen.returned_at:
-            seen.back_at = at
+                evidence.after_stop += 1
+                evidence.after_stop_step_m = max(evidence.after_stop_step_m, stride.step_m)
+        if (
+            order.taken
+            and evidence.returned_at is not None
+            and evidence.back_at is None
+            and at >= evidence.returned_at
+        ):
+            evidence.back_at = at
 
     # --- the robot
 
     def update(self, now: float, tool: ToolSample, hindrance: Hindrance | None) -> None:
-        """Evaluate a sample of the tool, and what keeps it from moving."""
-        at, seen, position = now - self._begun_at, self.seen, tool.position
+        """Evaluate a sample of the tool, and the reason why the robot cannot move, if any."""
+        at, evidence, position = now - self._begun_at, self.seen, tool.position
         if self._start is None:
             self._start = tool
         self._tool = Pose(position, tool.quaternion)
-        seen.fastest_m_s = max(seen.fastest_m_s, math.hypot(*tool.velocity))
+        evidence.fastest_m_s = max(evidence.fastest_m_s, math.hypot(*tool.velocity))
         away = math.dist(position, self._start.position)
-        seen.moved_m = max(seen.moved_m, away)
+        evidence.moved_m = max(evidence.moved_m, away)
         turned = angle_between(tool.quaternion, self._start.quaternion)
-        seen.turned_rad = max(seen.turned_rad, turned)
+        evidence.turned_rad = max(evidence.turned_rad, turned)
         self._measure(
-            at, tool, by_orders=hindrance is None and seen.fault_at is None and not seen.told_to_end
+            at, tool, by_orders=hindrance is None and evidence.fault_at is None and not evidence.end_requested
         )
-        if seen.moved_at is None and (away >= MOVED_M or turned >= MOVED_RAD):
-            seen.moved_at = at
-        if self._stops and seen.fault_at is not None and at >= seen.fault_at + self._react:
+        if evidence.moved_at is None and (away >= MOVED_M or turned >= MOVED_RAD):
+            evidence.moved_at = at
+        if self._stops and evidence.fault_at is not None and at >= evidence.fault_at + self._react:
             stood = self._stood = self._stood or tool
-            seen.moved_after_m = max(seen.moved_after_m, math.dist(position, stood.position))
+            evidence.moved_after_m = max(evidence.moved_after_m, math.dist(position, stood.position))
             turned = angle_between(tool.quaternion, stood.quaternion)
-            seen.turned_after_rad = max(seen.turned_after_rad, turned)
+            evidence.turned_after_rad = max(evidence.turned_after_rad, turned)
         self._hinder(hindrance)
 
     def _measure(self, at: float, tool: ToolSample, by_orders: bool) -> None:
-        """Measure the change of speed and the angular speed of the tool."""
-        seen, samples = self.seen, self._samples
+        """Measure the change of the tool's velocity, and its angular speed."""
+        evidence, samples = self.seen, self._samples
         samples.append((at, tool))
         while len(samples) > 1 and at - samples[1][0] >= _WINDOW_S:
             samples.popleft()
         since, before = samples[0]
         if (span := at - since) >= _WINDOW_S:
             turn = angle_between(tool.quaternion, before.quaternion)
-            seen.fastest_rad_s = max(seen.fastest_rad_s, turn / span)
+            evidence.fastest_rad_s = max(evidence.fastest_rad_s, turn / span)
         if not by_orders:
             return
         gains = [
@@ -224,23 +245,23 @@ class Watch:
             for then, sample in samples
             if at - then <= self._speed_up
         ]
-        seen.largest_gain_m_s = max(seen.largest_gain_m_s, *gains)
+        evidence.largest_gain_m_s = max(evidence.largest_gain_m_s, *gains)
 
     def _hinder(self, hindrance: Hindrance | None) -> None:
-        seen, before = self.seen, self._hindered
+        evidence, before = self.seen, self._hindered
         self._hindered = hindrance is not None
-        if hindrance is None or before or seen.first_order_at is None:
+        if hindrance is None or before or evidence.first_order_at is None:
             return
-        leaving = seen.told_to_end or seen.ended_at is not None
-        if not seen.hindrance and (
+        leaving = evidence.end_requested or evidence.ended_at is not None
+        if not evidence.hindrance and (
             hindrance.by_order or not leaving
-        ):  # a robot may stop when its client has gone
-            seen.hindrance = hindrance.words
-        if hindrance.by_order and not seen.own_stop:
-            seen.own_stop = hindrance.words
+        ):  # a robot may stop when its client has left
+            evidence.hindrance = hindrance.words
+        if hindrance.by_order and not evidence.own_stop:
+            evidence.own_stop = hindrance.words
 
 
-def _keep(words: list[str], more: str) -> None:
-    """Keep the first texts, without duplicates."""
-    if more not in words and len(words) < _FIRST:
-        words.append(more)
+def _keep(texts: list[str], more: str) -> None:
+    """Append a text unless it is a duplicate, or the list is full."""
+    if more not in texts and len(texts) < _FIRST:
+        texts.append(more)

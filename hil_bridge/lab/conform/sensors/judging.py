@@ -13,47 +13,47 @@ from protocol.wrench import AXES
 _FORCES = 3
 
 
-def judge(scenario: str, heard: SensorEvidence, rules: SensorRules) -> Verdict:
+def judge(scenario: str, evidence: SensorEvidence, rules: SensorRules) -> Verdict:
     """Return the verdict on this evidence."""
     skipped = ""
-    if heard.first_at is not None and scenario != NOMINAL and heard.fault_at is None:
+    if evidence.first_at is not None and scenario != NOMINAL and evidence.fault_at is None:
         skipped = (
-            f"the client ended after {heard.ended_at or 0.0:.1f} s, before the fault; let it read longer"
+            f"the client ended after {evidence.ended_at or 0.0:.1f} s, before the fault; let it read longer"
         )
-    return decide(skipped, _find_faults(scenario, heard, rules), lambda: _SUMMARIES[scenario](heard))
+    return decide(skipped, _find_faults(scenario, evidence, rules), lambda: _SUMMARIES[scenario](evidence))
 
 
 def is_near(one: Wrench, other: Wrench, rules: SensorRules, times: float = 1.0) -> bool:
-    """Return whether two wrenches agree within `times` the unloaded tolerance."""
+    """Return whether two wrenches agree within `times` times the tolerance of an unloaded reading."""
     return off_by(one, other, rules) <= times
 
 
 def off_by(one: Wrench, other: Wrench, rules: SensorRules) -> float:
-    """Return the largest difference of an axis, in unloaded tolerances."""
+    """Return the largest difference of any axis, as a multiple of the tolerance of an unloaded reading."""
     force, moment = max(rules.tolerance_n, 1e-12), max(rules.tolerance_nm, 1e-12)
     apart = [abs(part) for part in difference(one, other)]
     return max(max(apart[:_FORCES]) / force, max(apart[_FORCES:]) / moment)
 
 
-def _find_faults(scenario: str, heard: SensorEvidence, rules: SensorRules) -> Iterator[str]:
-    """Yield all problems, the most serious first."""
-    if heard.first_at is None:
-        crashed = not heard.told_to_end and heard.exit_code is not None
-        yield f"reported no reading: {describe_end(heard) if crashed else f'nothing in {rules.start_s:g} s'}"
+def _find_faults(scenario: str, evidence: SensorEvidence, rules: SensorRules) -> Iterator[str]:
+    """Yield all problems of the client, most serious first."""
+    if evidence.first_at is None:
+        crashed = not evidence.end_requested and evidence.exit_code is not None
+        yield f"reported no reading: {describe_end(evidence) if crashed else f'nothing in {rules.start_s:g} s'}"
         return
-    yield from _OWN[scenario](heard, rules)
-    if heard.no_numbers:
-        yield f"reported {heard.no_numbers} readings that are not numbers"
-    if heard.crashed:
-        yield f"crashed: {describe_end(heard)}"
-    if heard.killed:
+    yield from _OWN[scenario](evidence, rules)
+    if evidence.no_numbers:
+        yield f"reported {evidence.no_numbers} readings that are not numbers"
+    if evidence.crashed:
+        yield f"crashed: {describe_end(evidence)}"
+    if evidence.killed:
         yield f"did not terminate within {rules.end_s:g} s of the request, and was killed"
 
 
-def _of_nominal(heard: SensorEvidence, rules: SensorRules) -> Iterator[str]:
-    if not heard.told_to_end:
-        yield f"ended before it was asked to: {describe_end(heard)}"
-    at_rest, truth = heard.at_rest, heard.truth
+def _of_nominal(evidence: SensorEvidence, rules: SensorRules) -> Iterator[str]:
+    if not evidence.end_requested:
+        yield f"ended before it was asked to: {describe_end(evidence)}"
+    at_rest, truth = evidence.at_rest, evidence.truth
     if at_rest is not None and truth is not None:
         zero: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         if rules.takes_zero:
@@ -61,13 +61,13 @@ def _of_nominal(heard: SensorEvidence, rules: SensorRules) -> Iterator[str]:
                 yield f"its unloaded reading is not zero, as declared: {_format(at_rest)}"
         elif not is_near(at_rest, truth, rules) and not is_near(at_rest, zero, rules):
             yield f"its unloaded reading is neither the load nor zero: {_format(at_rest)} instead of {_format(truth)}"
-    for axis, change in heard.loads:
+    for axis, change in evidence.loads:
         if fault := _judge_load(axis, change, rules):
             yield fault
 
 
 def _judge_load(axis: str, change: Wrench | None, rules: SensorRules) -> str:
-    """Describe the error in the reading of a load on an axis; empty for none."""
+    """Describe the error in the reading of a load on an axis; empty if the reading is correct."""
     number = AXES.index(axis)
     loads = (rules.force_n,) * _FORCES + (rules.moment_nm,) * _FORCES
     load, unit = loads[number], dict(units())[axis]
@@ -86,47 +86,51 @@ def _judge_load(axis: str, change: Wrench | None, rules: SensorRules) -> str:
 
 
 def _format_changes(change: Wrench, bounds: list[float]) -> str:
-    """Format the axes that changed by more than their bounds, the largest first."""
-    moved = [
+    """Format the axes that changed by more than their bounds, largest change first."""
+    changes = [
         (abs(part) / bound if bound else abs(part), f"{axis} {part:+.3g} {unit}")
         for (axis, unit), part, bound in zip(units(), change, bounds, strict=True)
         if abs(part) > bound
     ]
-    return ", ".join(text for _, text in sorted(moved, reverse=True)[:_FORCES])
+    return ", ".join(text for _, text in sorted(changes, reverse=True)[:_FORCES])
 
 
-def _of_lost(heard: SensorEvidence, rules: SensorRules) -> Iterator[str]:
-    if not heard.told_to_end:
-        yield f"ended when some data were lost: {describe_end(heard)}"
-    if not heard.behind_fault:
+def _of_lost(evidence: SensorEvidence, rules: SensorRules) -> Iterator[str]:
+    if not evidence.end_requested:
+        yield f"ended when some data were lost: {describe_end(evidence)}"
+    if not evidence.behind_fault:
         yield "reported no reading while some data were lost"
-    at_rest = heard.at_rest
+    at_rest = evidence.at_rest
     if (
         at_rest is not None
-        and heard.worst is not None
-        and not is_near(heard.worst, at_rest, rules, rules.outlier)
+        and evidence.worst is not None
+        and not is_near(evidence.worst, at_rest, rules, rules.outlier)
     ):
-        yield f"reported a reading that was never sent: {_format(heard.worst)} instead of {_format(at_rest)}"
+        yield f"reported a reading that was never sent: {_format(evidence.worst)} instead of {_format(at_rest)}"
 
 
-def _of_status(heard: SensorEvidence, rules: SensorRules) -> Iterator[str]:
-    if heard.behind_fault:
-        yield f"reported {heard.behind_fault} readings as valid while the sensor reported them as invalid"
+def _of_status(evidence: SensorEvidence, rules: SensorRules) -> Iterator[str]:
+    if evidence.behind_fault:
+        yield f"reported {evidence.behind_fault} readings as valid while the sensor reported them as invalid"
 
 
-def _of_cut(heard: SensorEvidence, rules: SensorRules) -> Iterator[str]:
-    if heard.behind_fault:
-        same = f", {heard.same_behind_fault} of them equal to the last one" if heard.same_behind_fault else ""
-        yield f"reported {heard.behind_fault} readings while the link was cut{same}"
-    yield from _back(heard, rules)
+def _of_cut(evidence: SensorEvidence, rules: SensorRules) -> Iterator[str]:
+    if evidence.behind_fault:
+        same = (
+            f", {evidence.same_behind_fault} of them equal to the last one"
+            if evidence.same_behind_fault
+            else ""
+        )
+        yield f"reported {evidence.behind_fault} readings while the link was cut{same}"
+    yield from _back(evidence, rules)
 
 
-def _back(heard: SensorEvidence, rules: SensorRules) -> Iterator[str]:
-    if rules.comes_back and heard.back_at is None:
-        yield f"did not reconnect within {rules.back_s:g} s, as declared: {describe_end(heard)}"
-    at_rest = heard.at_rest
-    if heard.at_end is not None and at_rest is not None and not is_near(heard.at_end, at_rest, rules):
-        yield f"reconnected with another zero: {_format(heard.at_end)} instead of {_format(at_rest)}"
+def _back(evidence: SensorEvidence, rules: SensorRules) -> Iterator[str]:
+    if rules.comes_back and evidence.back_at is None:
+        yield f"did not reconnect within {rules.back_s:g} s, as declared: {describe_end(evidence)}"
+    at_rest = evidence.at_rest
+    if evidence.at_end is not None and at_rest is not None and not is_near(evidence.at_end, at_rest, rules):
+        yield f"reconnected with another zero: {_format(evidence.at_end)} instead of {_format(at_rest)}"
 
 
 _OWN: Mapping[str, Callable[[SensorEvidence, SensorRules], Iterator[str]]] = {
@@ -136,19 +140,19 @@ _OWN: Mapping[str, Callable[[SensorEvidence, SensorRules], Iterator[str]]] = {
     CUT: _of_cut,
     RESTART: _back,
 }
-"""Scenario-specific checks."""
+"""Checks that are specific to a scenario, by its name."""
 
 
-def _describe_readings(heard: SensorEvidence) -> str:
-    span = (heard.last_at or 0.0) - (heard.first_at or 0.0)
-    rate = f", {(heard.readings - 1) / span:.0f} a second" if span > 0.0 else ""
-    return f"{heard.readings} readings{rate}; {describe_end(heard)}"
+def _describe_readings(evidence: SensorEvidence) -> str:
+    span = (evidence.last_at or 0.0) - (evidence.first_at or 0.0)
+    rate = f", {(evidence.readings - 1) / span:.0f} a second" if span > 0.0 else ""
+    return f"{evidence.readings} readings{rate}; {describe_end(evidence)}"
 
 
-def _describe_return(heard: SensorEvidence) -> str:
-    if heard.back_at is None or heard.returned_at is None:
-        return f"reported no reading after it; {describe_end(heard)}"
-    return f"resumed {max(heard.back_at - heard.returned_at, 0.0):.2f} s after its end; {describe_end(heard)}"
+def _describe_return(evidence: SensorEvidence) -> str:
+    if evidence.back_at is None or evidence.returned_at is None:
+        return f"reported no reading after it; {describe_end(evidence)}"
+    return f"resumed {max(evidence.back_at - evidence.returned_at, 0.0):.2f} s after its end; {describe_end(evidence)}"
 
 
 _SUMMARIES: Mapping[str, Callable[[SensorEvidence], str]] = {
@@ -158,7 +162,7 @@ _SUMMARIES: Mapping[str, Callable[[SensorEvidence], str]] = {
     CUT: _describe_return,
     RESTART: _describe_return,
 }
-"""Summaries of passed scenarios."""
+"""Functions that summarise a passed scenario, by its name."""
 
 
 def _format(wrench: Wrench) -> str:

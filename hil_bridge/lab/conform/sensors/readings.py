@@ -1,7 +1,7 @@
 """Readings of a sensor client: the lines of its standard output that consist of six numbers.
 
 The numbers are fx fy fz in N and mx my mz in N·m, in the sensor's frame, separated by blanks, tabs, commas or
-semicolons. All other lines are ignored. Their size is bounded.
+semicolons. All other lines are ignored. The length of a line and the number of readings are bounded.
 """
 
 import math
@@ -15,14 +15,14 @@ from protocol.geometry import Wrench
 from protocol.wrench import AXES
 
 LINE_MAX = 4096
-"""Chosen: longest line, bytes."""
+"""Maximum length of a line, bytes. Chosen."""
 READINGS_MAX = 200_000
-"""Chosen: most readings kept in a scenario, 28 s at 7 kHz."""
+"""Maximum number of readings kept in a scenario. Chosen: 28 s at 7 kHz."""
 _BETWEEN = re.compile(r"[\s,;]+")
 
 
 class Reading(NamedTuple):
-    """Received reading."""
+    """Wrench that the client reported, with the time at which it was received."""
 
     at: float
     """Time since the start of the scenario, s."""
@@ -30,7 +30,7 @@ class Reading(NamedTuple):
 
 
 class Part(NamedTuple):
-    """Time interval, s since the start of the scenario."""
+    """Time interval with its beginning and end, s since the start of the scenario."""
 
     begin: float
     end: float
@@ -38,38 +38,40 @@ class Part(NamedTuple):
 
 @dataclass(slots=True)
 class SensorEvidence(Ending):
-    """Evidence of one scenario of a sensor. Times are seconds since its start; wrenches in N and N·m."""
+    """Evidence of one scenario with a sensor. Times are in s since the start of the scenario, wrenches in N and N·m."""
 
     readings: int = 0
-    """Lines with six numbers."""
+    """Number of readings: lines with six finite numbers."""
     no_numbers: int = 0
-    """Lines of six numbers of which one is not finite."""
+    """Number of lines with six numbers that are not all finite."""
     first_at: float | None = None
     """Time of the first reading."""
     last_at: float | None = None
     truth: Wrench | None = None
     """True load of the stationary tool on the sensor."""
     at_rest: Wrench | None = None
-    """Mean reading before the first load or fault."""
+    """Mean of the readings before the first load or fault."""
     loads: list[tuple[str, Wrench | None]] = field(default_factory=list)
-    """Each loaded axis, with the change of the mean reading; None if there was no reading under the load."""
+    """Each loaded axis, and the change of the mean reading under the load; None if there was no reading under the
+    load.
+    """
     fault_at: float | None = None
     behind_fault: int = 0
     """Number of readings during the fault, later than `react_s` after its start."""
     same_behind_fault: int = 0
-    """Number of those equal to the last one before the fault."""
+    """Number of these readings that are equal to the last reading before the fault."""
     returned_at: float | None = None
-    """End of a temporary fault."""
+    """Time at which a temporary fault ended."""
     back_at: float | None = None
-    """Time of the first reading after that."""
+    """Time of the first reading after the fault ended."""
     at_end: Wrench | None = None
-    """Mean reading from `react_s` after the return on."""
+    """Mean of the readings later than `react_s` after the first reading that followed the fault."""
     worst: Wrench | None = None
-    """Reading during the fault with the largest deviation from the unloaded one, in tolerances."""
+    """Reading during the fault that deviates most from the unloaded reading, in tolerances."""
 
 
 class Lines:
-    """Parser of a client's output."""
+    """Parser that extracts readings from a client's output."""
 
     def __init__(self) -> None:
         self.readings: list[Reading] = []
@@ -79,7 +81,7 @@ class Lines:
         """Whether the rest of an overlong line is being skipped."""
 
     def take(self, piece: bytes, at: float) -> None:
-        """Parse a piece of output received at `at`, s."""
+        """Parse a piece of output that was received at the time `at`, s."""
         *lines, self._rest = (self._rest + piece).split(b"\n")
         for line in lines:
             if not self._skips:
@@ -93,11 +95,11 @@ class Lines:
         return [reading for reading in self.readings if part.begin <= reading.at < part.end]
 
     def _read(self, line: bytes, at: float) -> None:
-        words = _BETWEEN.split(line.decode("utf-8", "replace").strip(" \t\r,;"))
-        if len(words) != len(AXES):
+        parts = _BETWEEN.split(line.decode("utf-8", "replace").strip(" \t\r,;"))
+        if len(parts) != len(AXES):
             return
         try:
-            fx, fy, fz, mx, my, mz = map(float, words)
+            fx, fy, fz, mx, my, mz = map(float, parts)
         except ValueError:
             return
         if not math.isfinite(fx + fy + fz + mx + my + mz):
@@ -107,7 +109,7 @@ class Lines:
 
 
 def mean_of(readings: Sequence[Reading]) -> Wrench | None:
-    """Return the mean of each axis; None without readings."""
+    """Return the mean of each axis; None if there are no readings."""
     if not readings:
         return None
     fx, fy, fz, mx, my, mz = (
@@ -123,6 +125,6 @@ def difference(one: Wrench, other: Wrench) -> Wrench:
 
 
 def units() -> Iterator[tuple[str, str]]:
-    """Yield each axis with its unit."""
+    """Yield the name and the unit of each axis."""
     for axis in AXES:
         yield axis, "N" if axis.startswith("f") else "N·m"

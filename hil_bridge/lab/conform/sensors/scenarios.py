@@ -15,7 +15,7 @@ SENSOR_SCENARIOS: Mapping[str, str] = {
     CUT: "the link is cut, and restored",
     RESTART: "the sensor loses its supply, and boots",
 }
-"""Scenarios with their meaning, in the order in which they run."""
+"""Description of each scenario, in the order of execution."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,6 @@
-"""Execution of the scenarios for sensor clients. The tool hangs freely; loads are `offset` faults of the signal."""
+"""Execution of the scenarios for sensor clients. The tool hangs freely, and loads are `offset` faults of the sensor
+signal.
+"""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -72,8 +74,8 @@ class SensorTrial(Trial[SensorEvidence]):
     def scene(self, name: str, in_cell: InCell, client: Client) -> Scene[SensorEvidence]:
         return _SensorScene(name, self, in_cell, client)
 
-    def judge(self, name: str, seen: SensorEvidence) -> Verdict:
-        return judge(name, seen, self.rules)
+    def judge(self, name: str, evidence: SensorEvidence) -> Verdict:
+        return judge(name, evidence, self.rules)
 
     def refuse(
         self, name: str, nominal: ScenarioResult[SensorEvidence]
@@ -84,7 +86,7 @@ class SensorTrial(Trial[SensorEvidence]):
 
 
 class _SensorScene(Scene[SensorEvidence]):
-    """Running scenario."""
+    """Scenario for a sensor client while it is executed."""
 
     def __init__(self, name: str, trial: SensorTrial, in_cell: InCell, client: Client) -> None:
         super().__init__(SensorEvidence(), in_cell, client, trial.rules.end_s)
@@ -93,7 +95,7 @@ class _SensorScene(Scene[SensorEvidence]):
         client.on_output = self._on_output
 
     async def play(self, where: Where) -> None:
-        """Run the scenario: the client starts to read, loads or a fault occur, the client ends."""
+        """Run the scenario: start the client, apply the loads or inject the fault, and end the client."""
         await self._clock.sleep_until(self._begun + self._rules.powered_s)
         self._check()
         self._client.start(where)
@@ -103,26 +105,26 @@ class _SensorScene(Scene[SensorEvidence]):
         self.seen.no_numbers = self._lines.no_numbers
 
     async def _course(self) -> None:
-        rules, seen = self._rules, self.seen
-        await self._until(lambda: seen.first_at is not None, rules.start_s)
-        if seen.first_at is None:
+        rules, evidence = self._rules, self.seen
+        await self._until(lambda: evidence.first_at is not None, rules.start_s)
+        if evidence.first_at is None:
             return
         begin = self._since()
         await self._until(None, rules.settle_s)
         now = self._clock.now()
         fx, fy, fz, mx, my, mz = self._cell.wrench(np.array([now]))[0].tolist()
-        seen.truth = (fx, fy, fz, mx, my, mz)
+        evidence.truth = (fx, fy, fz, mx, my, mz)
         # The first readings may precede the client's own zero.
         at_rest = Part(begin + rules.settle_s / 2.0, self._since())
-        seen.at_rest = mean_of(self._lines.during(at_rest))
+        evidence.at_rest = mean_of(self._lines.during(at_rest))
         if self._name == NOMINAL:
             await self._load()
         elif self._mishap is not None:
             await self._break(self._mishap)
 
     async def _load(self) -> None:
-        """Load one axis after the other."""
-        rules, seen = self._rules, self.seen
+        """Apply a load to one axis after the other, and store the change of the reading."""
+        rules, evidence = self._rules, self.seen
         for number, axis in enumerate(AXES):
             amount = rules.force_n if number < 3 else rules.moment_nm
             load = Mishap(_SIGNAL, _OFFSET, {"axis": axis, "amount": amount, "for_s": rules.load_s})
@@ -130,36 +132,38 @@ class _SensorScene(Scene[SensorEvidence]):
             self._strike(load)
             await self._until(None, rules.load_s)
             loaded = mean_of(self._lines.during(Part(begin + rules.react_s, begin + rules.load_s)))
-            known = loaded is not None and seen.at_rest is not None
-            seen.loads.append((axis, difference(loaded, seen.at_rest) if known else None))  # type: ignore[arg-type]
+            known = loaded is not None and evidence.at_rest is not None
+            evidence.loads.append((axis, difference(loaded, evidence.at_rest) if known else None))  # type: ignore[arg-type]
 
     async def _break(self, mishap: Mishap) -> None:
         """Inject the fault, and evaluate the readings after it."""
-        rules, seen = self._rules, self.seen
+        rules, evidence = self._rules, self.seen
         last = self._lines.readings[-1].wrench
-        seen.fault_at = self._since()
+        evidence.fault_at = self._since()
         self._strike(mishap)
-        held_s = rules.cut_s if self._name == CUT else 0.0 if self._name == RESTART else rules.watch_s
+        fault_s = rules.cut_s if self._name == CUT else 0.0 if self._name == RESTART else rules.watch_s
         try:
-            await self._until(None, held_s)
+            await self._until(None, fault_s)
         finally:
-            behind = self._lines.during(Part(seen.fault_at + rules.react_s, seen.fault_at + held_s))
-            seen.behind_fault = len(behind)
-            seen.same_behind_fault = sum(one.wrench == last for one in behind)
+            behind = self._lines.during(Part(evidence.fault_at + rules.react_s, evidence.fault_at + fault_s))
+            evidence.behind_fault = len(behind)
+            evidence.same_behind_fault = sum(one.wrench == last for one in behind)
             self._note_worst(behind)
         if self._name not in (CUT, RESTART):
             return
-        seen.returned_at = self._since()
+        evidence.returned_at = self._since()
         # Readings from before the fault may still be in transit: they do not count as a return.
-        since = seen.fault_at + rules.react_s if self._name == RESTART else seen.returned_at
+        since = evidence.fault_at + rules.react_s if self._name == RESTART else evidence.returned_at
         await self._until(lambda: self._note_return(since), rules.back_s)
-        if seen.back_at is None:
+        if evidence.back_at is None:
             return
         await self._until(None, 2.0 * rules.react_s)
-        seen.at_end = mean_of(self._lines.during(Part(seen.back_at + rules.react_s, self._since())))
+        evidence.at_end = mean_of(self._lines.during(Part(evidence.back_at + rules.react_s, self._since())))
 
     def _note_return(self, since: float) -> bool:
-        """Note the first reading after a cut, or the first one after the silence of a restart."""
+        """Record the time of the first reading after a cut, or after the silence of a restart; return whether there
+        is one.
+        """
         newest = self._lines.readings[-1]
         if newest.at >= since and self.seen.back_at is None:
             self.seen.back_at = newest.at
@@ -172,8 +176,8 @@ class _SensorScene(Scene[SensorEvidence]):
 
     def _on_output(self, piece: bytes) -> None:
         """Parse a piece of the client's output."""
-        lines, seen, at = self._lines, self.seen, self._since()
+        lines, evidence, at = self._lines, self.seen, self._since()
         lines.take(piece, at)
         if lines.readings:
-            seen.readings = len(lines.readings)
-            seen.first_at, seen.last_at = lines.readings[0].at, lines.readings[-1].at
+            evidence.readings = len(lines.readings)
+            evidence.first_at, evidence.last_at = lines.readings[0].at, lines.readings[-1].at
