@@ -1,6 +1,7 @@
-"""Reference of names for authors of devices, laws, steps, surfaces and tests: autodoc writes types, links and sources.
+"""Reference of names for authors of devices, controllers, steps, surfaces and tests; autodoc adds types, links and
+sources.
 
-`GROUPS` lists the names that a page of the documentation may tell an author to use. A test compares it with the pages.
+`GROUPS` lists the names that the documentation recommends to authors. A test compares the list with the pages.
 """
 
 import dataclasses
@@ -14,7 +15,7 @@ import hil_bridge
 from hil_bridge import api
 
 Names = Mapping[str, tuple[str, ...]]
-"""Names by the module that an author imports them from."""
+"""Names, by the module from which an author imports them."""
 
 GROUPS: Mapping[str, Names] = {
     "The kind of a device": {
@@ -164,11 +165,11 @@ GROUPS: Mapping[str, Names] = {
         )
     },
 }
-"""By what they are for, in the order of the page."""
+"""Groups of names by purpose, in the order of the page."""
 
 
 def author_names() -> str:
-    """Names that an author of a device, a controller, a step, a surface or a test imports."""
+    """Return the page of names that an author of a device, a controller, a step, a surface or a test imports."""
     parts = [
         "# Names for authors",
         "Every name that a page tells you to use for a device, a controller, a step, a surface or a test of your own. "
@@ -185,7 +186,7 @@ def author_names() -> str:
 
 
 def package_names() -> str:
-    """Public names of the package."""
+    """Return the page of the public names of the package."""
     parts = [
         "# Names of the package",
         "Every public name of `hil_bridge`. [The Python interface](../api.md) shows how they are used.",
@@ -203,7 +204,7 @@ def _directives(module: str, names: Iterable[str]) -> str:
 def _directive(module: str, name: str) -> Iterator[str]:
     thing = getattr(import_module(module), name)
     yield f".. auto{_sort(thing)}:: {module}.{name}"
-    if module == "hil_bridge" and _is_told_elsewhere(name):
+    if module == "hil_bridge" and _is_documented_elsewhere(name):
         yield "   :no-index:"
     if _has_members(thing):
         yield "   :members:"
@@ -226,7 +227,7 @@ def _has_members(thing: Any) -> bool:
 
 
 def _has_own_init(thing: Any) -> bool:
-    """Whether it is made by a written `__init__`: no value whose fields are its arguments, and no protocol."""
+    """Return whether a class has a hand-written `__init__`, unlike dataclasses and protocols."""
     return (
         _has_members(thing)
         and not dataclasses.is_dataclass(thing)
@@ -235,8 +236,8 @@ def _has_own_init(thing: Any) -> bool:
     )
 
 
-def _is_told_elsewhere(name: str) -> bool:
-    """Whether the authors' page has the same thing by its own module."""
+def _is_documented_elsewhere(name: str) -> bool:
+    """Return whether the authors' page documents the same object under its own module."""
     thing = getattr(hil_bridge, name)
     return any(
         getattr(import_module(module), name, None) is thing and name in names

@@ -1,7 +1,7 @@
 """Two tables of the true force in docs/explanation/safety.md, from runs that hit a surface.
 
-The one compares it with its bound, at each period. The other has it by stiffness, approach speed and delay. The runs
-are made in virtual time; `--measure touch` makes those of one table alone.
+One table compares the force with its bound for each period. The other lists the force by stiffness, approach speed
+and delay. The runs use virtual time. `--measure touch` makes only the runs of one table.
 """
 
 import math
@@ -23,35 +23,37 @@ PERIODS_MS: Mapping[str, tuple[int, ...]] = {
     "rtde": (2, 8, 12, 20, 50, 180),
     "rsi": (4, 8, 12, 20, 50, 180),
 }
-"""Periods of each robot; 0 is the pace of its line."""
+"""Periods of each robot, ms; 0 selects the pace of its line."""
 CASES = ("5", "50", "pushed")
-"""Stiffness in kN/m with the usual controller; then on 50 kN/m one that goes deeper as fast as it may."""
+"""Stiffness in kN/m with the default controller, and 50 kN/m with a controller that moves deeper at maximum speed."""
 PUSHED_KN_M = 50
 PUSHED_M_S = 0.0109
-"""Chosen: a hair below `limits.correction_mm_s`, so that nothing else than the force stops the run."""
+"""Speed of the pushing controller, m/s. Chosen: just below `limits.correction_mm_s`, so that only the force stops
+the run.
+"""
 OWN_MS = 4
-"""A period up to this is the robot's own cycle, which a Net F/T keeps pace with by itself."""
+"""Largest period that counts as the robot's own cycle, ms. A Net F/T is fast enough for it."""
 
 TOUCH_KN_M, TOUCH_MM_S, TOUCH_SEEDS = (5, 20, 50), (2, 5, 10), (1, 2, 3)
 TOUCH_SHOWN = ((5, 10), (50, 2), (50, 10))
-"""Stiffness and speed of the columns of the page."""
+"""Stiffness, kN/m, and speed, mm/s, of each column on the page."""
 TOUCH_MS: Mapping[str, int] = {"s3": 0, "egm": 20, "rtde": 20, "rsi": 20}
-"""Period of each robot's runs."""
+"""Period of each robot's runs, ms."""
 WAYS: Mapping[str, str] = {"s3": "both", "egm": "both", "rtde": "from", "rsi": "from"}
-"""The packets that come late on each robot's wire."""
+"""Direction of the delayed packets on each robot's wire."""
 LATE: Mapping[str, float] = {"nothing": 0.0, "link": 20.0, "forces": 50.0, "forces, much": 150.0}
-"""The wire that is late from the connection on, and by how many ms."""
+"""Wire that is delayed from the connection on, and the delay, ms."""
 
 
 _STILL = {"wander_n": 0.0, "creep_share": 0.0, "vibration_n": 0.0, "motion_n": 0.0}
 SETTLED: Mapping[str, Mapping[str, Any]] = {
     name: {name.replace("-", "_"): _STILL} for name in ("netft", "ati-can", "ft300")
 }
-"""Sensors with white noise alone: the bound is of times, and the other errors would blur them."""
+"""Settings of sensors with only white noise. The bound concerns times, and other errors would blur the comparison."""
 
 
 class Push:
-    """A controller that does not look at the force."""
+    """Controller that ignores the force."""
 
     name = "push"
 
@@ -59,16 +61,16 @@ class Push:
         self.sample_ms = sample_ms
 
     def initial(self) -> None:
-        """Return no memory."""
+        """Return None: the controller has no state."""
 
     def step(self, state: None, measurement: Measurement, reference: float) -> tuple[None, Command]:
-        """Deeper, at the fastest speed that is allowed."""
+        """Move deeper at the maximum allowed speed."""
         way = PUSHED_M_S * measurement.dt
         return None, Command(measurement.commanded + way, way)
 
 
 def settings(robot: str, sensor: str, period_ms: int, stiffness_kn_m: int) -> dict[str, Any]:
-    """Return a run that approaches a surface which is expected to have 5 kN/m, and tracks it for 0.6 s."""
+    """Return the settings of a run that approaches a surface expected to have 5 kN/m, and tracks it for 0.6 s."""
     values: dict[str, Any] = {
         "run": {"duration_s": 0.6, "seed": 1},
         "robot": {"emulated": robot},
@@ -85,7 +87,7 @@ def settings(robot: str, sensor: str, period_ms: int, stiffness_kn_m: int) -> di
 
 
 def measured(job: tuple[str, str, int, str]) -> tuple[float, float]:
-    """Largest true force of one run, and its bound, N."""
+    """Return the largest true force of one run, and its bound, N."""
     robot, sensor, period_ms, case = job
     stiffness_kn_m = PUSHED_KN_M if case == "pushed" else int(case)
     values = settings(robot, sensor, period_ms, stiffness_kn_m)
@@ -100,8 +102,8 @@ def measured(job: tuple[str, str, int, str]) -> tuple[float, float]:
     return round(max(math.hypot(*truth.force) for truth in recording.truths), 1), round(bound, 1)
 
 
-def touched(job: tuple[str, str, int, int, int]) -> tuple[float, str]:
-    """Largest true force of one touch, N, and the outcome of its run."""
+def force_of_touch(job: tuple[str, str, int, int, int]) -> tuple[float, str]:
+    """Return the largest true force of one touch, N, and the outcome of its run."""
     robot, late, stiffness_kn_m, speed_mm_s, seed = job
     values = settings(robot, "netft" if TOUCH_MS[robot] else "jr3", TOUCH_MS[robot], stiffness_kn_m)
     values["task"]["approach_speed_mm_s"] = speed_mm_s
@@ -115,10 +117,10 @@ def touched(job: tuple[str, str, int, int, int]) -> tuple[float, str]:
 
 
 def measure_touches() -> dict[str, Any]:
-    """By robot and what is late: a row of stiffnesses and speeds, each with the largest force and its outcome."""
+    """Return the largest forces and the outcomes, by robot and delay, in rows over stiffnesses and speeds."""
     cells = [(robot, late, k, v) for robot in WAYS for late in LATE for k in TOUCH_KN_M for v in TOUCH_MM_S]
     figures: dict[str, Any] = {}
-    runs = iter(run_jobs(touched, [(*cell, seed) for cell in cells for seed in TOUCH_SEEDS]))
+    runs = iter(run_jobs(force_of_touch, [(*cell, seed) for cell in cells for seed in TOUCH_SEEDS]))
     for robot, late, _, _ in cells:
         row = figures.setdefault(robot, {}).setdefault(late, [])
         row.append(max(next(runs) for _ in TOUCH_SEEDS))
@@ -126,7 +128,7 @@ def measure_touches() -> dict[str, Any]:
 
 
 def measure_bound() -> dict[str, Any]:
-    """All runs: by robot, period and case the force and the bound with each sensor."""
+    """Return the force and the bound with each sensor, by robot, period and case."""
     jobs = [
         (robot, sensor, period, case)
         for robot, periods in PERIODS_MS.items()
@@ -142,7 +144,9 @@ def measure_bound() -> dict[str, Any]:
 
 
 def bound_table(figures: Mapping[str, Any]) -> str:
-    """Return a row for each robot: of all periods and sensors the run that came nearest to its bound."""
+    """Return the table with a row for each robot. The row shows the run closest to its bound, of all periods and
+    sensors.
+    """
     rows = []
     for robot, periods in figures["bound"].items():
         row = [robot]
@@ -159,7 +163,7 @@ def bound_table(figures: Mapping[str, Any]) -> str:
 
 
 def touch_table(figures: Mapping[str, Any]) -> str:
-    """Return a row for each robot and what is late, a column for some stiffnesses and speeds."""
+    """Return the table with a row for each robot and delay, and a column for each selected stiffness and speed."""
     pairs = [(k, v) for k in TOUCH_KN_M for v in TOUCH_MM_S]
     shown = [pairs.index(pair) for pair in TOUCH_SHOWN]
     head = ("robot", "late", *(f"{k} kN/m, {v} mm/s" for k, v in TOUCH_SHOWN))
@@ -174,10 +178,10 @@ def touch_table(figures: Mapping[str, Any]) -> str:
 
 TABLES = {"bound": bound_table, "touch": touch_table}
 MEASURES: Mapping[str, Callable[[], dict[str, Any]]] = {"bound": measure_bound, "touch": measure_touches}
-"""The runs of each table."""
+"""Functions that make the runs of each table."""
 JSON_DEPTH = 3
 
 
 def measure(names: Sequence[str], before: Mapping[str, Any]) -> dict[str, Any]:
-    """Make the runs of these tables, of both where none is named."""
+    """Make the runs of these tables. Without names, make the runs of both tables."""
     return {**before, **{name: MEASURES[name]() for name in names or MEASURES}}

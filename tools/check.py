@@ -30,12 +30,12 @@ Step = Callable[[], int]
 
 
 def run(name: str, *arguments: str) -> Step:
-    """Return a step that runs one command of the environment and shows its output at once."""
+    """Return a step that runs one command of the environment and prints its output immediately."""
     return lambda: subprocess.run([BIN / name, *arguments], cwd=ROOT, check=False).returncode
 
 
 def pytest(name: str, *arguments: str) -> tuple[str, ...]:
-    """Return a pytest command. It prints the forty slowest tests and writes all of them to `runs/tests/NAME.xml`."""
+    """Return a pytest command that prints the forty slowest tests and writes all of them to `runs/tests/NAME.xml`."""
     return "python", "-m", "pytest", "--durations=40", f"--junitxml=runs/tests/{name}.xml", *arguments
 
 
@@ -53,12 +53,12 @@ def run_captured(command: Sequence[str]) -> tuple[int, str]:
 
 
 def run_shown(step: Step) -> tuple[int, str]:
-    """Run a step that shows its output itself, and return its exit code and no output."""
+    """Run a step that prints its own output. Return its exit code and no output."""
     return step(), ""
 
 
 def run_both(first: tuple[str, ...], second: tuple[str, ...]) -> Step:
-    """Return a step that runs two commands at a time; the output of the second appears when both have ended."""
+    """Return a step that runs two commands in parallel. The output of the second is printed when both have ended."""
 
     def step() -> int:
         with ThreadPoolExecutor(1) as background:
@@ -72,7 +72,9 @@ def run_both(first: tuple[str, ...], second: tuple[str, ...]) -> Step:
 
 
 def without_ports(tier: str) -> tuple[str, ...]:
-    """Return pytest's options for the tests of a tier that need no port, bus or driver; they leave their evidence."""
+    """Return pytest options for the tests of a tier that need no port, bus or driver. These tests also write their
+    evidence.
+    """
     return (
         *("--tier", tier, "-m", "not live and not vcan and not driver"),
         *("--numprocesses", "auto", "--dist", "loadfile", "--no-loadscope-reorder"),
@@ -81,7 +83,9 @@ def without_ports(tier: str) -> tuple[str, ...]:
 
 
 REAL_TIME = ("-m", "live", "--reruns", "2")
-"""Options of tests in real time. A test that a busy machine delayed has two more tries; pytest reports how many."""
+"""Options of real-time tests. A test that fails because the machine is busy is retried twice; pytest reports how
+many were retried.
+"""
 FAST_DEVICES = (
     "tests/clients",
     "tests/live/test_egm_web_live.py",
@@ -91,9 +95,11 @@ FAST_DEVICES = (
         for name in ("api", "bench", "clock", "egm", "program", "rtde", "today")
     ),
 )
-"""Real-time tests of devices that send every few milliseconds, or that use EGM's default port: one at a time."""
+"""Options of real-time tests that must run one at a time. Their devices send every few milliseconds, or use EGM's
+default port.
+"""
 SLOW_DEVICES = ("--numprocesses", "3", "--dist", "load", "--maxschedchunk", "1")
-"""Options of the other real-time tests, three at a time: they mostly wait."""
+"""Options of the other real-time tests. Three run in parallel, because they mostly wait."""
 
 TIERS: dict[str, dict[str, Step]] = {
     "gate": {
@@ -108,7 +114,7 @@ TIERS: dict[str, dict[str, Step]] = {
             *pytest("protocol", "tests/wire", "--numprocesses", "auto", "--dist", "loadfile"),
             *("--cov", "--cov-report=term"),
         ),
-        # the tutorials first: their pages take longest
+        # the tutorials are first, because their pages take longest
         "pages": run(
             *pytest("pages", "-p", "tools.page_examples", "docs/tutorial", "docs", "README.md"),
             *(
@@ -121,7 +127,7 @@ TIERS: dict[str, dict[str, Step]] = {
                 "--no-loadscope-reorder",
             ),
         ),
-        # the campaign of faults first: it takes one process longest
+        # the fault campaign is first, because it occupies one process longest
         "sweeps": run(
             *pytest("sweeps", "tests/guard/test_campaign.py", "tests", "--ignore", "tests/wire"),
             *without_ports("full"),
@@ -137,14 +143,14 @@ BACKGROUND: dict[str, tuple[str, ...]] = {
     "kernel": ("python", "tools/vcan_vm.py", "--driver"),
     "wheels": ("python", "tools/wheels.py"),
 }
-"""Steps of the full tier that wait for downloads or keep one processor busy: two at a time beside the others."""
+"""Steps of the full tier that wait for downloads or use one processor. They run in the background, two at a time."""
 ALONE = "live"
-"""The step that runs without a background step that could disturb it."""
+"""Step that runs while no background step can disturb it."""
 IDLE = ("kernel",)
-"""A background step that takes only idle processor time, and so continues beside ALONE."""
+"""Background step that uses only idle processor time, so that it can continue during ALONE."""
 
 VERDICTS = {0: "ok     ", SKIPPED: "skipped"}
-"""Meaning of a step's exit code; every other code is a failure."""
+"""Verdicts by exit code of a step. Every other code is a failure."""
 
 
 def room_tests(room: str) -> Step:
@@ -155,12 +161,12 @@ def room_tests(room: str) -> Step:
         str(path) for path in files if name.search(f"{path}\n{(ROOT / path).read_text(encoding='utf-8')}")
     ]
     if not named:
-        sys.exit(f"no test names the room {room!r}: give a folder of hil_bridge, emulators or protocol")
+        sys.exit(f"no test names {room!r}; give the name of a folder of hil_bridge, emulators or protocol")
     return run(*pytest("room", *named, *without_ports("gate")))
 
 
 def run_steps(steps: dict[str, Step], background: dict[str, tuple[str, ...]]) -> dict[str, tuple[int, float]]:
-    """Run the steps in order and the background steps beside them; return exit code and seconds of each."""
+    """Run the steps in order and the background steps in parallel. Return exit code and duration of each step, s."""
     results: dict[str, tuple[int, float]] = {}
 
     def run_timed(name: str, step: Callable[[], tuple[int, str]]) -> str:
@@ -197,7 +203,7 @@ def main() -> int:
     parser.add_argument("--only", choices=[*every_step, *BACKGROUND], help="run one step")
     parser.add_argument("--room", help="run the tests that name this folder of the product")
     options = parser.parse_args()
-    # the interpreter would compile each module again in every process
+    # otherwise the interpreter would compile each module again in every process
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
     steps, background = (every_step, BACKGROUND) if options.all else (TIERS["gate"], {})

@@ -1,5 +1,5 @@
 # ruff: noqa: ASYNC220, ASYNC240
-"""A headless Chromium, steered by the DevTools protocol. It is the system's own: nothing is downloaded."""
+"""Headless Chromium, controlled by the DevTools protocol. It uses the system's installation; nothing is downloaded."""
 
 import asyncio
 import base64
@@ -22,18 +22,18 @@ PATIENCE_S = 40.0
 
 
 def found() -> str | None:
-    """Path of a Chromium, if there is one."""
+    """Return the path of an installed Chromium, or None."""
     return next(filter(None, map(shutil.which, NAMES)), None)
 
 
 class Page:
-    """One page of the browser."""
+    """Page of the browser."""
 
     def __init__(self, socket: ClientWebSocketResponse) -> None:
         self._socket = socket
         self._numbers = itertools.count(1)
         self.errors: list[str] = []
-        """The messages of the page's console on errors and of refused scripts and styles."""
+        """Errors on the page's console, and messages about blocked scripts and styles."""
 
     async def call(self, method: str, **parameters: object) -> Any:
         """Send a command of the DevTools protocol."""
@@ -41,28 +41,28 @@ class Page:
         await self._socket.send_json({"id": number, "method": method, "params": parameters})
         async with asyncio.timeout(PATIENCE_S):
             while True:
-                told = await self._socket.receive_json()
-                if told.get("id") == number:
-                    assert "error" not in told, told
-                    return told["result"]
-                self._event(told)
+                response = await self._socket.receive_json()
+                if response.get("id") == number:
+                    assert "error" not in response, response
+                    return response["result"]
+                self._event(response)
 
-    def _event(self, told: Any) -> None:
-        what, facts = told.get("method"), told.get("params", {})
+    def _event(self, response: Any) -> None:
+        what, facts = response.get("method"), response.get("params", {})
         if what == "Runtime.exceptionThrown":
             self.errors.append(json.dumps(facts["exceptionDetails"])[:600])
         if what == "Log.entryAdded" and facts["entry"]["level"] == "error":
             self.errors.append(facts["entry"]["text"])
 
     async def open(self, url: str, width: int = 1440, height: int = 1000, phone: bool = False) -> None:
-        """Show an address at this size."""
+        """Open an address at this window size."""
         for domain in ("Runtime", "Log", "Page"):
             await self.call(f"{domain}.enable")
         await self.size(width, height, phone)
         await self.call("Page.navigate", url=url)
 
     async def size(self, width: int, height: int, phone: bool = False) -> None:
-        """Give the page this size."""
+        """Set the size of the page."""
         await self.call(
             "Emulation.setDeviceMetricsOverride",
             width=width,
@@ -72,18 +72,20 @@ class Page:
         )
 
     async def scheme(self, name: str) -> None:
-        """Prefer `dark` or `light`."""
+        """Emulate the preferred colour scheme, `dark` or `light`."""
         feature = [{"name": "prefers-color-scheme", "value": name}]
         await self.call("Emulation.setEmulatedMedia", features=feature)
 
     async def value(self, script: str) -> Any:
-        """Value of an expression in the page, awaited."""
-        told = await self.call("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
-        assert "exceptionDetails" not in told, told
-        return told["result"].get("value")
+        """Return the value of an expression in the page. A promise is awaited."""
+        response = await self.call(
+            "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
+        )
+        assert "exceptionDetails" not in response, response
+        return response["result"].get("value")
 
     async def until(self, script: str, patience_s: float = PATIENCE_S) -> Any:
-        """Wait for an expression to be true; its value."""
+        """Wait until an expression is true, and return its value."""
         try:
             async with asyncio.timeout(patience_s):
                 while True:
@@ -96,13 +98,15 @@ class Page:
 
     async def screenshot(self, path: Path, whole: bool = False) -> None:
         """Save the page as a PNG."""
-        told = await self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
-        path.write_bytes(base64.b64decode(told["data"]))
+        response = await self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
+        path.write_bytes(base64.b64decode(response["data"]))
 
 
 @asynccontextmanager
 async def browser() -> AsyncIterator[Page]:
-    """Open a page of a new browser with an empty profile, which is deleted afterwards. Raises FileNotFoundError."""
+    """Open a page in a new browser with an empty profile. The profile is deleted afterwards. Raises
+    FileNotFoundError.
+    """
     if (path := found()) is None:
         raise FileNotFoundError("there is no Chromium on this machine")
     with tempfile.TemporaryDirectory(prefix="chromium-", ignore_cleanup_errors=True) as folder:

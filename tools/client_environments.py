@@ -1,6 +1,7 @@
-"""Environments of clients that other people wrote: unmodified, from the package index, each beside the project's own.
+"""Environments of third-party clients, unmodified from the package index. Each is separate from the project's own
+environment.
 
-Tests run these clients in processes of their own, and tools/client_transcripts.py records what they say.
+Tests run these clients in separate processes, and tools/client_transcripts.py records what they send.
 """
 
 import shutil
@@ -14,11 +15,12 @@ UV = (sys.executable, "-m", "uv")
 
 
 class ClientMissing(Exception):
-    """The package index does not give the client; the text says why, in one line."""
+    """Error that a client cannot be installed from the package index. The text gives the reason in one line."""
 
 
 def interpreter(*requirements: str) -> Path:
-    """Return the Python of an environment with these pinned packages; make it if it is missing or incomplete.
+    """Return the Python of an environment with these pinned packages. The environment is created if it is missing
+    or incomplete.
 
     Raises ClientMissing.
     """
@@ -39,7 +41,7 @@ def _run_uv(step: tuple[str, ...], names: str) -> None:
     try:
         done = subprocess.run((*UV, *step), capture_output=True, text=True, check=False, timeout=INSTALL_S)
     except subprocess.TimeoutExpired as error:
-        raise ClientMissing(f"{names} did not come from the package index in {INSTALL_S} s") from error
+        raise ClientMissing(f"{names} not received from the package index within {INSTALL_S} s") from error
     if done.returncode:
         why = (done.stderr.strip().splitlines() or ["no reason given"])[-1].strip()
-        raise ClientMissing(f"{names} cannot be had from the package index: {why}")
+        raise ClientMissing(f"{names} not available from the package index: {why}")

@@ -1,25 +1,27 @@
-"""Scripts by which clients of other people make a transcript. Each script ends with JSON: what it read, and sent."""
+"""Scripts with which third-party clients make a transcript. The last line of their output is JSON: the values that
+they read and sent.
+"""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 
 class Session(NamedTuple):
-    """A client, the device that it meets, and its task."""
+    """Session of a client: its packages, the device that it connects to, and its script."""
 
     client: tuple[str, ...]
-    """Pinned packages, the client first."""
+    """Pinned packages of the client; the client itself is the first."""
     device: str
     settings: Mapping[str, Any]
-    """Of the device's profile, where they are not the usual ones."""
+    """Settings of the device's profile that differ from the defaults."""
     wires: Mapping[str, int]
-    """Open ends by name, with the port of each; 0 is a free one."""
+    """Ports of the wires by name; 0 selects a free port."""
     script: str
-    """Python; its arguments are the host, then the places of the wires."""
+    """Python script; its arguments are the host, then the ports or paths of the wires."""
     waits: bool = False
-    """The device, which speaks first, is powered up when the script has printed `ready`."""
+    """Whether the device sends first. It is then powered up when the script has printed `ready`."""
     files: Mapping[str, str] = {}
-    """Files for the client, by name; `{port}` stands for the place of its wire."""
+    """Files for the client, by name. `{port}` is replaced by the port or path of the wire."""
 
 
 _EGM = """
@@ -202,7 +204,7 @@ _RTDE_PORTS = {"rtde": 30004, "dashboard": 29999}
 _SETTLED = {"wander_n": 0.0, "creep_share": 0.0, "vibration_n": 0.0, "motion_n": 0.0}
 _NETFT_SETTINGS = {"boot_s": 0.0, "rate_hz": 100, "noise_n": 0.02, "noise_nm": 0.001, **_SETTLED}
 _FT300_SETTINGS = {"boot_s": 0.0, "noise_n": 0.1, "noise_nm": 0.003, **_SETTLED}
-"""Errors of the sensors as when the sessions were recorded."""
+"""Settings of the sensor's errors at the time of the recording."""
 
 SESSIONS: dict[str, Session] = {
     "egm-abb-robot-egm-poses": Session(
@@ -241,4 +243,4 @@ SESSIONS: dict[str, Session] = {
         files={"ethernet.xml": _ETHERNET},
     ),
 }
-"""Every session, by the name of its file."""
+"""All sessions, by the name of their transcript file."""

@@ -1,10 +1,10 @@
-"""Transcripts of clients that other people wrote at our emulated devices: their form, and the device that replays them.
+"""Transcripts of third-party clients with our emulated devices: their format, and the device that replays them.
 
-`python -m tools.record_clients` makes the files anew, in tests/wire/transcripts/clients; tests replay them. The device
-stands at a time that only the steps move, so that it says every byte again. A file begins with `key: value` lines, and
-every other line is a step: time, ms, side, wire, and data. `opens` and `closes` stand for a connection.
-Data of printable characters are a JSON string, others are hexadecimal. At the end stand `reads` and `sends`, in JSON:
-values as the client read them, and as its program was told to send them.
+`python -m tools.record_clients` rewrites the files in tests/wire/transcripts/clients; tests replay them. The
+device's clock advances only with the steps, so it sends exactly the same bytes again. A file begins with `key:
+value` lines. Every other line is a step: time, ms, side, wire, and data. `opens` and `closes` denote a connection.
+Data of printable characters is a JSON string; other data is hexadecimal. The last lines are `reads` and `sends`, in
+JSON: the values that the client read, and the values that its program ordered it to send.
 """
 
 import json
@@ -31,55 +31,59 @@ from tools import external_control, register_program
 
 FOLDER = Path(__file__).resolve().parent.parent / "tests" / "wire" / "transcripts" / "clients"
 EPOCH = 4321.0
-"""Chosen: time of a device's power-up, s; a device that counts from 0 would fail."""
+"""Time of a device's power-up, s. Chosen: not 0, so that devices that count from 0 are detected."""
 BOOTED_S = 10.0
-"""Chosen: a board on a CAN bus has its power for so long already, s; while it boots it hears nothing."""
+"""Time from the power-up of a board on a CAN bus to the first step, s. Chosen: the board receives nothing while it
+boots.
+"""
 SEED = 1
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 WRENCH = (1.5, -2.5, 10.0, 0.1, -0.2, 0.3)
-"""The wrench that a sensor feels all the time, N and N·m."""
+"""Constant wrench on the sensor, N and N·m."""
 OPENS, CLOSES = "opens", "closes"
 CLIENT, DEVICE = "client", "device"
 SERVICES = external_control.SERVICES
 CAN = "can"
-"""A wire on which each step is one frame: its identifier in two bytes, then its data."""
+"""Name of the wire on which each step is one CAN frame: its identifier in two bytes, then its data."""
 DATAGRAMS = ("egm", "rsi", "rdt", CAN)
-"""Wires on which each step is one datagram, or frame; others carry bytes."""
+"""Wires on which each step is one datagram or frame. Other wires carry bytes."""
 
 
 class Step(NamedTuple):
-    """Something happens on a wire."""
+    """Event on a wire."""
 
     at_ms: float
-    """Time since the power-up, ms."""
+    """Time since power-up, ms."""
     side: str
     """`CLIENT` or `DEVICE`."""
     wire: str
-    """`egm`, `rsi`, `rdt`, `can` and `serial`, or a TCP port with the number of its connection, as `rtde-1`. A port of
-    the client, to which a program at the device connects, has the name of its service: `reverse-1`.
+    """Name of the wire: `egm`, `rsi`, `rdt`, `can` and `serial`, or a TCP port with the number of its connection, as
+    `rtde-1`. A port of the client, to which a program at the device connects, has the name of its service: `reverse-1`.
     """
     data: bytes = b""
     event: str = ""
-    """`OPENS` or `CLOSES`, without data. A device opens a connection before its client does, which takes it so."""
+    """Event: `OPENS` or `CLOSES`, without data. If the device connects, its step precedes the step of the client,
+    which accepts.
+    """
 
     @property
     def now(self) -> float:
-        """The same time as the device's clock tells it, s."""
+        """Time of the step on the device's clock, s."""
         return EPOCH + self.at_ms / 1e3
 
 
 @dataclass
 class Transcript:
-    """One session of a client."""
+    """Session of a client."""
 
     head: dict[str, str]
-    """`client` with its version, `recorded`, the day, `device`, and its `settings` in JSON."""
+    """Header: `client` with its version, `recorded` (the day), `device`, and `settings` of the device in JSON."""
     steps: list[Step] = field(default_factory=list)
     reads: list[Any] = field(default_factory=list)
     sends: list[Any] = field(default_factory=list)
 
     def made_by(self, side: str, wire: str) -> list[bytes]:
-        """All data from one end of a wire; `rtde` is that of all its connections."""
+        """Return all data that one side sent on a wire. `rtde` includes all its connections."""
         return [
             step.data
             for step in self.steps
@@ -88,7 +92,7 @@ class Transcript:
 
 
 def write(transcript: Transcript, path: Path) -> None:
-    """Write a file."""
+    """Write the transcript to a file."""
     lines = [f"{key}: {value}" for key, value in transcript.head.items()]
     lines += (
         f"{step.at_ms:10.3f} {step.side} {step.wire} {step.event or written(step.data)}"
@@ -100,7 +104,7 @@ def write(transcript: Transcript, path: Path) -> None:
 
 
 def read(path: Path) -> Transcript:
-    """Read the transcript of a file."""
+    """Read the transcript from a file."""
     transcript = Transcript({})
     for line in path.read_text(encoding="ascii").splitlines():
         if line[0] == " ":
@@ -119,25 +123,25 @@ def read(path: Path) -> Transcript:
 
 
 def written(data: bytes) -> str:
-    """Format data as they are written in a file."""
+    """Format data for a file."""
     is_text = all(byte in b"\r\n\t" or 32 <= byte < 127 for byte in data)
     return json.dumps(data.decode("ascii")) if is_text else data.hex()
 
 
 def octets(text: str) -> bytes:
-    """Parse data that are written in a file as this text."""
+    """Parse data from the text in a file."""
     return json.loads(text).encode("ascii") if text.startswith('"') else bytes.fromhex(text)
 
 
 class Stage:
-    """An emulated device and the ends of its wires, at a time that its caller moves."""
+    """Emulated device and the ends of its wires, with a clock that the caller advances."""
 
     def __init__(self, device: str, settings: Mapping[str, Any]) -> None:
         self._ends: dict[str, Any] = {}
         self._sockets: dict[str, ProgramSocket] = {}
-        """Ends of a program at the device, as the program knows them."""
+        """Ends of a program's connections, as the program at the device uses them."""
         self._opened: list[str] = []
-        """Wires that a program has asked for since the device has said something."""
+        """Wires that a program has opened since the last output of the device."""
         self._device: Any
         match device:
             case "egm":
@@ -164,13 +168,13 @@ class Stage:
                 raise ValueError(f"no stage for {device}")
 
     def next_deadline(self) -> float | None:
-        """When the device wants to act, s on its clock."""
+        """Return the time at which the device has its next action, s on its clock."""
         return min(
             (due for end in self._ends.values() if (due := end.next_deadline()) is not None), default=None
         )
 
     def advance(self, until: float) -> Iterator[Step]:
-        """Let everything up to this time happen, s; what the device says."""
+        """Advance the device to this time, s. Return the device's output."""
         while (due := self.next_deadline()) is not None and due <= until:
             for end in tuple(self._ends.values()):
                 if end.next_deadline() == due:
@@ -178,9 +182,9 @@ class Stage:
             yield from self._said(due)
 
     def take(self, step: Step) -> Iterator[Step]:
-        """Take a step of the client; return what the device answers at once.
+        """Execute a step of the client. Return the immediate answer of the device.
 
-        Whatever is due before must have happened.
+        All events that are due before the step must have been processed.
         """
         port = step.wire.partition("-")[0]
         if step.wire in self._sockets:
@@ -210,7 +214,7 @@ class Stage:
         return self._sockets[wire]
 
     def _take_of_program(self, step: Step) -> None:
-        """Accept such a connection, send on it, or close it, as the client."""
+        """Act as the client on a connection that a program opened: accept it, send on it, or close it."""
         if step.event == OPENS:
             self._sockets[step.wire].opened()
         elif step.event == CLOSES:
@@ -234,17 +238,17 @@ class Stage:
 
 
 def read_frame(data: bytes) -> CanFrame:
-    """Parse the CAN frame that is written in a file as these bytes."""
+    """Parse a CAN frame from the bytes in a file."""
     return CanFrame(int.from_bytes(data[:2], "big"), data[2:])
 
 
 def write_frame(frame: CanFrame) -> bytes:
-    """Format a CAN frame as it is written in a file."""
+    """Format a CAN frame for a file."""
     return frame.identifier.to_bytes(2, "big") + frame.data
 
 
 def _played_form(data: bytes) -> bytes:
-    """Text for a robot, with programs of ours in the place of others' short forms."""
+    """Return text for a robot, with our programs in place of the short forms of third-party programs."""
     return external_control.played_form(register_program.played_form(data))
 
 
@@ -253,11 +257,11 @@ def _wrench_at(times: Floats) -> Floats:
 
 
 def replayed(transcript: Transcript) -> list[Step]:
-    """Return the device's present answers to the steps of the client."""
+    """Return the answers that the current device gives to the steps of the client."""
     stage = Stage(transcript.head["device"], json.loads(transcript.head["settings"]))
-    said: list[Step] = []
+    answers: list[Step] = []
     for step in transcript.steps:
         if step.side == CLIENT:
-            said += stage.advance(step.now)
-            said += stage.take(step)
-    return said + list(stage.advance(transcript.steps[-1].now))
+            answers += stage.advance(step.now)
+            answers += stage.take(step)
+    return answers + list(stage.advance(transcript.steps[-1].now))

@@ -1,4 +1,4 @@
-"""Tables of docs/reference/computer-link.md, from the tables that the code itself works with."""
+"""Tables of docs/reference/computer-link.md, generated from the tables that the code itself uses."""
 
 from collections.abc import Callable
 
@@ -30,11 +30,11 @@ from protocol.marks import settings
 from tools.pages import table
 
 _TYPES = {**TYPE_NAMES, "d": "f64"}
-"""An orders file has no type of eight bytes."""
+"""Types of fields. An orders file has no type of eight bytes."""
 
 
 def control_bytes() -> str:
-    """Meaning of every control byte."""
+    """Return the table of control bytes."""
     return table(
         ("byte", "name", "meaning"),
         ((f"`{code:02X}`", code.name.replace("_", " "), CONTROL_TEXTS[code]) for code in Control),
@@ -42,18 +42,18 @@ def control_bytes() -> str:
 
 
 def header() -> str:
-    """Return the first bytes of every telegram."""
+    """Return the table of the first bytes of every telegram."""
     return field_table(HEADER, 0)
 
 
 def types() -> str:
-    """Role of a telegram in the exchange."""
+    """Return the table of telegram types and their role in the exchange."""
     flag = f"`+ {TYPE_FLAG:02X}`", f"the same, {TYPE_FLAG_TEXT}"
     return table(("type", "meaning"), [*((f"`{code:02X}`", code.text) for code in TelegramType), flag])
 
 
 def functions() -> str:
-    """Return the function codes by whether their payload is known."""
+    """Return the function codes, grouped by whether their payload is known."""
     known = {definition.function for definition in KNOWN_ORDERS} | {FunctionCode.SPONTANEOUS}
     names: dict[str, list[str]] = {"known, below": [], "not known": []}
     for code in FunctionCode:
@@ -62,7 +62,7 @@ def functions() -> str:
 
 
 def refusals() -> str:
-    """Refusal codes, their meaning and what to do."""
+    """Return the table of refusal codes: their meaning and the remedy."""
     return table(
         ("code", "meaning", "what to do"),
         ((int(code), code.text, refusal_remedy(code)) for code in RefusalCode),
@@ -70,7 +70,7 @@ def refusals() -> str:
 
 
 def payloads() -> str:
-    """Return the data of every order, answer and message of which they are known."""
+    """Return the payload tables of every order, answer and message whose payload is known."""
     parts = []
     for definition in KNOWN_ORDERS:
         suffixes = "; ".join(
@@ -98,13 +98,13 @@ def payloads() -> str:
 
 
 def length(payload: Payload) -> str:
-    """Size of the whole telegram."""
+    """Return the size of a complete telegram."""
     least = "at least " if payload.rest else ""
     return f"{least}{payload.layout.size + HEADER_SIZE} bytes"
 
 
 def payload_table(payload: Payload) -> str:
-    """Return the fields of a payload; bytes are counted from the telegram's first one."""
+    """Return the table of a payload's fields. Bytes are counted from the start of the telegram."""
     if not payload.names:
         return "no data"
     if payload.rest is None:
@@ -115,7 +115,7 @@ def payload_table(payload: Payload) -> str:
 
 
 def field_table(layout: Layout, shift: int) -> str:
-    """Fields with their byte numbers; `shift` is the byte at which the layout begins."""
+    """Return the table of fields with their byte numbers. `shift` is the byte at which the layout begins."""
     return table(
         ("bytes", "name", "type", "unit of one", "range", "mark", "meaning"),
         (
@@ -134,12 +134,12 @@ def field_table(layout: Layout, shift: int) -> str:
 
 
 def span(first: int, size: int) -> str:
-    """First and last byte."""
+    """Return the numbers of the first and last byte, as text."""
     return f"{first}" if size == 1 else f"{first}–{first + size - 1}"
 
 
 def step(field: Field) -> str:
-    """Worth of one raw unit."""
+    """Return the value that one raw unit represents."""
     if field.scale == 1.0:
         return field.unit
     worth = 1.0 / field.scale
@@ -148,7 +148,7 @@ def step(field: Field) -> str:
 
 
 def ends(field: Field) -> str:
-    """Least and greatest value, in the field's unit, where that is not the raw value itself."""
+    """Return minimum and maximum in the field's unit if they differ from the raw values."""
     if field.scale == 1.0:
         return ""
     low = -(2 ** (8 * field_size(field) - 1)) if field.format.islower() else 0
@@ -157,7 +157,7 @@ def ends(field: Field) -> str:
 
 
 def profile() -> str:
-    """Return settings of the link with their defaults and marks."""
+    """Return the settings of the link with their defaults and marks."""
     return table(
         ("setting", "default", "unit", "mark", "meaning"),
         (
@@ -168,7 +168,7 @@ def profile() -> str:
 
 
 def golden_blocks() -> str:
-    """Blocks to compare with a capture."""
+    """Return example blocks to compare with a capture."""
     orders = (("read status", read_status()), ("stop program", stop_program()))
     return table(
         ("order", "block", "check character"),

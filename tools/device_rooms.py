@@ -1,7 +1,7 @@
-"""An import contract over folders of devices: each device has one room in each folder, by one name.
+"""Import contract over folders of devices: each device has one package of the same name in each folder.
 
-A room of one device imports no room of another, and no module outside the devices' rooms imports one. Only direct
-imports count. `import-linter` calls this; `pyproject.toml` has the settings.
+A package of one device must not import a package of another device, and no module outside these packages may import
+one. Only direct imports count. `import-linter` calls this module; `pyproject.toml` has the settings.
 """
 
 from typing import Any
@@ -11,7 +11,7 @@ from importlinter import Contract, ContractCheck, fields, output
 
 
 def device_of(module: str, folders: list[str]) -> str | None:
-    """Return the name of the device whose room holds a module; None outside, and for a folder's own modules."""
+    """Return the name of the device whose package contains a module; None if no device's package contains it."""
     for folder in folders:
         if module.startswith(f"{folder}."):
             return module[len(folder) + 1 :].partition(".")[0]
@@ -19,13 +19,13 @@ def device_of(module: str, folders: list[str]) -> str | None:
 
 
 class DeviceRooms(Contract):
-    """`folders` are the folders that hold a room for each device."""
+    """Import contract of devices; `folders` are the folders that contain a package for each device."""
 
     folders = fields.ListField(subfield=fields.StringField())
 
     def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
-        """Find the imports that the rule forbids."""
-        settings: Any = self  # the fields stand for lists of names
+        """Find the imports that the contract forbids."""
+        settings: Any = self  # at run time the fields are lists of names
         folders = list(settings.folders)
         rooms = {
             module: name
@@ -41,13 +41,13 @@ class DeviceRooms(Contract):
         return ContractCheck(kept=not broken, metadata={"broken": broken})
 
     def _is_room(self, graph: ImportGraph, name: str, folders: list[str]) -> bool:
-        """Return whether a name is a folder with modules; a file beside the rooms serves all devices."""
+        """Return whether a name is a folder with modules. A single file next to the packages serves all devices."""
         return any(
             f"{folder}.{name}" in graph.modules and graph.find_children(f"{folder}.{name}")
             for folder in folders
         )
 
     def render_broken_contract(self, check: ContractCheck) -> None:
-        """Print a line for each import."""
+        """Print a line for each forbidden import."""
         for module, imported in check.metadata["broken"]:
             output.print_error(f"{module} imports {imported}")

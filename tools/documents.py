@@ -1,13 +1,13 @@
-"""Write the parts of documents that follow from the code and from runs, or check them.
+"""Write the generated parts of documents, which follow from the code and from runs, or check them.
 
     python -m tools.documents                          # all of them
-    python -m tools.documents faults tasks --check     # write nothing; the exit code is 1 when one is not up to date
-    python -m tools.documents faults --measure egm     # make the runs of one first; without a name all its runs
+    python -m tools.documents faults tasks --check     # write nothing; the exit code is 1 if a document is outdated
+    python -m tools.documents faults --measure egm     # first make the runs of one; without a name all its runs
 
-The prose around them stays. A module of `DOCUMENTS` has `TABLES`: what stands between two marks of the page, by their
-name, as a function of the figures where the document has some. `PICTURES` has functions that draw files of
-docs/pictures, by their name, and `FILES` those that write other files of docs. `measure(names, figures)` makes the
-runs, all of them where no name is given.
+The text around them is kept. A module of `DOCUMENTS` has `TABLES`: functions that return the text between two marks of
+the page, by the name of the marks; they receive the figures if the document has some. `PICTURES` has functions that
+draw files of docs/pictures, by file name, and `FILES` functions that write other files of docs. `measure(names,
+figures)` makes the runs, all of them without names.
 """
 
 import argparse
@@ -24,13 +24,13 @@ DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 
 class Document(NamedTuple):
-    """A module of tools that writes into documents."""
+    """Module of tools that writes parts of documents."""
 
     module: str
     page: str = ""
-    """Page with its tables; empty for a module that only draws."""
+    """Page with the module's tables; empty for a module that only draws."""
     figures: str = ""
-    """File of its figures, JSON or a page; empty for none."""
+    """JSON file or page with the module's figures; empty if it has none."""
 
 
 DOCUMENTS: Mapping[str, Document] = {
@@ -58,7 +58,7 @@ DOCUMENTS: Mapping[str, Document] = {
 
 
 def as_json(figures: Any, depth: int, indent: int = 1) -> str:
-    """Return figures as JSON, this number of levels one item a line, so that a difference can be read."""
+    """Return figures as JSON. Items are on separate lines down to this depth, so that diffs are readable."""
     if not depth:
         return json.dumps(figures, ensure_ascii=False)
     pad = " " * indent
@@ -70,7 +70,7 @@ def as_json(figures: Any, depth: int, indent: int = 1) -> str:
 
 
 def measure(name: str, names: list[str]) -> None:
-    """Make the runs of a document, and keep their figures."""
+    """Make the runs of a document, and store their figures."""
     document = DOCUMENTS[name]
     module: Any = import_module(f"tools.{document.module}")
     figures = module.measure(names, *figures_of(document))
@@ -81,7 +81,7 @@ def measure(name: str, names: list[str]) -> None:
 
 
 def figures_of(document: Document) -> list[Any]:
-    """Return the figures as the only item of a list, which is empty for a document without figures."""
+    """Return the figures in a list of one item; an empty list for a document without figures."""
     if not document.figures:
         return []
     text = (DOCS / document.figures).read_text(encoding="utf-8")
@@ -89,7 +89,7 @@ def figures_of(document: Document) -> list[Any]:
 
 
 def contents(name: str) -> Iterator[tuple[Path, str]]:
-    """Yield each file of a document, and the text that it should hold."""
+    """Yield each file of a document with the text that it should have."""
     document = DOCUMENTS[name]
     module: Any = import_module(f"tools.{document.module}")
     if document.page:
@@ -103,7 +103,7 @@ def contents(name: str) -> Iterator[tuple[Path, str]]:
 
 
 def main() -> int:
-    """Measure if asked to, then write the documents, or check them."""
+    """Make the runs if requested. Then write or check the documents."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("names", nargs="*", metavar="DOCUMENT", help=f"all, or of {', '.join(DOCUMENTS)}")
     options.add_argument("--check", action="store_true", help="write nothing, say whether it is up to date")

@@ -1,17 +1,17 @@
-"""List what nothing has ever exercised: conditions of the guard, faults, reactions, promises and criteria.
+"""List everything that nothing has exercised: conditions of the guard, faults, reactions, promises and criteria.
 
-The evidence is what the tests struck, and what the runs of the guard's campaign told:
+The evidence comes from the tests and from the runs of the guard's campaign:
 
     make test-all
     hil-bridge campaign examples/campaigns/guard.toml --output runs/guard.sqlite
     python -m tools.exercised --strike
 
-The first command leaves runs/tests/gate-exercised.json and runs/tests/full-exercised.json.
-With --strike each fault that both have left gets a run of its own first, judged by every promise of the guard. The
-results go to runs/tests/struck.json.
+The first command writes runs/tests/gate-exercised.json and runs/tests/full-exercised.json. With --strike, each fault
+that both have left out gets a separate run first, checked against every promise of the guard. The results go to
+runs/tests/struck.json.
 
-The exit code is 1 where something has never been exercised and is no reasoned exception, where an exception has been
-exercised after all, and where the model of the guard did not accept a run of the tests.
+The exit code is 1 if something is neither exercised nor a documented exception, if an exception has been exercised
+after all, or if the model of the guard did not accept a run of the tests.
 """
 
 import argparse
@@ -88,11 +88,11 @@ EXCEPTIONS: Mapping[str, str] = {
         )
     },
 }
-"""Names that nothing exercises, each with its reason."""
+"""Names that need not be exercised, each with the reason."""
 
 
-class Kept(NamedTuple):
-    """Something that was exercised, with the place that shows it."""
+class Evidence(NamedTuple):
+    """Names that were exercised, each with a test or run that shows it."""
 
     group: str
     name: str
@@ -101,20 +101,20 @@ class Kept(NamedTuple):
 
 @dataclass(frozen=True)
 class Balance:
-    """Evidence against all that there is."""
+    """Comparison of the evidence with everything that can be exercised."""
 
     all_names: Mapping[str, Sequence[str]]
     exercised: Mapping[str, Mapping[str, str]]
-    """Place that shows it, by group and name."""
+    """Evidence by group and name."""
     unaccepted: Sequence[str] = field(default=())
-    """Runs of tests that the model of the guard did not accept."""
+    """Test runs that the model of the guard did not accept."""
 
     def never(self, group: str) -> list[str]:
-        """Names of a group that nothing has exercised."""
+        """Return the names of a group that no test or run has exercised."""
         return [name for name in self.all_names[group] if name not in self.exercised.get(group, {})]
 
     def troubles(self, exceptions: Mapping[str, str]) -> Iterator[str]:
-        """Why a release must wait, a line each."""
+        """Return the reasons why a release must wait, one line each."""
         known = {name for names in self.all_names.values() for name in names}
         for group in GROUPS:
             for name in self.never(group):
@@ -130,7 +130,7 @@ class Balance:
 
 @cache
 def all_names() -> dict[str, list[str]]:
-    """Everything that could be exercised."""
+    """Return the names of everything that can be exercised, by group."""
     devices = (*ROBOT_NAMES, *SENSOR_NAMES, CELL)
     pairs = [(robot, sensor) for robot in ROBOT_NAMES for sensor in SENSOR_NAMES]
     faults = [
@@ -154,31 +154,33 @@ def all_names() -> dict[str, list[str]]:
     }
 
 
-def of_tests(path: Path) -> Iterator[Kept]:
-    """Read what the tests struck, or the runs of --strike."""
-    told = _read(path)
+def of_tests(path: Path) -> Iterator[Evidence]:
+    """Read the evidence of the tests, or of the runs of --strike."""
+    evidence = _read(path)
     for group, key in (
         (CONDITIONS, "causes"),
         (FAULTS, "faults"),
         (PROMISES, "promises"),
         (CRITERIA, "criteria"),
     ):
-        yield from (Kept(group, name, where) for name, where in told.get(key, {}).items())
+        yield from (Evidence(group, name, where) for name, where in evidence.get(key, {}).items())
 
 
-def of_campaign(path: Path) -> Iterator[Kept]:
-    """Read what a campaign's runs reported: their causes, the faults that struck, the criteria that they missed."""
+def of_campaign(path: Path) -> Iterator[Evidence]:
+    """Read the evidence of a campaign's runs: causes, faults that struck, and criteria that were missed."""
     with Store.open(path) as store:
         for done in store.runs():
             where = f"seed {done.seed} of {path.name}"
             for group, key in ((CONDITIONS, "causes"), (FAULTS, "faults_struck")):
                 counts = done.figures.get(key)
-                yield from (Kept(group, name, where) for name in (counts if isinstance(counts, dict) else ()))
+                yield from (
+                    Evidence(group, name, where) for name in (counts if isinstance(counts, dict) else ())
+                )
 
 
 @cache
-def of_plan(path: Path) -> tuple[Kept, ...]:
-    """Return what a campaign may inject where, from its own draws: faults by phase, targets by devices."""
+def of_plan(path: Path) -> tuple[Evidence, ...]:
+    """Read from a campaign's own draws what it may inject: faults by phase, and targets by devices."""
     plan, cells = read_plan(path, (1,)), dict[tuple[str, str], None]()
     assert plan.draw is not None
     for case in plan.possible:
@@ -189,15 +191,15 @@ def of_plan(path: Path) -> tuple[Kept, ...]:
             key = fault_key(owner_of(config, on, fault), on, fault)
             cells |= {(PHASED, f"{key} in {each}"): None for each in _listed(phases)}
             cells[TARGETS, f"{kinds}: {on}"] = None
-    return tuple(Kept(group, name, path.name) for group, name in cells)
+    return tuple(Evidence(group, name, path.name) for group, name in cells)
 
 
 def _listed(phases: object) -> Sequence[str]:
     return phases if isinstance(phases, list) else [str(phases)]
 
 
-def balance(kept: Iterable[Kept], unaccepted: Iterable[str] = ()) -> Balance:
-    """Evidence in order. A reaction is exercised by each of its conditions."""
+def balance(kept: Iterable[Evidence], unaccepted: Iterable[str] = ()) -> Balance:
+    """Combine the evidence. Each condition of a reaction also exercises the reaction."""
     found: dict[str, dict[str, str]] = {group: {} for group in GROUPS}
     for group, name, where in kept:
         found[group].setdefault(name, where)
@@ -207,7 +209,7 @@ def balance(kept: Iterable[Kept], unaccepted: Iterable[str] = ()) -> Balance:
 
 
 def describe(found: Balance, exceptions: Mapping[str, str]) -> Iterator[str]:
-    """How many of each group were exercised, and the exceptions with the reason for each."""
+    """Yield how many names of each group were exercised, and the exceptions with their reasons."""
     for group in GROUPS:
         never, count = found.never(group), len(found.all_names[group])
         yield f"{group}: {count - len(never)} of {count} exercised"
@@ -218,12 +220,12 @@ def describe(found: Balance, exceptions: Mapping[str, str]) -> Iterator[str]:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        evidence = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise BridgeError(f"cannot read {path}: {error}", remedy="make test-all writes it") from error
-    if not isinstance(told, dict):
-        raise BridgeError(f"{path} holds no evidence", remedy="make test-all writes it")
-    return told
+    if not isinstance(evidence, dict):
+        raise BridgeError(f"{path} contains no evidence", remedy="make test-all writes it")
+    return evidence
 
 
 # --- a run for each fault that is left
@@ -234,13 +236,13 @@ QUICK: Mapping[str, object] = {
     "task.retract_speed_mm_s": 11.0,
     "cell.start_position_mm": (900.0, -100.0, 591.5),
 }
-"""Near the surface, so that no time is spent on the way."""
+"""Settings with a start near the surface, so that the approach takes little time."""
 AWAKE: Mapping[str, Mapping[str, object]] = {
     "jr3": {"cell.jr3.gateway.boot_s": 0.2},
     "jr3-uart": {"cell.jr3.uart.boot_s": 0.2},
     "netft": {"cell.netft.boot_s": 0.2},
 }
-"""Sensors that else take long to start."""
+"""Settings that shorten the start of sensors that otherwise take long to start."""
 MOMENTS: Sequence[Mapping[str, object]] = (
     {"phase": "track", "after_s": 0.1},
     {"phase": "connect"},
@@ -248,15 +250,18 @@ MOMENTS: Sequence[Mapping[str, object]] = (
     {"phase": "approach"},
     {"phase": "retract"},
 )
-"""When a fault comes: the first moment at which it strikes serves."""
+"""Times of a fault, in order of preference. The first time at which the fault strikes is used."""
 
 
 def strike(job: Job) -> tuple[str, str, str]:
-    """Name of a fault, the phase in which it struck, and the promises that were broken then; empty for none."""
+    """Return the name of a fault, the phase in which it struck, and the promises that were then broken.
+
+    The phase is empty if the fault did not strike, and the promises are empty if none was broken.
+    """
     for moment in MOMENTS:
         given = {**settings(job), **QUICK}
         given |= AWAKE.get(str(given["sensor.emulated"]), {})
-        if given["robot.emulated"] == "s3":  # goes at the pace of its line
+        if given["robot.emulated"] == "s3":  # an S3 runs at the pace of its line
             given = {
                 key: value
                 for key, value in given.items()
@@ -266,7 +271,7 @@ def strike(job: Job) -> tuple[str, str, str]:
         plain = {key: value for key, value in injected.items() if key not in ("phase", "after_s")}
         try:
             figures = run(load_config(None, {**given, "faults": [{**plain, **moment}]})).figures
-        except BridgeError:  # it cannot come then
+        except BridgeError:  # the fault cannot be injected at that time
             continue
         struck = figures.get("faults_struck")
         if isinstance(struck, dict) and job.key in struck:
@@ -287,13 +292,13 @@ def strike_all(names: Sequence[str]) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Read the evidence, strike what is left if wanted, and print the list."""
+    """Read the evidence, exercise the remaining faults if requested, and print the lists."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--tests", nargs="+", type=Path, default=[GATE, FULL], metavar="FILE.json")
     options.add_argument("--campaign", nargs="*", type=Path, default=[CAMPAIGN], metavar="FILE.sqlite")
-    options.add_argument("--strike", action="store_true", help="make a run for each fault that is left")
+    options.add_argument("--strike", action="store_true", help="make a run for each fault not yet exercised")
     options.add_argument(
-        "--other-code", action="store_true", help="take evidence of other versions of the code"
+        "--other-code", action="store_true", help="accept evidence from other versions of the code"
     )
     chosen = options.parse_args()
     try:
@@ -314,8 +319,8 @@ def _judge(chosen: argparse.Namespace) -> int:
         STRUCK.write_text(json.dumps(struck, indent=1, sort_keys=True) + "\n", encoding="utf-8")
         files.append(STRUCK)
         kept += of_tests(STRUCK)
-    told = {path: _read(path) for path in files}
-    found = balance(kept, (each for one in told.values() for each in one.get("unaccepted", ())))
+    evidence = {path: _read(path) for path in files}
+    found = balance(kept, (each for one in evidence.values() for each in one.get("unaccepted", ())))
     print(*describe(found, EXCEPTIONS), sep="\n")
     if GATE in chosen.tests:
         gate = balance(of_tests(GATE))
@@ -325,7 +330,7 @@ def _judge(chosen: argparse.Namespace) -> int:
         )
         print(f"by the tests of the gate alone: {', '.join(counts)}")
     troubles = list(found.troubles(EXCEPTIONS))
-    for path, one in told.items():
+    for path, one in evidence.items():
         troubles += [f"{name}: broken promises {words}" for name, words in one.get("broken", {}).items()]
         if one.get("code") != code_version() and not chosen.other_code:
             troubles.append(f"{path} is of another version of the code: run it again")

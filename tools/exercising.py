@@ -1,9 +1,9 @@
-"""What the tests really strike: a plug-in of pytest.
+"""Pytest plug-in that records what the tests actually exercise.
 
-`python -m pytest -p tools.exercising --exercised FILE` writes which causes ended or held something, which injected
+`python -m pytest -p tools.exercising --exercised FILE` writes which causes ended or held a run, which injected
 faults had an effect, and which promises and criteria were missed, each with the first test that did it.
-`tools.exercised` reads the file. Every run in a process of the tests is watched; runs in other processes are not. Each
-run is also held against the model of the guard.
+`tools.exercised` reads the file. Every run in a test process is observed; runs in other processes are not. Each run
+is also checked against the model of the guard.
 """
 
 import json
@@ -35,7 +35,7 @@ GROUPS = ("causes", "faults", "promises", "criteria", "unaccepted")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--exercised", metavar="FILE", help="file for what the tests have struck")
+    parser.addoption("--exercised", metavar="FILE", help="file for the evidence of the tests")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -43,7 +43,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 class _Watched(Listener):
-    """One run: its cycles and events, as a recording has them."""
+    """Run under observation: its cycles and events, as in a recording."""
 
     def __init__(self, running: Running) -> None:
         self.cycles: list[CycleRecord] = []
@@ -53,16 +53,16 @@ class _Watched(Listener):
         super().__init__({CycleRecord: self.cycles.append, EventRecord: self.events.append})
 
     def close(self, end: Mapping[str, str]) -> None:
-        """Keep the end."""
+        """Store the result of the run."""
         self.end = end
 
     def recording(self) -> Recording:
-        """As a file would have it, without what the run tells before its devices are open."""
+        """Return the run as a recording, without the events that precede the opening of its devices."""
         return Recording(tuple(self.cycles), events=tuple(self.events), end=dict(self.end or {}))
 
 
 class Exercising:
-    """Listens in the process that runs a test; gathers in the one that was started."""
+    """Pytest plug-in that records in the worker processes, and collects in the main process."""
 
     def __init__(self, config: pytest.Config) -> None:
         self._path = config.getoption("--exercised")
@@ -70,7 +70,7 @@ class Exercising:
         self._model = GuardModel()
         self._test = ""
         self._runs: list[_Watched] = []
-        """Runs of the present test."""
+        """Runs of the current test."""
         self._found: dict[str, dict[str, str]] = {group: {} for group in GROUPS}
         self._listen()
 
@@ -80,58 +80,60 @@ class Exercising:
     # --- where things are struck
 
     def _listen(self) -> None:
-        """Stand beside the places through which every run, decision, refusal and judgement goes."""
-        _beside(Running, "__init__", lambda answer, running, setup, log, *given: self._join(running, log))
-        _beside(ControlLoop, "judge", lambda answer, *given: self._decided(answer[1]))
+        """Wrap the methods through which every run, decision, refusal and verdict passes."""
+        _observe(Running, "__init__", lambda answer, running, setup, log, *args: self._join(running, log))
+        _observe(ControlLoop, "judge", lambda answer, *args: self._record_decision(answer[1]))
         for name in ("step", "retreat", "stop"):
-            _beside(Supervisor, name, lambda answer, *given: self._judged(answer[1]))
-        _beside(Program, "step", lambda answer, *given: self._led(answer[0]))
-        _beside(TouchTest, "after", lambda answer, *given: self._told(answer[2]))
-        _beside(BridgeError, "__init__", lambda answer, error, *given, **more: self._raised(error))
-        _beside(Criterion, "judge", lambda answer, criterion, figures: self._criterion(answer, criterion))
+            _observe(Supervisor, name, lambda answer, *args: self._record_verdict(answer[1]))
+        _observe(Program, "step", lambda answer, *args: self._record_course(answer[0]))
+        _observe(TouchTest, "after", lambda answer, *args: self._record_reason(answer[2]))
+        _observe(BridgeError, "__init__", lambda answer, error, *args, **more: self._record_refusal(error))
+        _observe(
+            Criterion, "judge", lambda answer, criterion, figures: self._record_criterion(answer, criterion)
+        )
         for promise, check in CHECKERS.items():
-            CHECKERS[promise] = self._checked(promise, check)  # type: ignore[index]
+            CHECKERS[promise] = self._recording_checker(promise, check)  # type: ignore[index]
 
     def _join(self, running: Running, log: Any) -> None:
         ended = [run for run in self._runs if run.end is not None]
-        self._judge_runs(ended)  # a test of a hundred runs keeps one of them in memory
+        self._judge_runs(ended)  # so that a test with a hundred runs keeps only one of them in memory
         watched = _Watched(running)
         self._runs = [run for run in self._runs if run not in ended] + [watched]
         log.join(watched)
 
-    def _decided(self, decision: Decision) -> None:
-        self._judged(decision.verdict)
+    def _record_decision(self, decision: Decision) -> None:
+        self._record_verdict(decision.verdict)
         if decision.intent.failed and decision.intent.reason is not None:
             self._strike("causes", decision.intent.reason.cause)
 
-    def _judged(self, verdict: object) -> None:
+    def _record_verdict(self, verdict: object) -> None:
         if isinstance(verdict, Clamp):
             for reason in verdict.holds:
                 self._strike("causes", reason.cause)
         elif isinstance(verdict, Stop):
             self._strike("causes", verdict.reason.cause)
 
-    def _led(self, state: ProgramState) -> None:
-        self._told(state.course.reason)
-        self._told(state.course.travelled)
+    def _record_course(self, state: ProgramState) -> None:
+        self._record_reason(state.course.reason)
+        self._record_reason(state.course.travelled)
 
-    def _told(self, reason: Reason | None) -> None:
+    def _record_reason(self, reason: Reason | None) -> None:
         if reason is not None:
             self._strike("causes", reason.cause)
 
-    def _raised(self, error: BridgeError) -> None:
-        """Count a refusal if the product made it, not a test."""
+    def _record_refusal(self, error: BridgeError) -> None:
+        """Count a refusal that the product raised, but not one that a test raised."""
         frame = sys._getframe(2)
         while frame.f_back is not None and frame.f_code.co_name in ("__init__", "beside"):
             frame = frame.f_back
         if error.cause is not None and str(frame.f_globals.get("__name__")).startswith("hil_bridge."):
             self._strike("causes", error.cause)
 
-    def _criterion(self, met: bool | None, criterion: Criterion) -> None:
+    def _record_criterion(self, met: bool | None, criterion: Criterion) -> None:
         if met is False:
             self._strike("criteria", criterion.figure)
 
-    def _checked(
+    def _recording_checker(
         self, promise: Promise, check: Callable[[Evidence], Iterator[Violation]]
     ) -> Callable[[Evidence], Iterator[Violation]]:
         def checked(evidence: Evidence) -> Iterator[Violation]:
@@ -159,8 +161,8 @@ class Exercising:
             cell = running.cell
             for fault in () if cell is None else struck_faults(running.setup.config, cell.faults):
                 self._strike("faults", fault)
-            if (found := first_unaccepted(recording, self._model)) is not None:
-                self._strike("unaccepted", f"{self._test}: cycle {found.cycle}")
+            if (result := first_unaccepted(recording, self._model)) is not None:
+                self._strike("unaccepted", f"{self._test}: cycle {result.cycle}")
 
     def pytest_sessionfinish(self) -> None:
         if hasattr(self._config, "workeroutput"):
@@ -170,9 +172,9 @@ class Exercising:
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node: Any) -> None:
-        """Collect the evidence of a process of tests that has ended."""
-        found = json.loads(getattr(node, "workeroutput", {}).get("exercised", "{}"))
-        for group, struck in found.items():
+        """Collect the evidence of a worker process that has ended."""
+        result = json.loads(getattr(node, "workeroutput", {}).get("exercised", "{}"))
+        for group, struck in result.items():
             for name, test in struck.items():
                 self._found[group].setdefault(name, test)
 
@@ -182,14 +184,14 @@ class Exercising:
         path.write_text(text + "\n", encoding="utf-8")
 
 
-def _beside(owner: Any, name: str, look: Callable[..., None]) -> None:
-    """Let a function look at each answer of a method."""
+def _observe(owner: Any, name: str, look: Callable[..., None]) -> None:
+    """Wrap a method so that a function receives each of its results."""
     method = getattr(owner, name)
 
     @wraps(method)
-    def beside(*given: Any, **more: Any) -> Any:
-        answer = method(*given, **more)
-        look(answer, *given, **more)
+    def beside(*args: Any, **more: Any) -> Any:
+        answer = method(*args, **more)
+        look(answer, *args, **more)
         return answer
 
     setattr(owner, name, beside)

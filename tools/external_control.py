@@ -1,7 +1,7 @@
-"""Universal Robots' external control: the messages of a client, and a program of ours that goes by them, for tests.
+"""Universal Robots' external control: the messages of a client, and our own program that executes them, for tests.
 
-A program at the controller connects to its client three times, and then goes by what it is sent. All values are
-integers of 32 bits, big-endian. The maker's own program is played as it stands where its library is run.
+A program at the controller connects to its client three times, and then executes the messages that it receives. All
+values are integers of 32 bits, big-endian. Where the maker's library is run, its own program is used unchanged.
 
 Source: Universal Robots' C++ client library, `control/` and `comm/control_mode.h`.
 """
@@ -16,14 +16,14 @@ from typing import NamedTuple
 from protocol.endpoint import RemoteProtocolError
 
 MICRO = 1_000_000
-"""Units of a value, or of a point's time, in the messages."""
+"""Number of message units per 1 of a value, or per second of a point's time."""
 TRAJECTORY, COMMANDS, REVERSE, SENDER = 50003, 50004, 50001, 50002
-"""Ports of the client, in the order in which the program connects; the last one hands the program out."""
+"""Ports of the client, in the order in which the program connects. The last port provides the program's text."""
 SERVICES = {TRAJECTORY: "trajectory", COMMANDS: "commands", REVERSE: "reverse", SENDER: "sender"}
 
 
 class Mode(IntEnum):
-    """Meaning of the values of an order."""
+    """Mode of an order: the meaning of its values."""
 
     STOPPED = -2
     IDLE = 0
@@ -38,7 +38,7 @@ class Mode(IntEnum):
 
 
 class Forward(IntEnum):
-    """The first value of an order in mode forward."""
+    """First value of an order in mode forward."""
 
     CANCEL = -1
     NOTHING = 0
@@ -48,7 +48,7 @@ class Forward(IntEnum):
 
 
 class Freedrive(IntEnum):
-    """The first value of an order in mode freedrive."""
+    """First value of an order in mode freedrive."""
 
     STOP = -1
     NOTHING = 0
@@ -56,7 +56,7 @@ class Freedrive(IntEnum):
 
 
 class Motion(IntEnum):
-    """The kind of a point."""
+    """Kind of a trajectory point."""
 
     MOVEJ = 0
     MOVEL = 1
@@ -74,14 +74,14 @@ class Motion(IntEnum):
 
 
 class Spline(IntEnum):
-    """The kind of a spline's point."""
+    """Kind of a spline point."""
 
     CUBIC = 1
     QUINTIC = 2
 
 
 class Command(IntEnum):
-    """A command beside the motion."""
+    """Command that is not a motion."""
 
     ZERO_FTSENSOR = 0
     SET_PAYLOAD = 1
@@ -99,7 +99,7 @@ class Command(IntEnum):
 
 
 class Result(IntEnum):
-    """The answer to a trajectory, and the first two of them to a look for a contact."""
+    """Result of a trajectory. The first two values are also the results of a search for contact."""
 
     SUCCESS = 0
     CANCELLED = 1
@@ -110,12 +110,12 @@ _ORDER, _POINT, _COMMAND, _RESULT = (struct.Struct(f">{count}i") for count in (8
 
 
 class Order(NamedTuple):
-    """One message to the reverse port."""
+    """Message to the reverse port."""
 
     timeout_ms: int
-    """Until the next message at most; 0: for ever."""
+    """Maximum time until the next message, ms; 0 if there is no limit."""
     values: tuple[int, ...]
-    """Six: joints, speeds or a pose in millionths, or what the mode asks for."""
+    """Six values: joints, speeds or a pose in millionths. In some modes they have another meaning."""
     mode: int
 
     def encode(self) -> bytes:
@@ -124,18 +124,18 @@ class Order(NamedTuple):
 
 
 class Point(NamedTuple):
-    """One message to the trajectory port, SI units."""
+    """Message to the trajectory port, in SI units."""
 
     kind: int
     target: tuple[float, ...]
-    """Joints, or a pose."""
+    """Target joints or target pose."""
     other: tuple[float, ...] = (0.0,) * 6
-    """Of an arc the place on the way, of a spline the speeds."""
+    """Via point of an arc, or speeds of a spline."""
     rest: tuple[float, ...] = (0.0,) * 6
-    """Of a move speed and acceleration, of a spline the accelerations."""
+    """Speed and acceleration of a move, or accelerations of a spline."""
     time: float = 0.0
     blend: int = 0
-    """µm; of a spline its kind."""
+    """Blend radius, µm, or kind of a spline."""
 
     def encode(self) -> bytes:
         """Encode the message."""
@@ -144,38 +144,40 @@ class Point(NamedTuple):
 
 
 def encode_command(command: Command, *values: float) -> bytes:
-    """Encode a message to the port of commands; values in SI units."""
+    """Encode a message to the command port. Values are in SI units."""
     numbers = [round(value * MICRO) for value in values]
     return _COMMAND.pack(command, *numbers, *(0,) * (27 - len(numbers)))
 
 
 def read_orders(data: bytes) -> Iterator[Order]:
-    """All messages to the reverse port. Raises RemoteProtocolError where one is cut off."""
+    """Return all messages to the reverse port. Raises RemoteProtocolError for an incomplete message."""
     for timeout_ms, *values, mode in _rows(_ORDER, data):
         yield Order(timeout_ms, tuple(values), mode)
 
 
 def read_points(data: bytes) -> Iterator[Point]:
-    """All messages to the trajectory port. Raises RemoteProtocolError where one is cut off."""
+    """Return all messages to the trajectory port. Raises RemoteProtocolError for an incomplete message."""
     for *numbers, time, blend, kind in _rows(_POINT, data):
         values = tuple(number / MICRO for number in numbers)
         yield Point(kind, values[:6], values[6:12], values[12:], time / MICRO, blend)
 
 
 def read_commands(data: bytes) -> Iterator[tuple[Command, tuple[float, ...]]]:
-    """All messages to the port of commands, with their values. Raises RemoteProtocolError where one is cut off."""
+    """Return all messages to the command port, with their values. Raises RemoteProtocolError for an incomplete
+    message.
+    """
     for command, *numbers in _rows(_COMMAND, data):
         yield Command(command), tuple(number / MICRO for number in numbers)
 
 
 def read_results(data: bytes) -> list[Result]:
-    """Answers of the program. Raises RemoteProtocolError where one is cut off."""
+    """Return the answers of the program. Raises RemoteProtocolError for an incomplete answer."""
     return [Result(value) for (value,) in _rows(_RESULT, data)]
 
 
 def _rows(layout: struct.Struct, data: bytes) -> Iterator[Sequence[int]]:
     if len(data) % layout.size:
-        raise RemoteProtocolError(f"{len(data)} bytes are no whole messages of {layout.size}")
+        raise RemoteProtocolError(f"{len(data)} bytes are not a multiple of the message size {layout.size}")
     return layout.iter_unpack(data)
 
 
@@ -192,18 +194,20 @@ def control_program(
 ) -> str:
     """Return the program, with its client's address and the settings of servoj.
 
-    Without the motions that came with PolyScope 5.21 where `optimised` is false.
+    If `optimised` is false, the motions that PolyScope 5.21 introduced are left out.
     """
     text = _TEXT if optimised else _OPTIMISED.sub("", _TEXT)
     return text.replace("HOST", host).replace("AHEAD", str(lookahead_s)).replace("GAIN", str(gain))
 
 
 def recorded_form(text: bytes) -> bytes:
-    """Return a program that stands in a transcript for that of a client."""
+    """Return the short form that replaces a client's program in a transcript."""
     address = _HOST.search(text)
     return b"def externalControl():\n# %s\nend\n" % (address[1] if address else b"127.0.0.1")
 
 
 def played_form(data: bytes) -> bytes:
-    """Restore data of a transcript, with our program in the place of its short form. The controller is an older one."""
+    """Return data of a transcript with our program in place of its short form. The controller is older than
+    PolyScope 5.21.
+    """
     return _RECORDED.sub(lambda short: control_program(short[1].decode(), optimised=False).encode(), data)

@@ -1,6 +1,7 @@
-"""Tables of docs/reference/faults.md: every emulated fault from the code, with the outcome of a run that has it.
+"""Tables of docs/reference/faults.md: every emulated fault from the code, with the outcome of a run with this
+fault.
 
-The runs are made in virtual time; they take some minutes. `--measure egm ft300` makes those of these devices alone.
+The runs use virtual time and take some minutes. `--measure egm ft300` makes only the runs of these devices.
 """
 
 import gc
@@ -20,40 +21,42 @@ from tools.pages import run_jobs, table
 ROBOT_NAMES = ("s3", "egm", "rtde", "rsi")
 SENSOR_NAMES = ("jr3", "jr3-uart", "jr3-board", "netft", "ati-can", "ft300", "ft300-urcap")
 CELL = "every cell"
-"""Stands for the faults that no device has: of surface, obstacle, bus and computer."""
+"""Name for the faults of surface, obstacle, bus and computer, which do not belong to a device."""
 PARTNER_SENSOR, PARTNER_ROBOT, BUS_SENSOR = "ft300", "egm", "ati-can"
-"""The other device of a run: of a robot's faults, of a sensor's faults, and the sensor of the faults of a bus."""
+"""Other device of a run: the sensor for a robot's faults, the robot for a sensor's faults, and the sensor for the
+faults of a bus.
+"""
 MEASURED_ROBOTS, MEASURED_SENSORS = ROBOT_NAMES[1:], SENSOR_NAMES[3:]
 SEED = 7
 TRACK_S, AFTER_S = 2.0, 0.5
-"""Time for which a run tracks, and when the fault comes after the begin of that, s."""
+"""Tracking time of a run, and time from the start of tracking to the fault, s."""
 GIVEN: Mapping[tuple[str, str], Mapping[str, float]] = {
     ("pose", "offset"): {"z_mm": 20.0},
     ("pose", "encoder-offset"): {"z_mm": 2.0},
     ("pose", "drift"): {"z_mm_s": 5.0},
     ("witness", "offset"): {"z_n": 60.0},
 }
-"""Parameters of the runs, where a fault with its defaults is none."""
+"""Parameters of faults that have no effect with their defaults."""
 UNMEASURED = ("computer",)
-"""Targets of which no run is made here: docs/explanation/safety.md has that of the computer."""
+"""Targets whose faults have no runs here. docs/explanation/safety.md has the runs for the computer."""
 
 
 class Job(NamedTuple):
-    """One run with one fault."""
+    """Run with one fault."""
 
     device: str
-    """Name of the kind that has the fault, or CELL."""
+    """Name of the kind of device that has the fault, or CELL."""
     on: str
     fault: str
 
     @property
     def key(self) -> str:
-        """Its name in the figures."""
+        """Name of the run in the figures."""
         return f"{self.device}: {self.on}: {self.fault}"
 
 
 def faults_of_device(name: str) -> Mapping[str, Mapping[str, Fault]]:
-    """Return the faults of an emulated device by target, those alone that it can have."""
+    """Return the faults that an emulated device can have, by target."""
     if name == CELL:
         return OWN_FAULTS
     kind = ROBOTS.kind(name) if name in ROBOT_NAMES else SENSORS.kind(name)
@@ -62,7 +65,7 @@ def faults_of_device(name: str) -> Mapping[str, Mapping[str, Fault]]:
 
 
 def jobs() -> Iterator[Job]:
-    """All runs."""
+    """Yield all runs."""
     for device in (*MEASURED_ROBOTS, *MEASURED_SENSORS, CELL):
         for on, faults in faults_of_device(device).items():
             if on not in UNMEASURED:
@@ -70,7 +73,7 @@ def jobs() -> Iterator[Job]:
 
 
 def settings(job: Job) -> Mapping[str, object]:
-    """Return the settings of a run; all others have their defaults."""
+    """Return the settings of a run that differ from their defaults."""
     robot = job.device if job.device in ROBOT_NAMES else PARTNER_ROBOT
     sensor = job.device if job.device in SENSOR_NAMES else BUS_SENSOR if job.on == "bus" else PARTNER_SENSOR
     given = GIVEN.get((job.on, job.fault), {})
@@ -89,13 +92,13 @@ def settings(job: Job) -> Mapping[str, object]:
 
 
 def measured(job: Job) -> Mapping[str, Any]:
-    """Return the end of one run: its exit code, and the first line of its cause."""
+    """Return the result of one run: its exit code, and the first line of its cause."""
     try:
         result = simulate(load_config(None, settings(job)))
     except BridgeError as error:
         return {"exit": error.exit_code, "cause": _first_line(str(error))}
     finally:
-        gc.collect()  # a cell and its run refer to each other
+        gc.collect()  # a cell and its run reference each other
     return {"exit": result.exit_code, "cause": _first_line(result.text)}
 
 
@@ -104,14 +107,14 @@ def _first_line(text: str) -> str:
 
 
 def measure(devices: Sequence[str], before: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the ends of all runs by name, with those of these devices measured again.
+    """Return the results of all runs by name. The runs of these devices are measured again.
 
-    Without a name all devices are measured again.
+    Without names, the runs of all devices are measured again.
     """
-    wanted = list(jobs())
-    again = [job for job in wanted if not devices or job.device in devices or job.key not in before]
-    found = {job.key: end for job, end in zip(again, run_jobs(measured, again), strict=True)}
-    return {job.key: found.get(job.key) or before[job.key] for job in wanted}
+    all_jobs = list(jobs())
+    again = [job for job in all_jobs if not devices or job.device in devices or job.key not in before]
+    results = {job.key: end for job, end in zip(again, run_jobs(measured, again), strict=True)}
+    return {job.key: results.get(job.key) or before[job.key] for job in all_jobs}
 
 
 # --- tables
@@ -119,24 +122,24 @@ def measure(devices: Sequence[str], before: Mapping[str, Any]) -> Mapping[str, A
 _MESSAGES = re.compile(
     r"\b(bytes|frames|datagrams|packages|texts|messages|records|samples)\b(?= (?:are|is|come|sent|the))"
 )
-"""The unit of each link, which a table of all links calls a message."""
+"""Pattern for the names of each link's units. The table for all links calls them messages."""
 
 
 def parameters(fault: Fault) -> str:
-    """Return the parameters with their defaults."""
+    """Return the parameters with their defaults, as text."""
     named = ((name, parameter) for name, parameter in fault.parameters.items())
     return ", ".join(f"`{name}` {parameter.default} {parameter.unit}".rstrip() for name, parameter in named)
 
 
 def lasts(fault: Fault) -> str:
-    """Return the default duration; empty for a fault that strikes once."""
+    """Return the default duration as text; empty for a fault that acts once."""
     if fault.lasts_s is None:
         return ""
     return "to the end" if fault.lasts_s == FOREVER else f"{fault.lasts_s:g} s"
 
 
 def outcomes(names: Sequence[str], on: str, fault: str, figures: Mapping[str, Any]) -> str:
-    """Return these devices by what a run did, then those of which no run was made."""
+    """Return these devices grouped by the outcome of a run, followed by those without a run."""
     groups: dict[str, list[str]] = {"stops": [], "continues": [], "": []}
     for name in names:
         end = figures.get(Job(name, on, fault).key)
@@ -147,7 +150,7 @@ def outcomes(names: Sequence[str], on: str, fault: str, figures: Mapping[str, An
 
 
 def target_table(on: str, names: Sequence[str], figures: Mapping[str, Any]) -> str:
-    """Return the faults of a target; one row for the devices whose fault is the same."""
+    """Return the table of a target's faults. Devices with the same fault share a row."""
     rows = dict[tuple[str, str, str, str], list[str]]()
     for name in names:
         for fault, kind in faults_of_device(name).get(on, {}).items():

@@ -1,6 +1,6 @@
-"""Tables of docs/reference/identify-cell.md: hidden settings of emulated cells, and what was found of them.
+"""Tables of docs/reference/identify-cell.md: hidden settings of emulated cells, and the values identified for them.
 
-The cells are run and identified in virtual time; it takes some six minutes.
+The cells are run and identified in virtual time, which takes about six minutes.
 """
 
 import json
@@ -29,9 +29,9 @@ SENSORS = ("netft", "ft300", "ati-can", "netft", "ft300")
 CELLS = (*(("s3", "jr3"),) * 5, *((robot, sensor) for robot in STREAMED for sensor in SENSORS))
 """Robot and sensor of each cell."""
 _JR3_SCALES = tuple(full / 2**14 for full in (115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
-"""N and N·m of a count of the emulated JR3."""
+"""Scale of each axis of the emulated JR3, N or N·m per count."""
 _JR3_SAMPLE_S, _JR3_LATE_S = 128.5e-6, 45e-6
-"""Period of its samples, and by how much each frame is later than asked for, on the mean."""
+"""Sample period of the emulated JR3, and mean delay of a frame after the request, s."""
 _FT300_STEPS = (0.01,) * 3 + (0.001,) * 3
 
 
@@ -65,7 +65,7 @@ ROBOT: Mapping[str, Sequence[Setting]] = {
     ),
 }
 _GATEWAYS = ((2.0, 0.0), (5.0, 0.0), (2.0, 100.0), (2.0, 200.0), (10.0, 10.0))
-"""Period, ms, and cut-off, Hz."""
+"""Settings of the gateway: period, ms, and cut-off frequency, Hz."""
 SENSOR: Mapping[str, Sequence[Setting]] = {
     "jr3": (
         _between("cell.jr3.sensor.noise_counts", 0.5, 2.8),
@@ -95,13 +95,15 @@ SENSOR: Mapping[str, Sequence[Setting]] = {
 }
 _SPEED_MM_S, _SMOOTHING_MM_S = 5.5, 1.0
 _AT_SPEED = _SPEED_MM_S / math.hypot(_SPEED_MM_S, _SMOOTHING_MM_S)
-"""Share of its friction that the emulated surface has at the usual speed across it; an S3's steps are quicker."""
+"""Friction of the emulated surface at the usual speed across it, as a share of its full friction. The steps of an
+S3 are faster.
+"""
 _PACKETS: Mapping[str, int] = {"jr3": 2, "netft": 1, "ft300": 16, "ati-can": 2}
-"""Packets of a wire in a frame of each sensor."""
+"""Number of wire packets in a frame of each sensor."""
 
 
 class Row(NamedTuple):
-    """A value of a cell, the true one beside."""
+    """Identified value of a cell, with the true value."""
 
     key: str
     part: str
@@ -109,19 +111,19 @@ class Row(NamedTuple):
     unit: str
     true: float
     found: float | None
-    """None for one that is not seen."""
+    """Identified value; None if it was not identified."""
     low: float | None
     high: float | None
     why: str | None
 
     @property
     def within(self) -> bool:
-        """Whether the interval holds the true value."""
+        """Whether the interval contains the true value."""
         return self.low is not None and self.high is not None and self.low <= self.true <= self.high
 
 
 def cell(number: int) -> dict[str, Any]:
-    """Return settings of a cell, drawn by its number."""
+    """Return the settings of a cell, drawn with its number as the seed."""
     robot, sensor = CELLS[number]
     lost = [_lost("sensor-wire"), *([_lost("wire")] if robot in ("egm", "rsi") else [])]
     draw = Draw((*SURFACE, *ROBOT[robot], *SENSOR[sensor]), tuple(lost), len(lost), len(lost))
@@ -151,7 +153,7 @@ def _lost(on: str) -> dict[str, Any]:
 
 
 def true_values(settings: Mapping[str, Any]) -> dict[str, float]:
-    """Return the true values of a cell that its settings tell, by key."""
+    """Return the true values of a cell that follow from its settings, by key."""
     robot, sensor = settings["robot"]["emulated"], settings["sensor"]["emulated"]
     cell, surface = settings["cell"], settings["cell"]["surface"]
     found = {
@@ -200,7 +202,7 @@ def _robot_truth(robot: str, cell: Mapping[str, Any]) -> dict[str, float]:
                 usual.joint_noise_urad, rounding
             )
             return {
-                "robot.servo": 0.004 + 0.03 + later,  # two cycles there, and servoj's lookahead
+                "robot.servo": 0.004 + 0.03 + later,  # two cycles to the robot, and servoj's lookahead
                 "robot.cycle": 0.002,
                 "robot.noise.ratio": ratio,
             }
@@ -237,7 +239,7 @@ def _sensor_truth(sensor: str, cell: Mapping[str, Any], settings: Mapping[str, A
 
 
 def _lowered(weight: float) -> float:
-    """By how much a filter of first order lowers white noise."""
+    """Return the factor by which a first-order filter reduces the rms of white noise."""
     return math.sqrt(weight / (2.0 - weight))
 
 
@@ -251,7 +253,7 @@ def run_of(number: int) -> Recording:
 
 
 def rows_of(number: int, values: Values) -> list[Row]:
-    """Return the values of a cell that have a true one."""
+    """Return the identified values of a cell that have a true value."""
     true = true_values(cell(number))
     rows = []
     for value in values:
@@ -264,7 +266,7 @@ def rows_of(number: int, values: Values) -> list[Row]:
 
 
 def figures_of(number: int) -> dict[str, Any]:
-    """One cell, run and identified."""
+    """Run and identify one cell."""
     recording = run_of(number)
     robot, sensor = CELLS[number]
     rows = [row._asdict() for row in rows_of(number, identify_run(recording).values)]
@@ -278,7 +280,7 @@ def figures_of(number: int) -> dict[str, Any]:
 
 
 def measure(names: Sequence[str], before: object) -> list[dict[str, Any]]:
-    """All cells, one a core at a time."""
+    """Run and identify all cells, one cell per core at a time."""
     return run_jobs(figures_of, range(len(CELLS)))
 
 
@@ -286,7 +288,7 @@ def measure(names: Sequence[str], before: object) -> list[dict[str, Any]]:
 
 
 def drawn_settings() -> Iterator[tuple[str, Setting]]:
-    """Every setting that is drawn, and of which cells."""
+    """Return every setting that is drawn, and the cells for which it is drawn."""
     for setting in SURFACE:
         yield "all", setting
     for kind, settings in (*ROBOT.items(), *SENSOR.items()):
@@ -309,7 +311,9 @@ def _draws() -> Iterator[tuple[str, str, str, str]]:
 
 
 def _format_default(key: str) -> str:
-    """Return the default of a setting; of one for each axis, those of the three axes."""
+    """Return the default of a setting as text. If it has one value per axis, the text has the values of the three
+    axes.
+    """
     robot, sensor = next(
         (robot, sensor)
         for robot, sensor in CELLS
@@ -322,7 +326,7 @@ def _format_default(key: str) -> str:
 
 
 def _losses() -> str:
-    """How many cells lose packets on which wire."""
+    """Return how many cells lose packets, by wire."""
     lost = [{fault["on"] for fault in cell(number)["faults"]} for number in range(len(CELLS))]
     both, sensor, robot = ({"sensor-wire", "wire"}, {"sensor-wire"}, {"wire"})
     return (
@@ -332,20 +336,20 @@ def _losses() -> str:
 
 
 def all_rows(figures: Sequence[Mapping[str, Any]]) -> list[tuple[Mapping[str, Any], Row]]:
-    """Every row with its cell."""
+    """Return every row with its cell."""
     return [(one, Row(**row)) for one in figures for row in one["rows"]]
 
 
 def within_of(rows: Sequence[Row]) -> tuple[int, int]:
-    """Return the number of values within their intervals, and of all estimated ones."""
-    seen = [row for row in rows if row.found is not None]
-    return sum(row.within for row in seen), len(seen)
+    """Return the number of values inside their intervals, and the number of all estimated values."""
+    estimated = [row for row in rows if row.found is not None]
+    return sum(row.within for row in estimated), len(estimated)
 
 
 def _quantities(rows: Sequence[Row]) -> Iterator[tuple[str, str, str, str, str]]:
     for words in dict.fromkeys(_general(row) for row in rows):
         own = [row for row in rows if _general(row) == words]
-        within, seen = within_of(own)
+        within, estimated = within_of(own)
         widths = [
             100.0 * 0.5 * (row.high - row.low) / abs(row.true)
             for row in own
@@ -353,12 +357,12 @@ def _quantities(rows: Sequence[Row]) -> Iterator[tuple[str, str, str, str, str]]
         ]
         width = f"± {statistics.median(widths):.2g} %" if widths else "–"
         reasons = dict.fromkeys(row.why for row in own if row.why is not None)
-        missing = f"{len(own) - seen}: {'; '.join(map(str, reasons))}" if reasons else "0"
-        yield words, str(seen), str(within), width, missing
+        missing = f"{len(own) - estimated}: {'; '.join(map(str, reasons))}" if reasons else "0"
+        yield words, str(estimated), str(within), width, missing
 
 
 def _general(row: Row) -> str:
-    """Words of a value, the same for all axes."""
+    """Return the description of a value in a form that is the same for all axes."""
     axis = row.key.rpartition(".")[2]
     general = row.words.removesuffix(f" of {axis}") + " of each axis" if axis in AXES else row.words
     return f"{row.part}: {general}"
@@ -366,16 +370,17 @@ def _general(row: Row) -> str:
 
 def _coverage(figures: Sequence[Mapping[str, Any]]) -> str:
     rows = [row for _, row in all_rows(figures)]
-    within, seen = within_of(rows)
-    noise_within, noise_seen = within_of([row for row in rows if row.key.startswith("sensor.noise")])
+    within, estimated = within_of(rows)
+    noise_within, noise_estimated = within_of([row for row in rows if row.key.startswith("sensor.noise")])
     return (
-        f"{len(figures)} cells have {len(rows)} values with a true one. {seen} are seen, and {within} of these, "
-        f"{100.0 * within / seen:.1f} %, lie within their intervals. Of the noises of the sensors, whose intervals "
-        f"have no allowance, {noise_within} of {noise_seen} do, {100.0 * noise_within / noise_seen:.1f} %."
+        f"{len(figures)} cells have {len(rows)} values with a known true value. {estimated} are "
+        f"estimated, and {within} of these, {100.0 * within / estimated:.1f} %, lie within their intervals. Of the "
+        f"sensor noises, whose intervals have no allowance, {noise_within} of {noise_estimated} do, "
+        f"{100.0 * noise_within / noise_estimated:.1f} %."
     )
 
 
-_QUANTITIES = ("value", "seen", "within", "half width, median", "not seen, and why")
+_QUANTITIES = ("value", "estimated", "within", "half width, median", "not estimated, and why")
 TABLES: Mapping[str, Callable[[Sequence[Mapping[str, Any]]], str]] = {
     "drawn": lambda figures: table(("cells", "setting", "drawn from", "default"), _draws()),
     "losses": lambda figures: _losses(),

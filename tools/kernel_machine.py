@@ -1,7 +1,7 @@
-"""A small virtual machine with a Debian kernel, for tests that the kernel of this computer cannot run.
+"""Small virtual machine with a Debian kernel, for tests that this computer's kernel cannot run.
 
-The kernel is unpacked from its package, not installed. The machine sees this computer's files read-only. It has a PCI
-device whose memory is plain, which can stand for a board.
+The kernel is unpacked from its package, not installed. The machine has read-only access to this computer's files.
+It has a PCI device with plain memory, which can represent a board.
 """
 
 import compileall
@@ -21,14 +21,16 @@ ROOT = Path(__file__).resolve().parent.parent
 BIN = Path(sys.executable).parent
 OWN_PACKAGES = ("hil_bridge", "emulators", "protocol", "tools")
 CACHE = Path(sys.prefix) / "cache" / "vcan-kernel"
-"""Within the environment, which is not under version control."""
+"""Folder in the environment, which is not under version control."""
 
 SKIPPED = 77
-"""Exit code of a step that could not run here."""
+"""Exit code of a step that cannot run on this computer."""
 REQUIRE = "HIL_BRIDGE_REQUIRE_VCAN"
-"""Set where tests that cannot run are an error."""
+"""Name of an environment variable. If it is set, tests that cannot run are an error."""
 INSIDE = "HIL_BRIDGE_MACHINE"
-"""Set within the machine: its kernel and its devices are there for the tests alone."""
+"""Name of an environment variable that is set inside the machine, where only the tests use the kernel and the
+devices.
+"""
 
 PACKAGES = {
     "qemu-system-x86_64": "qemu-system-x86",
@@ -38,43 +40,48 @@ PACKAGES = {
     "ip": "iproute2",
     "candump": "can-utils",
 }
-"""Commands that the machine needs, and the Debian packages that have them."""
+"""Commands that the machine needs, with the Debian packages that contain them."""
 KERNEL = "linux-image-amd64"
-"""Names the newest kernel; the one for clouds has no CAN."""
+"""Package of the newest kernel. The cloud kernel does not support CAN."""
 
 KVM_PATIENCE_S = 10.0
-"""Until a machine with KVM must be up, else it is emulated: on some nested machines KVM hangs."""
+"""Time limit for the start of a machine with KVM, s. After that, the machine is emulated, because KVM hangs on some
+nested machines.
+"""
 POLL_S = 0.2
 INSTRUCTION_TIME = " -icount shift=0"
-"""The emulated computer's clock goes by its instructions, 1 ns each, as long as it has something to do.
+"""Options for a clock that advances by 1 ns per instruction, as long as the emulated computer is busy.
 
-So it is always a computer of 1 GIPS to its programs, however slow it is emulated. Programs that need real time work
-there, and a busy host makes it longer, never late.
+To its programs, the computer therefore always executes 10⁹ instructions per second, however slow the emulation is.
+Programs that need real time work there. A busy host makes the run longer, but nothing is late.
 """
 YIELDING = ("nice", "-n", "19")
-"""So an emulated computer takes only the time that no other process of this one wants: its own clock does not mind."""
+"""Prefix of a command that gives an emulated computer only idle processor time. Its clock is not affected."""
 BUSY_S = 1800.0
-"""Longest time for which other processes may leave it none. Chosen: three times what the check's other steps take."""
+"""Maximum time for which other processes may take all processor time from the machine, s. Chosen: three times the
+duration of the other steps of the check.
+"""
 PLAIN_MEMORY = " -device bochs-display"
-"""A PCI device of 16 MiB of memory that does nothing by itself."""
+"""Option for a PCI device that consists only of 16 MiB of memory."""
 KERNEL_SETTINGS = ("modprobe.blacklist=bochs", "iomem=relaxed")
-"""No driver takes that device by itself, and a program may map its memory while a driver has it."""
+"""Kernel settings: no driver claims the PCI device, and a program may map its memory while a driver uses it."""
 
 SYSTEM_FOLDERS = "/usr/sbin:/sbin"
-"""Where Debian keeps commands that an operator's PATH lacks."""
+"""Folders of Debian commands that are not on an operator's PATH."""
 
 
 class Unavailable(Exception):
-    """The machine cannot be had here; the text says why, in a part of a line."""
+    """Error that the machine is not available on this computer. The text gives the reason, as part of a line."""
 
 
 def which(command: str) -> str | None:
-    """Where a command is, for an operator's PATH too."""
+    """Return the path of a command, including folders that are not on an operator's PATH."""
     return shutil.which(command, path=f"{os.environ.get('PATH', '')}:{SYSTEM_FOLDERS}")
 
 
 def pytest_command(parts: Sequence[str], arguments: Sequence[str]) -> list[str]:
-    """Command that runs the tests of these folders, here and inside, where nothing can be written to the checkout.
+    """Return the command that runs the tests of these folders, on this computer or in the machine, where the
+    checkout is read-only.
 
     The tests of a folder have its name as their mark.
     """
@@ -86,16 +93,16 @@ def pytest_command(parts: Sequence[str], arguments: Sequence[str]) -> list[str]:
 
 
 def skipped(what: str, reason: object) -> int:
-    """Say in one line that these tests cannot run, and return the exit code for it."""
+    """Print one line that these tests cannot run, and return the exit code for it."""
     required = bool(os.environ.get(REQUIRE))
     print(f"{what} {'cannot run' if required else 'are skipped'}: {reason}", flush=True)
     return 1 if required else SKIPPED
 
 
-def unpacked_kernel() -> Path:
-    """Return the kernel's image, with its modules if the package has them.
+def unpack_kernel() -> Path:
+    """Return the kernel's image, and its modules if the package has them.
 
-    Raises Unavailable, also without commands.
+    Raises Unavailable, also if a required command is missing.
     """
     missing = [package for name, package in PACKAGES.items() if which(name) is None]
     if missing:
@@ -117,8 +124,8 @@ def _unpack() -> None:
                 command, cwd=cwd, check=True, capture_output=True, text=True, timeout=300
             ).stdout
         except (OSError, subprocess.SubprocessError) as error:
-            said = (getattr(error, "stderr", "") or str(error)).strip().splitlines()[-1]
-            raise Unavailable(f"{command[0]} cannot get a Debian kernel ({said})") from error
+            reason = (getattr(error, "stderr", "") or str(error)).strip().splitlines()[-1]
+            raise Unavailable(f"{command[0]} cannot get a Debian kernel ({reason})") from error
 
     CACHE.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=CACHE.parent, prefix="unpacking-") as name:
@@ -138,14 +145,15 @@ def _unpack() -> None:
 
 
 def guest_script(share: Path, command: Sequence[str], settings: dict[str, str]) -> str:
-    """Script of the machine: its results are files, since its console drops characters.
+    """Return the script that the machine runs. Its results are written to files, because its console drops
+    characters.
 
-    Python and the checkout are mounted a second time, with a cache, over where they are. Without one every start of
-    Python reads all of its files through the emulated disk again.
+    Python and the checkout are mounted a second time, with a cache, over their own paths. Otherwise every start of
+    Python would read all its files through the emulated disk again.
     """
     host = "/run/host"
     cached = {str(Path(sys.base_prefix).resolve()), str(Path(sys.prefix).resolve()), str(ROOT)}
-    # a file of the machine's own lies beneath none of them
+    # none of these folders contains a file of the machine itself
     binds = [f"mount --bind {host}{shlex.quote(folder)} {shlex.quote(folder)}" for folder in sorted(cached)]
     exports = [f"export {name}={shlex.quote(value)}" for name, value in settings.items()]
     return "\n".join(
@@ -167,7 +175,7 @@ def guest_script(share: Path, command: Sequence[str], settings: dict[str, str]) 
 
 
 def machine_command(image: Path, share: Path, kvm: bool) -> list[str]:
-    """Boot with the computer's files read-only and `share` to write to."""
+    """Return the command that boots with the computer's files read-only and `share` writable."""
     cached = (
         " -fsdev local,id=cached,path=/,security_model=none,readonly=on,multidevs=remap"
         " -device virtio-9p-pci,fsdev=cached,mount_tag=cached"
@@ -186,10 +194,10 @@ def machine_command(image: Path, share: Path, kvm: bool) -> list[str]:
 def run_machine(
     image: Path, command: Sequence[str], settings: dict[str, str], limit: float, kvm: bool
 ) -> int:
-    """Boot once, show the command's output as it comes, and return its exit code. `limit` is for a computer that has
-    nothing else to do, s.
+    """Boot once, print the command's output as it arrives, and return its exit code.
 
-    Raises Unavailable when a machine with KVM does not come up, TimeoutError for one that does not end.
+    `limit` is the time limit on an otherwise idle computer, s. Raises Unavailable if a machine with KVM does not
+    start, and TimeoutError if a machine does not end.
     """
     with tempfile.TemporaryDirectory(prefix="hil-bridge-machine-") as name:
         share = Path(name)
@@ -204,15 +212,16 @@ def run_machine(
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 env={**os.environ, "PATH": f"{BIN}:{os.environ.get('PATH', '')}:{SYSTEM_FOLDERS}"},
-                process_group=0,  # no session: Linux shares processors by session first, and `nice` is lost
+                # No new session: Linux divides processor time by session first, and `nice` would have no effect.
+                process_group=0,
             )
             try:
                 while True:
                     ended = process.poll() is not None
                     sys.stdout.buffer.write(text.read())
                     sys.stdout.flush()
-                    if code.exists() and (said := code.read_text().strip()):
-                        return int(said)
+                    if code.exists() and (reason := code.read_text().strip()):
+                        return int(reason)
                     waited = time.monotonic() - began
                     up = (share / "up").exists()
                     if kvm and not up and (ended or waited > KVM_PATIENCE_S):
@@ -229,11 +238,11 @@ def run_machine(
 
 
 def in_machine(command: Sequence[str], settings: dict[str, str], limit: float) -> int:
-    """Run a command in a machine, within so many seconds, and return its exit code.
+    """Run a command in a machine within a time limit, s, and return its exit code.
 
-    Raises Unavailable where there can be no machine.
+    Raises Unavailable if a machine cannot run on this computer.
     """
-    image = unpacked_kernel()
+    image = unpack_kernel()
     for package in OWN_PACKAGES:  # the machine cannot keep what it compiles
         compileall.compile_dir(ROOT / package, quiet=1)
     inside = {

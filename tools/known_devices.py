@@ -1,6 +1,7 @@
-"""A page of the reference: which robots and sensors there are, and what is known of each.
+"""Reference page of the supported robots and sensors, and of the evidence for each.
 
-Wire, cycle and marks follow from the kinds. Witnesses are told in docs/explanation/fidelity.md; here stand their names.
+Wire, cycle and marks are derived from the kinds. docs/explanation/fidelity.md describes the witnesses; this page
+names them.
 """
 
 from collections import Counter
@@ -24,14 +25,14 @@ from tools.pages import table
 
 
 class Evidence(NamedTuple):
-    """The witnesses that an emulated device was held against."""
+    """Evidence for an emulated device: the witnesses that it was compared with."""
 
     page: str
-    """Its page of the reference, without the ending."""
+    """Reference page of the device, without the file extension."""
     witnesses: tuple[str, ...]
-    """Foreign programs, drivers and documents, by the names of docs/explanation/fidelity.md."""
+    """Third-party programs, drivers and documents, by their names in docs/explanation/fidelity.md."""
     recorded: str
-    """What others recorded of real devices and the emulator was compared with; empty for nothing."""
+    """Third-party recordings of real devices that the emulator was compared with; empty if there are none."""
 
 
 _JR3_WITNESSES = ("jr3-mbed-firmware", "SocketCAN")
@@ -62,35 +63,36 @@ EVIDENCE: Mapping[str, Evidence] = {
     "ft300-urcap": Evidence("ft300", ("robotiq_ft_sensor_dev",), ""),
     "ati-can": Evidence("ati-can", ("the maker's manual", "ati_netcanoem_ft_driver"), ""),
 }
-"""By kind."""
+"""Evidence by kind of device."""
 _TOLD = (Mark.OBSERVED, Mark.DERIVED, Mark.STANDARD, Mark.ASSUMED, Mark.CHOSEN)
 
 
 def known_devices() -> str:
-    """Return the page."""
+    """Return the page of supported devices."""
     config = with_all_kinds()
     parts = [
-        "# Robots and sensors, and what is known of them",
-        "Any robot of this page runs with any sensor of it. Each is driven over its real wire, and emulated on the "
-        "same wire. **No real controller and no real sensor was at hand when the emulators were made.** Programs, "
-        "drivers and documents of others are the witnesses, and files that others recorded of real devices. "
-        "[Fidelity](../../explanation/fidelity.md) tells what each of them showed.",
+        "# Supported robots and sensors",
+        "Any robot on this page works with any sensor on it. Each is driven over its real wire, and emulated on the "
+        "same wire. **No real controller and no real sensor was available when the emulators were made.** The "
+        "emulators were compared with third-party programs, drivers and documents, and with files that others "
+        "recorded from real devices. [Fidelity](../../explanation/fidelity.md) describes the results.",
         "## Robots",
         _overview(_kinds(ROBOTS), config),
         "## Sensors",
         _overview(_kinds(SENSORS), config),
-        "An S3 is asked; its cycle is as long as its line takes. A sensor without a cycle tells it in its stream.",
-        "## What held them",
+        "An S3 is polled; its cycle takes as long as the transfer on its line. A sensor without a cycle in this table "
+        "reports it in its stream.",
+        "## Evidence",
         table(
-            ("kind", "held against", "recorded of real devices"),
+            ("kind", "compared with", "recordings of real devices"),
             ((_link(name), ", ".join(e.witnesses), e.recorded or "nothing") for name, e in EVIDENCE.items()),
         ),
-        "## How well their settings are known",
-        "Settings of the emulated device and of its client, by "
-        "[mark](../../explanation/decisions/0005-marks-of-facts.md). *Observed* was read from a real device or from a "
-        "client that drove one. *Derived* follows from that. *Standard* is usual for such devices. *Assumed* is not "
-        "known: correct it on site. *Chosen* is no fact about a device. `hil-bridge list facts` lists the assumed "
-        "ones. Kinds in one row share their settings.",
+        "## Confidence in the settings",
+        "Number of settings of the emulated device and of its client, by "
+        "[mark](../../explanation/decisions/0005-marks-of-facts.md). *Observed* values come from a real device or from "
+        "a client that drove one. *Derived* values follow from those. *Standard* values are usual for such devices. "
+        "*Assumed* values are unknown: correct them on site. *Chosen* values are not facts about a device. "
+        "`hil-bridge list facts` lists the assumed ones. Kinds in one row share their settings.",
         table(("kind", *map(str, _TOLD)), _mark_rows(config)),
     ]
     return "\n\n".join(parts) + "\n"
@@ -124,9 +126,9 @@ def _cycle(kind: DeviceKind, config: Config) -> str:
     settings = _settings(kind, config)
     if isinstance(kind, SensorKind):
         seconds = kind.period(settings)
-        return "told by the sensor" if seconds is None else f"{seconds * 1e3:g} ms"
+        return "reported by the sensor" if seconds is None else f"{seconds * 1e3:g} ms"
     seconds = kind.facts("", settings).cycle_s
-    return "asked each time" if seconds is None else f"{seconds * 1e3:g} ms"
+    return "polled" if seconds is None else f"{seconds * 1e3:g} ms"
 
 
 def _mark_rows(config: Config) -> Iterator[tuple[object, ...]]:
@@ -139,7 +141,7 @@ def _mark_rows(config: Config) -> Iterator[tuple[object, ...]]:
 
 
 def count_marks(config: Config, section: str) -> Counter[Mark]:
-    """How many settings of a device's sections have each mark."""
+    """Return the number of settings with each mark in a device's sections."""
     places = {("robot", section), ("sensor", section), ("cell", section)}
     return Counter(
         setting.info.mark for key, setting in profile_rows(config) if tuple(key.split(".")[:2]) in places

@@ -1,4 +1,4 @@
-"""State diagrams of both roles of the link in docs/reference/computer-link.md, from the table that it works by."""
+"""State diagrams of both roles of the link in docs/reference/computer-link.md, generated from the link's own table."""
 
 import textwrap
 from collections.abc import Iterator, Mapping
@@ -10,7 +10,9 @@ from tools.pages import table
 from tools.state_picture import Bend, Layout, draw_states
 
 SENDING = {State.BIDDING, State.HOLDING, State.AWAITING_ACK}
-"""States whose arrows are drawn with the sender; those of the idle ones go with what they lead to."""
+"""States whose arrows are drawn in the sender's diagram. Arrows of the idle states are drawn in the diagram of
+their target.
+"""
 NAMES = {Role.HOST: "PC", Role.ROBOT: "S3"}
 
 PLACES = {
@@ -56,7 +58,7 @@ RECEIVER = Layout(
         if {a, b} != {State.IDLE, State.DISCARDING}
     },
 )
-"""Chosen: no arrow runs through a box, and no label stands on another."""
+"""Layout of the receiver's diagram. Chosen: no arrow crosses a box, and no labels overlap."""
 
 INTRODUCTION = """\
 Drawn by `tools/link_diagrams.py` from the table in `protocol/devices/s3/adlp/transitions.py`, by which both ends work.
@@ -110,11 +112,11 @@ CONDITIONS: Mapping[Action, Mapping[State, str]] = {
         State.LISTENING: _STRAY,
     },
 }
-"""Where an action leads to several states: which it is."""
+"""Conditions that select the next state if an action has several."""
 
 
 def transitions(role: Role) -> Iterator[tuple[State, Stimulus, Action, State]]:
-    """Every state, what may happen in it, what is done and where that leads for this role in the default profile."""
+    """Yield every state, stimulus, action and next state for this role in the default profile."""
     first = LinkProfile().collision_winner == role
     for (state, stimulus), transition in TRANSITIONS.items():
         for target in transition.next:
@@ -124,12 +126,12 @@ def transitions(role: Role) -> Iterator[tuple[State, Stimulus, Action, State]]:
 
 
 def is_sending(state: State, target: State) -> bool:
-    """Whether an arrow is drawn in the sender's diagram and not in the receiver's."""
+    """Return whether an arrow is drawn in the sender's diagram rather than in the receiver's."""
     return state in SENDING or target in SENDING or (state is State.LISTENING and target is State.IDLE)
 
 
 def arrows(role: Role, sending: bool) -> dict[tuple[State, State], list[str]]:
-    """Arrows for each pair of states from the one to the other. For the receiver listening is as idle."""
+    """Return the transitions for each pair of states. In the receiver's diagram, listening counts as idle."""
     pairs: dict[tuple[State, State], list[str]] = {}
     for state, stimulus, _, target in transitions(role):
         alike = state is State.LISTENING and TRANSITIONS.get((State.IDLE, stimulus)) is not None
@@ -139,7 +141,7 @@ def arrows(role: Role, sending: bool) -> dict[tuple[State, State], list[str]]:
 
 
 def labels(drawn: dict[tuple[State, State], list[str]]) -> dict[tuple[str, str], list[str]]:
-    """Return the lines that stand on each arrow."""
+    """Return the label lines of each arrow."""
     return {
         (source.value, target.value): textwrap.wrap(", ".join(stimuli), 18, break_on_hyphens=False)
         for (source, target), stimuli in drawn.items()
@@ -147,7 +149,7 @@ def labels(drawn: dict[tuple[State, State], list[str]]) -> dict[tuple[str, str],
 
 
 def receiving() -> dict[tuple[State, State], list[str]]:
-    """Arrows of the receiver. Raises ValueError when the roles differ, for one picture shows both."""
+    """Return the receiver's arrows. Raises ValueError if the roles differ, because one picture shows both."""
     host, robot = (arrows(role, sending=False) for role in Role)
     if host != robot:
         raise ValueError("the roles receive differently: draw a diagram for each")
@@ -183,7 +185,7 @@ def action_table() -> str:
 
 
 def section() -> str:
-    """Text between the marks."""
+    """Return the text between the marks of the page."""
     parts = [INTRODUCTION]
     for role in Role:
         first = "goes first" if LinkProfile().collision_winner == role else "gives way"
@@ -192,8 +194,8 @@ def section() -> str:
             f"When both bid at once (ENQ while bidding), the {NAMES[role]} {first} (`collision_winner`).",
             f"![States of the link while the {NAMES[role]} sends](../pictures/link-{NAMES[role].lower()}-sends.svg)",
         ]
-    shown = "![States of the link while either side receives](../pictures/link-receives.svg)"
-    parts += ["### Either receives", RECEIVING, shown]
+    picture = "![States of the link while either side receives](../pictures/link-receives.svg)"
+    parts += ["### Either receives", RECEIVING, picture]
     return "\n\n".join([*parts, "### What is done", DOING, action_table()])
 
 

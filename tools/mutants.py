@@ -1,17 +1,17 @@
-"""Draw mutants by a seed, and tell which of them the tests kill.
+"""Draw mutants by a seed, and report which of them the tests kill.
 
 A mutant is the code with one small mistake: another comparison, `and` for `or`, a sign, a constant, a dropped call. It
-is made in a copy of the tree, and never in the checkout. The tests of its area run there, up to the first failure;
-those that name the module come first. A test that fails in the copy without the mistake too kills nothing, and is left
-out.
+is made in a copy of the tree, never in the checkout. The tests of its area run there, up to the first failure; those
+that name the module come first. A test that also fails in the copy without the mistake does not count, and is left out.
 
     python -m tools.mutants --seed 1 --write drawn.json     draws 30 mutants and judges them
     python -m tools.mutants --again drawn.json              judges the same mutants in this tree
-    python -m tools.mutants --seed 1 --list                 only names them
+    python -m tools.mutants --seed 1 --list                 only lists them
     python -m tools.mutants --area control --count 40       draws from one area
 
-The exit code is 1 when a mutant survived. One that outlives the time limit is told apart: further tests might kill it.
-Libraries for this mutate the checkout, or run one list of tests for all code. This tool draws, and takes tests by area.
+The exit code is 1 if a mutant survived. A mutant that reaches the time limit is reported separately, because further
+tests might kill it. Existing libraries mutate the checkout, or run one list of tests for all code. This tool draws, and
+selects tests by area.
 """
 
 import argparse
@@ -46,7 +46,7 @@ AREAS = {
     ),
     "web": (("hil_bridge/show",), ("tests/web", "tests/show")),
 }
-"""Folders of the code, and of the tests that judge it."""
+"""Folders of the code, and of the tests that check it."""
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "__pycache__", ".*_cache", "_build", "dist", ".hypothesis")
 COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
     ast.Eq: ast.NotEq,
@@ -70,22 +70,22 @@ SUMS: dict[type[ast.operator], type[ast.operator]] = {
 
 @dataclass(frozen=True, slots=True)
 class Mutant:
-    """One small mistake at one place."""
+    """Mutant: code with one small mistake."""
 
     area: str
     path: str
     function: str
-    """Its qualified name; empty at the top of a module."""
+    """Qualified name of the function; empty at the top level of a module."""
     before: str
-    """The text that is replaced."""
+    """Text that is replaced."""
     after: str
     occurrence: int
-    """Of this replacement in the function, from 0."""
+    """Index of this replacement in the function, from 0."""
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A mutant and where it is in a text, as offsets of bytes."""
+    """Mutant with its location in a text, given in bytes."""
 
     mutant: Mutant
     line: int
@@ -93,8 +93,8 @@ class Place:
     end: int
 
 
-def changed(node: ast.AST) -> Iterator[ast.AST]:
-    """Return the mistakes that this piece of syntax allows."""
+def mutations(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield the mistakes that can be made in this syntax node."""
     other = copy.deepcopy(node)
     match other:
         case ast.Compare(ops=[operator]) if type(operator) in COMPARISONS:
@@ -119,7 +119,9 @@ def changed(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def _is_judged(node: ast.AST) -> bool:
-    """Whether mistakes inside can matter to a run: not in types, and not in text with fields, which has no places."""
+    """Return whether mistakes inside a node can affect a run. They cannot in types; f-strings are excluded because
+    they have no locations.
+    """
     typing_only = isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
     return not (typing_only or isinstance(node, ast.JoinedStr))
 
@@ -133,7 +135,7 @@ def _inside(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def places(area: str, path: str, text: str) -> list[Place]:
-    """All mutants of a module, in the order of its text."""
+    """Return all mutants of a module, in the order of its text."""
     lines = [0]
     for line in text.encode().splitlines(keepends=True):
         lines.append(lines[-1] + len(line))
@@ -148,7 +150,7 @@ def places(area: str, path: str, text: str) -> list[Place]:
         if isinstance(node, (ast.expr, ast.stmt)) and node.end_lineno and node.end_col_offset is not None:
             begin = lines[node.lineno - 1] + node.col_offset
             end = lines[node.end_lineno - 1] + node.end_col_offset
-            for other in changed(node):
+            for other in mutations(node):
                 new = "pass" if isinstance(other, ast.Pass) else f"({ast.unparse(other)})"
                 key = function, ast.unparse(node), new
                 mutant = Mutant(area, path, *key, occurrence=numbers[key])
@@ -162,14 +164,14 @@ def places(area: str, path: str, text: str) -> list[Place]:
 
 
 def all_places(root: Path, area: str) -> Iterator[Place]:
-    """All mutants of an area."""
+    """Return all mutants of an area."""
     for folder in AREAS[area][0]:
         for file in sorted((root / folder).rglob("*.py")):
             yield from places(area, file.relative_to(root).as_posix(), file.read_text(encoding="utf-8"))
 
 
-def drawn(root: Path, seed: int, count: int, areas: Sequence[str] = tuple(AREAS)) -> list[Place]:
-    """Mutants by a seed, as many of each area as of the others, at places of which each is as likely."""
+def draw_mutants(root: Path, seed: int, count: int, areas: Sequence[str] = tuple(AREAS)) -> list[Place]:
+    """Return mutants drawn by a seed. Each area has the same number, and each location the same probability."""
     random_ = random.Random(seed)
     shares = [count // len(areas) + (k < count % len(areas)) for k in range(len(areas))]
     return [
@@ -180,7 +182,9 @@ def drawn(root: Path, seed: int, count: int, areas: Sequence[str] = tuple(AREAS)
 
 
 def again(root: Path, file: Path) -> Iterator[Place | Mutant]:
-    """Return the mutants of an earlier draw at their present places; one without a place is returned as it was."""
+    """Yield the mutants of an earlier draw at their current locations. A mutant that no longer has a location is
+    returned unchanged.
+    """
     for record in json.loads(file.read_text(encoding="utf-8")):
         mutant = Mutant(**record["mutant"])
         path = root / mutant.path
@@ -189,7 +193,7 @@ def again(root: Path, file: Path) -> Iterator[Place | Mutant]:
 
 
 def tests_of(root: Path, mutant: Mutant) -> list[str]:
-    """Test files of the area, those that name the module first."""
+    """Return the test files of the area. Files that name the module are first."""
     module = mutant.path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
     package, _, name = module.rpartition(".")
     named = re.compile(rf"\b{re.escape(module)}\b|from {re.escape(package)} import [^\n]*\b{name}\b")
@@ -211,12 +215,12 @@ class Judge:
         paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]
         self._environment = {
             **os.environ,
-            "PYTHONPATH": os.pathsep.join(paths),  # also the processes that tests start take the copy
+            "PYTHONPATH": os.pathsep.join(paths),  # processes that tests start also use the copy
             "PYTHONDONTWRITEBYTECODE": "1",
         }
 
     def verdict(self, place: Place) -> tuple[str, str]:
-        """`killed`, `survived` or `out of time`, and the test that killed."""
+        """Return `killed`, `survived` or `out of time`, and the test that killed the mutant."""
         file = self.root / place.mutant.path
         text = file.read_bytes()
         mutated = text[: place.begin] + place.mutant.after.encode() + text[place.end :]
@@ -263,8 +267,8 @@ class Judge:
             return process.returncode, output.read()
 
 
-def judge_all(mutants: Sequence[Place | Mutant], limit_s: float, tell: Callable[[object], None]) -> None:
-    """Judge each in a copy of the tree, and tell a record of it."""
+def judge_all(mutants: Sequence[Place | Mutant], limit_s: float, report: Callable[[object], None]) -> None:
+    """Judge each mutant in a copy of the tree, and report the results."""
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         copied = Path(folder) / "tree"
         shutil.copytree(ROOT, copied, ignore=LEFT_OUT)
@@ -278,7 +282,7 @@ def judge_all(mutants: Sequence[Place | Mutant], limit_s: float, tell: Callable[
                 f"{number:3} {verdict:11} {time.monotonic() - begun:5.0f} s  {text_of(mutant, line)}  {by}",
                 flush=True,
             )
-            tell({"mutant": asdict(mutant), "verdict": verdict, "by": by})
+            report({"mutant": asdict(mutant), "verdict": verdict, "by": by})
 
 
 def text_of(mutant: Mutant, line: int) -> str:
@@ -289,7 +293,7 @@ def text_of(mutant: Mutant, line: int) -> str:
 
 
 def main() -> int:
-    """Draw, judge, tell."""
+    """Draw mutants, judge them, and report the results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=30)
@@ -303,7 +307,9 @@ def main() -> int:
     options = parser.parse_args()
     areas = options.area or tuple(AREAS)
     mutants = list(
-        again(ROOT, options.again) if options.again else drawn(ROOT, options.seed, options.count, areas)
+        again(ROOT, options.again)
+        if options.again
+        else draw_mutants(ROOT, options.seed, options.count, areas)
     )
     if options.list:
         for each in mutants:
@@ -315,13 +321,13 @@ def main() -> int:
         return 0
     records: list[dict[str, object]] = []
 
-    def tell(record: object) -> None:
+    def report(record: object) -> None:
         assert isinstance(record, dict)
         records.append(record)
         if options.write:
             options.write.write_text(json.dumps(records, indent=1, ensure_ascii=False), encoding="utf-8")
 
-    judge_all(mutants, options.limit, tell)
+    judge_all(mutants, options.limit, report)
     counts = Counter(str(record["verdict"]) for record in records)
     print(", ".join(f"{count} {verdict}" for verdict, count in counts.most_common()), f"of {len(records)}")
     return int(counts["survived"] > 0)

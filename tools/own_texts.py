@@ -1,7 +1,8 @@
-"""Places where a text that was made for people is searched or taken apart, as `split` and `startswith` do.
+"""Find code that searches or splits a text made for an operator, for example with `split` and `startswith`.
 
-A cause, an event or a fault is a value with fields; its text is made at the edge. Code that reads a part
-of a text wants a field. Looked at are the texts of exceptions, and attributes that hold words by their name.
+A cause, an event or a fault is a value with fields. Its text is created where it is displayed. Code that needs a
+part of a text should read a field instead. The search covers texts of exceptions, and attributes whose names
+indicate text.
 """
 
 import ast
@@ -27,7 +28,7 @@ WORDS = frozenset(
         "words",
     ]
 )
-"""Names of attributes that hold words for people."""
+"""Names of attributes that hold text for an operator."""
 _ON_TEXT = frozenset(
     [
         "count",
@@ -44,15 +45,15 @@ _ON_TEXT = frozenset(
         "startswith",
     ]
 )
-"""Methods of a text that look into it."""
+"""Methods of a string that search or split it."""
 _ON_PATTERN = frozenset(["findall", "finditer", "fullmatch", "match", "search", "split", "sub"])
-"""Methods of a regular expression, and functions of its module."""
+"""Methods of a regular expression, and functions of the module `re`, that search or split a text."""
 _SAME = frozenset(["casefold", "lower", "lstrip", "rstrip", "strip", "upper"])
-"""Methods whose answer is still the text."""
+"""Methods whose result is the same text in another form."""
 
 
-def taken_apart(root: Path) -> Iterator[tuple[str, str]]:
-    """File and expression of each such place in the packages below `root`."""
+def parsed_texts(root: Path) -> Iterator[tuple[str, str]]:
+    """Yield file and expression for each such use of a text in the packages below `root`."""
     for package in PACKAGES:
         for path in sorted((root / package).rglob("*.py")):
             for expression in places(path.read_text(encoding="utf-8")):
@@ -60,7 +61,7 @@ def taken_apart(root: Path) -> Iterator[tuple[str, str]]:
 
 
 def places(source: str) -> Iterator[str]:
-    """Each such expression of a module, as Python writes it."""
+    """Yield each such expression in a module, as source code."""
     tree = ast.parse(source)
     errors = {node.name for node in ast.walk(tree) if isinstance(node, ast.ExceptHandler) and node.name} | {
         "error"

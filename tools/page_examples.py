@@ -1,14 +1,14 @@
-"""The console examples of README and `docs/`, run as they stand there: a plug-in of pytest.
+"""Run the console examples of README and `docs/` unchanged: a plug-in of pytest.
 
 `python -m pytest -p tools.page_examples docs README.md` runs them; `make test-all` does it on two processes.
 
-- A fence ```` ```console ```` holds commands behind `$ `, and below each what it prints; `...` stands for what varies.
-  A command with nothing below is judged by its exit code alone. The code must be 0, unless `echo $?` comes next.
-- Each page has a fresh folder with a copy of `examples/`, an environment of its own, and one shell for all its fences.
-- A `code-block` of `console` whose caption begins with "In a second terminal" continues beside the page, until the next
-  such block or the end of the page. Its output must come within `PATIENCE_S`.
-- A `code-block` of another language with a caption is a file. The caption is its name; it is written in its turn.
-- `<!--- skip: next "the reason" -->` before a fence excuses it. The end of the output counts what ran and was excused.
+- A fence ```` ```console ```` holds commands after `$ `, each followed by its output; `...` stands for variable parts.
+  A command without output is judged by its exit code alone. The code must be 0, unless `echo $?` comes next.
+- Each page has a new folder with a copy of `examples/`, its own environment, and one shell for all its fences.
+- A `code-block` of `console` whose caption begins with "In a second terminal" runs in parallel to the page, until the
+  next such block or the end of the page. Its output must come within `PATIENCE_S`.
+- A `code-block` of another language with a caption is a file named by the caption; it is written when it is reached.
+- `<!--- skip: next "the reason" -->` before a fence skips it. The summary counts the examples run and skipped.
 """
 
 import contextlib
@@ -37,15 +37,15 @@ from sybil.parsers.myst.lexers import DirectiveLexer
 
 ROOT = Path(__file__).resolve().parent.parent
 PATIENCE_S = 90.0
-"""Longest time for a command, s."""
+"""Time limit of a command, s."""
 BESIDE = "In a second terminal"
 MARK = "end-of-command"
 SCRIPTS = ("hil-bridge", "pip", "pytest")
-"""Commands that pages use, as the environment of a page must have them."""
+"""Commands that pages use. The environment of a page must provide them."""
 
 
 class Command(NamedTuple):
-    """A command of a fence, and what the page says it prints; empty where it says nothing."""
+    """Command of a fence, with the output that the page shows; the output is empty if the page shows none."""
 
     line: str
     printed: str
@@ -54,35 +54,35 @@ class Command(NamedTuple):
 def commands(source: str) -> list[Command]:
     """Parse the commands of a fence.
 
-    Raises ValueError for text before the first one, and for output that says nothing.
+    Raises ValueError for text before the first command, and for an empty output.
     """
     found: list[Command] = []
     for part in re.split(r"^(?=\$ )", source, flags=re.MULTILINE):
         if not part.strip():
             continue
         if not part.startswith("$ "):
-            raise ValueError(f"the fence must begin with a command behind '$ ': {part.splitlines()[0]!r}")
+            raise ValueError(f"the fence must begin with a command after '$ ': {part.splitlines()[0]!r}")
         lines = part[2:].splitlines(keepends=True)
         last = next(number for number, line in enumerate(lines) if not line.endswith("\\\n"))
         printed = "".join(lines[last + 1 :])
         printed = printed.rstrip("\n") + "\n" if printed.strip() else ""
         if printed.strip() == "...":
-            raise ValueError(f"output that is '...' alone says nothing: {lines[0]!r}")
+            raise ValueError(f"the output must not be '...' alone: {lines[0]!r}")
         found.append(Command("".join(lines[: last + 1]).rstrip("\n"), printed))
     return found
 
 
 def differs(command: Command, printed: str) -> str:
-    """How the output differs from the page, in words; empty where it does not."""
+    """Describe how the output differs from the page; return an empty string if it does not."""
     checker = doctest.OutputChecker()
     if not command.printed or checker.check_output(command.printed, printed, doctest.ELLIPSIS):
         return ""
-    wanted = doctest.Example(command.line, command.printed)
-    return f"$ {command.line}\n{checker.output_difference(wanted, printed, doctest.ELLIPSIS)}"
+    expected = doctest.Example(command.line, command.printed)
+    return f"$ {command.line}\n{checker.output_difference(expected, printed, doctest.ELLIPSIS)}"
 
 
 class Page:
-    """The place in which one page is run: a folder, an environment, a shell, and at most one command beside it."""
+    """Environment in which one page is run: a folder, an environment, a shell, and at most one parallel command."""
 
     def __init__(self) -> None:
         self._kept = contextlib.ExitStack()
@@ -95,7 +95,7 @@ class Page:
 
     @property
     def place(self) -> Path:
-        """The folder that the shell is in."""
+        """Current folder of the shell."""
         return Path(f"/proc/{self._shell.pid}/cwd").readlink()
 
     def _started(self, *arguments: str, cwd: Path, stdout: Any) -> subprocess.Popen[bytes]:
@@ -110,9 +110,11 @@ class Page:
         )
 
     def run(self, command: Command) -> tuple[int, str]:
-        """Exit code and output of a command in the page's shell. Raises TimeoutError for one that lasts too long."""
+        """Run a command in the page's shell. Return exit code and output. Raises TimeoutError if the command takes
+        too long.
+        """
         assert self._shell.stdin is not None
-        # the code of the command before is there for `echo $?`
+        # the exit code of the previous command is available to `echo $?`
         script = f"{{ (exit ${{code:-0}})\n{command.line}\n}} </dev/null\ncode=$?; printf '\\n{MARK} %d\\n' $code\n"
         self._shell.stdin.write(script.encode())
         self._shell.stdin.flush()
@@ -128,7 +130,7 @@ class Page:
             while not re.search(end, tail):
                 if not selector.select(max(until - time.monotonic(), 0.0)):
                     raise TimeoutError(
-                        f"$ {line}\nstill runs after {PATIENCE_S:g} s; it printed\n{tail.decode()}"
+                        f"$ {line}\nis still running after {PATIENCE_S:g} s; it printed\n{tail.decode()}"
                     )
                 came = os.read(self._shell.stdout.fileno(), 1 << 16)
                 if not came:
@@ -137,7 +139,9 @@ class Page:
         yield tail
 
     def start_beside(self, command: Command) -> str:
-        """Start a command that continues beside the page; how its output differs. One that ran before is ended."""
+        """Start a parallel command, after ending the previous one. Return how the output of the new one differs
+        from the page.
+        """
         self.end_beside()
         with contextlib.ExitStack() as stack:
             output = stack.enter_context(tempfile.TemporaryFile())
@@ -152,20 +156,20 @@ class Page:
                 return difference
 
     def end_beside(self) -> None:
-        """End the command beside the page as Ctrl-C does."""
+        """End the parallel command with Ctrl-C."""
         if self._beside is not None:
             self._beside.close()
             self._beside = None
 
     def close(self) -> None:
-        """End what runs, and remove the folder."""
+        """End all processes, and remove the folder."""
         self.end_beside()
         ended(self._shell, signal.SIGKILL)
         self._kept.close()
 
 
 def ended(process: subprocess.Popen[bytes], by: signal.Signals = signal.SIGINT) -> None:
-    """End a process and all that it started, in the end by force."""
+    """End a process and its child processes, by force if necessary."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, by)
     try:
@@ -176,7 +180,7 @@ def ended(process: subprocess.Popen[bytes], by: signal.Signals = signal.SIGINT) 
 
 
 def environment(place: Path) -> dict[str, str]:
-    """Return the variables for a fresh environment on top of this one, so that a page can install packages."""
+    """Return the variables for a new environment that extends this one, so that a page can install packages."""
     venv.create(place, symlinks=True)
     (site_packages,) = place.glob("lib/python*/site-packages")
     parents = [path for path in sys.path if path.endswith("site-packages")]
@@ -195,14 +199,14 @@ def environment(place: Path) -> dict[str, str]:
         "COLUMNS": "110",
         "PYTHONUNBUFFERED": "1",
         "PIP_DISABLE_PIP_VERSION_CHECK": "1",
-        "PIP_NO_BUILD_ISOLATION": "0",  # the setting's name says the opposite of its value
+        "PIP_NO_BUILD_ISOLATION": "0",  # the value means the opposite of the setting's name
         "PIP_NO_INDEX": "1",
         "PIP_ROOT_USER_ACTION": "ignore",
     }
 
 
 def run_fence(example: Example) -> str | None:
-    """Run the commands of a fence; what went wrong, or None."""
+    """Run the commands of a fence. Return an error text, or None."""
     page: Page = example.namespace["page"]
     parts: list[Command] = example.parsed
     if example.region.lexemes.get("options", {}).get("caption", "").startswith(BESIDE):
@@ -225,7 +229,7 @@ def write_file(example: Example) -> None:
 
 
 def fences(document: Document) -> Iterable[Region]:
-    """Return the fences that are run, and those that are files."""
+    """Return the fences that are run, and the fences that are files."""
     for region in FencedCodeBlockLexer("console")(document):
         region.parsed, region.evaluator = commands(region.lexemes["source"]), run_fence
         yield region
@@ -240,12 +244,12 @@ def fences(document: Document) -> Iterable[Region]:
 
 
 def begin(namespace: dict[str, Any]) -> None:
-    """Before the first example of a page."""
+    """Prepare a page before its first example."""
     namespace["page"] = Page()
 
 
 def end(namespace: dict[str, Any]) -> None:
-    """Behind the last example of a page."""
+    """Clean up after the last example of a page."""
     namespace["page"].close()
 
 
@@ -258,7 +262,7 @@ pytest_collect_file = Sybil(
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Note the number of commands of a fence in its report."""
+    """Store the number of commands of a fence in its report."""
     report = yield
     example = getattr(item, "example", None)
     if report.when == "call" and example is not None and example.region.evaluator is run_fence:
@@ -267,7 +271,7 @@ def pytest_runtest_makereport(
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Tell how many examples ran, and which were excused."""
+    """Print how many examples ran, and which were skipped."""
 
     def told(outcome: str) -> list[pytest.TestReport]:
         reports = terminalreporter.stats.get(outcome, [])

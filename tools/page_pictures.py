@@ -2,8 +2,8 @@
 
     python -m tools.page_pictures [FOLDER]
 
-The page is that of a run in real time with an emergency stop. The reports, and the maps and charts of a program, are of
-runs in virtual time. Chromium is the system's own.
+The page shows a run in real time with an emergency stop. The reports, and the maps and charts of a program, show runs
+in virtual time. The pictures are taken with the system's Chromium.
 """
 
 import argparse
@@ -41,10 +41,10 @@ fault = "emergency-stop"
 phase = "track"
 after_s = 18.0
 """
-"""The run of the page: a short way to the surface, and a stop that the robot refuses to retract from."""
+"""Settings of the run on the page: a short approach, and a stop after which the robot refuses to retract."""
 TRACKED = "hilPage.charts.sources.cycle.x.at(-1) - hilPage.charts.sources.cycle.x[0] > 14"
 LOST = [{"on": "sensor-wire", "fault": "off", "phase": "track", "after_s": 2.0}]
-"""The fault of docs/how-to/why-a-run-stopped.md."""
+"""Fault that docs/how-to/why-a-run-stopped.md explains."""
 REPORTS = {
     "report": (PAPER, {"run": {"duration_s": 20.0}}, []),
     "report-phone": (PHONE, {"run": {"duration_s": 10.0}}, LOST),
@@ -55,13 +55,13 @@ MAPS = {
     "dome-path": (path_map, "normal", (640, 260)),
     "dome-removed": (removed_map, "orientation", (560, 220)),
 }
-"""A map and a chart of the program on the dome, and their heights, px."""
+"""Map and chart of the program on the dome, each with its height, px."""
 _DRAWN_S = 0.5
 """Time for the charts to be drawn, s. Chosen."""
 
 
 async def take_run(page: Page, folder: Path, place: Path) -> None:
-    """Picture the page of a run that continues, that has stopped, and that on a telephone."""
+    """Take pictures of three pages: a run that continues, a run that has stopped, and a page on a telephone."""
     run = WebRun(folder, ("--duration", "40"), STOPPED)
     try:
         await page.open(run.origin, *SCREEN)
@@ -82,7 +82,7 @@ async def take_run(page: Page, folder: Path, place: Path) -> None:
 
 
 async def take_reports(page: Page, folder: Path, place: Path) -> None:
-    """Picture the reports."""
+    """Take pictures of the reports."""
     for name, (size, settings, faults) in REPORTS.items():
         result = hil_bridge.simulate(hil_bridge.load(settings, faults=faults, seed=7))
         written = write_report(result.recording, summarise(result.recording), folder / name)
@@ -93,7 +93,7 @@ async def take_reports(page: Page, folder: Path, place: Path) -> None:
 
 
 def draw_maps(place: Path) -> None:
-    """Draw the maps of a program, each above a chart of it."""
+    """Draw the maps of a program, each above its chart."""
     recording = hil_bridge.simulate(DOME).recording
     charts, _ = run_charts(recording)
     with matplotlib.rc_context(STYLE):
@@ -110,7 +110,7 @@ def draw_maps(place: Path) -> None:
 
 
 async def take_all(place: Path) -> None:
-    """All pictures."""
+    """Take all pictures."""
     with tempfile.TemporaryDirectory() as folder:
         async with browser() as page:
             await take_run(page, Path(folder), place)
@@ -118,7 +118,7 @@ async def take_all(place: Path) -> None:
 
 
 def main() -> int:
-    """Take them."""
+    """Take the pictures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", nargs="?", type=Path, default=PLACE)
     place = parser.parse_args().folder

@@ -1,4 +1,4 @@
-"""Parts of the tools that write tables into documents: a table, its place between two marks, and its runs."""
+"""Shared parts of the tools that write tables into documents: tables, marks on pages, and parallel runs."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
@@ -18,26 +18,26 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def placed(text: str, contents: Mapping[str, str]) -> str:
-    """Return the document with each content between the marks of its name; the prose around them stays.
+    """Return the document with each content inserted between the marks with its name. Other text is kept.
 
-    Raises ValueError for a content without its place.
+    Raises ValueError for a content whose marks are missing.
     """
     for name, content in contents.items():
         begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
         before, has_begin, behind = text.partition(begin)
         _, has_end, after = behind.partition(end)
         if not (has_begin and has_end):
-            raise ValueError(f"the document has no place for {name!r}: {begin} … {end}")
+            raise ValueError(f"the document has no marks for {name!r}: {begin} … {end}")
         text = f"{before}{begin}\n{content}\n{end}{after}"
     return text
 
 
 def where(rows: Iterable[Mapping[str, Any]], **facts: object) -> list[Mapping[str, Any]]:
-    """Return the rows that have these values under these names."""
+    """Return the rows in which the columns of these names have these values."""
     return [row for row in rows if all(row[name] == value for name, value in facts.items())]
 
 
 def run_jobs(run: Callable[[_Job], _Result], jobs: Sequence[_Job]) -> list[_Result]:
-    """Return the results of all jobs in their order, one job a core at a time; print a dot for each."""
+    """Return the results of all jobs in order. One job per core runs at a time, and a dot is printed for each."""
     with own_processes() as pool:
         return in_order(pool, run, jobs, lambda count: print(".", end="", flush=True), chunk=1)

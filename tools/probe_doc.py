@@ -1,6 +1,6 @@
-"""Tables of docs/reference/probe.md: the answer of `probe robot` on each kind of robot, fault by fault.
+"""Tables of docs/reference/probe.md: the answer of `probe robot` for each kind of robot and each fault.
 
-The probes are made each time, in virtual time; they take some seconds.
+The probes are repeated each time, in virtual time; they take some seconds.
 """
 
 import math
@@ -25,32 +25,32 @@ from tools.pages import table
 
 KINDS = ("s3", "egm", "rtde", "rsi")
 TARGETS = ("robot", "pose", "wire")
-"""Faults of the force that a robot feels itself, and of the wire of a program, are no subject of a probe."""
+"""Targets of the faults. Faults of the robot's own force, and of a program's wire, do not matter for a probe."""
 BEFORE_S = 0.2
-"""The robot has been at work for so long when the fault begins, and with it the probe, s."""
+"""Time from the start of the robot to the fault and the probe, s."""
 GIVEN: Mapping[str, Mapping[str, float]] = {
     "encoder-offset": {"x_mm": 5.0},
     "offset": {"x_mm": 5.0},
     "drift": {"x_mm_s": 5.0},
     "off": {"for_s": 9.0},
 }
-"""Parameters of the faults which with their defaults are none, or over before the answer."""
+"""Parameters of faults that, with their defaults, have no effect or end before the answer."""
 
 
 class Case(NamedTuple):
-    """One probe."""
+    """Probe of one robot."""
 
     kind: str
     on: str = ""
     """Target of the fault; empty for a healthy robot."""
     fault: str = ""
     settings: Mapping[str, object] = {}
-    """Settings beside the kind of the robot."""
+    """Settings in addition to the kind of the robot."""
 
 
 @dataclass
 class Look:
-    """A probe of an emulated robot, and the state of that robot behind it."""
+    """Result of a probe of an emulated robot, with the state of the robot afterwards."""
 
     case: Case
     url: str = ""
@@ -58,15 +58,15 @@ class Look:
     refusals: Sequence[Trouble] = ()
     took_s: float = math.nan
     way_m: float = 0.0
-    """Distance of the tool from where it stood."""
+    """Distance of the tool from its initial position, m."""
     accepted: int = 0
-    """Orders that the robot has taken."""
+    """Number of orders that the robot has accepted."""
     acts: list[Act] = field(default_factory=list)
-    """Orders that the robot has heard, as a judge is told of them."""
+    """Kinds of orders that the robot has received, as reported to a judge."""
 
     @property
     def words(self) -> str:
-        """All that an operator reads."""
+        """Full text that an operator sees."""
         return "\n".join(
             (
                 *(f"{name} {text}" for name, text in self.rows),
@@ -76,7 +76,7 @@ class Look:
 
 
 def cases(kind: str) -> Iterator[Case]:
-    """Return a healthy robot of this kind, and one with each of its faults."""
+    """Return the cases of this kind of robot: a healthy robot, and a robot with each of its faults."""
     emulation = ROBOTS.kind(kind).emulation
     assert emulation is not None
     yield Case(kind)
@@ -85,7 +85,7 @@ def cases(kind: str) -> Iterator[Case]:
 
 
 def look_at(case: Case) -> Look:
-    """Probe as the command does; of an S3 with the search for the settings of its link."""
+    """Probe as the command does. For an S3, this includes the search for the settings of its link."""
     look = Look(case)
 
     async def main() -> None:
@@ -138,7 +138,7 @@ def _place(robot: Any, now: float) -> list[float]:
 
 
 def answer(look: Look, healthy: Look) -> str:
-    """Return the answer in a cell of a table: the refusals, or what differs from a healthy robot's."""
+    """Return the answer as a table cell: the refusals, or the differences from the answer of a healthy robot."""
     facts = [trouble.fact.removeprefix(f"{look.url}: ") for trouble in look.refusals]
     usual = {name for name, _ in healthy.rows} if facts else ()
     more = [
@@ -152,7 +152,7 @@ def answer(look: Look, healthy: Look) -> str:
 
 
 def answers(kind: str) -> str:
-    """Return the table of a kind: each answer with its faults and the longest time that it took."""
+    """Return the table of a kind of robot: each answer with its faults and its longest duration."""
     looks = [look_at(case) for case in cases(kind)]
     rows = dict[str, list[Look]]()
     for look in looks:
@@ -171,7 +171,7 @@ def answers(kind: str) -> str:
 
 
 def _faults_by_target(struck: Iterable[Case]) -> Iterator[str]:
-    """Yield each target with its faults, as `wire`: `off`, `mute`; the healthy robot as none."""
+    """Yield each target with its faults, such as `wire`: `off`, `mute`; yield none for the healthy robot."""
     by_target = dict[str, list[str]]()
     for case in struck:
         by_target.setdefault(case.on, []).append(case.fault)

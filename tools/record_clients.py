@@ -1,8 +1,8 @@
-"""Record transcripts of clients that other people wrote at our emulated devices: `python -m tools.record_clients`.
+"""Record transcripts of third-party clients with our emulated devices: `python -m tools.record_clients`.
 
-Each client runs unmodified in an environment and a process of its own, over real wires of this computer; names choose
-some of `SESSIONS`. The device's time follows the computer's in steps of 0.1 ms, so that the file replays exactly. The
-text of a program for a robot is its author's: a line with its name stands in its place.
+Each client runs unmodified in its own environment and process, over real wires of this computer; names select some of
+`SESSIONS`. The device's time follows the computer's in steps of 0.1 ms, so that the file replays exactly. The text of a
+robot program belongs to its author, so a line with its name replaces it.
 """
 
 import argparse
@@ -28,12 +28,14 @@ from tools.client_transcripts import CLIENT, CLOSES, EPOCH, FOLDER, OPENS, Stage
 from tools.register_program import recorded_form
 
 HOST = "127.0.0.77"
-"""An address of its own, for a client whose ports are constants."""
+"""Separate address for a client with constant port numbers."""
 PATIENCE_S = 60.0
 TAIL = 3
-"""Steps of the device that are kept behind the client's last one. Chosen: as many as show that it continues."""
+"""Number of the device's steps that are kept after the client's last step. Chosen: enough to show that the device
+continues.
+"""
 TICK_S = 0.02
-"""Longest wait before the client is looked at."""
+"""Maximum time between two checks of the client, s."""
 
 _PROGRAM_NAME, _PROGRAM_END = (
     re.compile(rb"^def\s+(\w+)\s*\(", re.MULTILINE),
@@ -42,7 +44,7 @@ _PROGRAM_NAME, _PROGRAM_END = (
 
 
 class Wire(NamedTuple):
-    """An open end of this computer."""
+    """Listening end of a wire on this computer."""
 
     name: str
     file: Any
@@ -51,7 +53,7 @@ class Wire(NamedTuple):
 
 
 class Recorder:
-    """A stage with its wires, and what went over them."""
+    """Device with its wires, and a recording of their traffic."""
 
     def __init__(self, session: Session, stack: ExitStack) -> None:
         self._stack = stack
@@ -63,7 +65,7 @@ class Recorder:
         self.steps: list[Step] = []
         self.began = time.monotonic()
         self.arguments: dict[str, str] = {"host": HOST}
-        """Words that the client's program is given, by name."""
+        """Arguments of the client's program, by name."""
         for wire, port in session.wires.items():
             self._open(wire, port)
 
@@ -107,11 +109,11 @@ class Recorder:
         self._selector.register(wire.file, selectors.EVENT_READ, wire)
 
     def start(self) -> None:
-        """Power the device up now."""
+        """Power up the device now."""
         self.began = time.monotonic()
 
     def turn(self) -> None:
-        """Wait for the device or the client, and let them act."""
+        """Wait for the device or the client, and process their data."""
         due = self._stage.next_deadline()
         wait = TICK_S if due is None else min(due - EPOCH + self.began - time.monotonic(), TICK_S)
         ready = self._selector.select(max(wait, 0.0))
@@ -139,7 +141,7 @@ class Recorder:
             data = wire.receive()
         except ConnectionResetError:
             data = b""
-        except ConnectionRefusedError:  # a client over UDP that has gone, or is not there yet
+        except ConnectionRefusedError:  # a UDP client that has ended or has not started yet
             return
         taken = self._without_program(wire.name, data) if wire.name.startswith("script") else data
         if taken:
@@ -151,10 +153,10 @@ class Recorder:
             wire.file.close()
 
     def _without_program(self, wire: str, data: bytes) -> bytes:
-        """Return the recorded form of a script port.
+        """Return the data of a script port in the form that is recorded.
 
-        In place of each whole program one that the device knows by the same name and registers, for the text is its
-        author's.
+        Each complete program is replaced by another that the device knows by the same name and registers, because
+        the text belongs to its author.
         """
         text = self._programs[wire] = self._programs.get(wire, b"") + data
         if (end := _PROGRAM_END.search(text)) is None:
@@ -170,12 +172,12 @@ class Recorder:
 
     def _say(self, step: Step) -> None:
         self.steps.append(step)
-        with suppress(ConnectionError):  # the client has left
+        with suppress(ConnectionError):  # the client has disconnected
             self._wires[step.wire].send(step.data)
 
 
 def record(session: Session) -> Transcript:
-    """One session. Raises RuntimeError for a client that fails."""
+    """Record one session. Raises RuntimeError if the client fails."""
     head = {
         "client": session.client[0].replace("==", " "),
         "recorded": f"{datetime.datetime.now(datetime.UTC):%Y-%m-%d}",
@@ -207,7 +209,7 @@ def record(session: Session) -> Transcript:
             recorder.turn()
         output = process.stdout.read()
     if process.returncode:
-        raise RuntimeError(f"{session.client[0]} ended with {process.returncode}\n{output}")
+        raise RuntimeError(f"{session.client[0]} ended with exit code {process.returncode}\n{output}")
     values = json.loads(output.splitlines()[-1])
     last = max(number for number, step in enumerate(recorder.steps) if step.side == CLIENT)
     return Transcript(
@@ -216,7 +218,7 @@ def record(session: Session) -> Transcript:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Record all sessions, or those that are named."""
+    """Record all sessions, or the named ones."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(SESSIONS)}; by default all")
     for name in parser.parse_args(arguments).names or SESSIONS:

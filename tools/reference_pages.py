@@ -1,4 +1,4 @@
-"""Pages of the reference that are made from the code whenever the site is built: docs/conf.py calls `write_pages`."""
+"""Reference pages that are generated from the code whenever the site is built: docs/conf.py calls `write_pages`."""
 
 import inspect
 import re
@@ -34,11 +34,13 @@ from tools.pages import table
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "reference" / "generated"
 WIDTH = 100
-"""Columns of a command's help."""
+"""Width of a command's help text, columns."""
 
 
 def write_pages(folder: Path = FOLDER) -> None:
-    """Write every page that is not there yet or differs, so that a second build reads nothing twice."""
+    """Write every page that is missing or differs. Unchanged pages are not written, so that a second build does not
+    read them again.
+    """
     folder.mkdir(exist_ok=True)
     for name, make in PAGES.items():
         place, text = folder / f"{name}.md", make()
@@ -50,17 +52,17 @@ def write_pages(folder: Path = FOLDER) -> None:
 
 
 def command_line() -> str:
-    """Every command with its options, as `--help` shows them."""
+    """Return the page of all commands with their options, as `--help` shows them."""
     parts = [
         "# Command line",
-        "Each command tells the same with `--help`. "
+        "Each command prints the same text with `--help`. "
         + " ".join((cli.help or "").partition("\n\n")[2].split()),
     ]
     for names, command in _commands(cli, ("hil-bridge",)):
         context = click.Context(
             command, info_name=" ".join(names), terminal_width=WIDTH, max_content_width=WIDTH
         )
-        with patch.object(extras, "_origin", return_value=None):  # as a copy from an index tells it
+        with patch.object(extras, "_origin", return_value=None):  # as for a copy from a package index
             text = command.get_help(context)
         parts += [f"{'#' * min(len(names) + 1, 4)} {' '.join(names)}", f"```text\n{text}\n```"]
     return "\n\n".join(parts) + "\n"
@@ -79,13 +81,13 @@ def _commands(
 
 
 def configuration() -> str:
-    """Every setting of a configuration file."""
+    """Return the page of all settings of a configuration file."""
     parts = [
         "# Configuration",
-        "Every key of a configuration file, with any of our own devices. `hil-bridge config init` writes a file with "
-        "all of them, `hil-bridge config schema` prints the JSON schema. The mark in square brackets tells how well "
-        "the default is known: *observed* on a device, *derived* from observations, *standard* for devices of the "
-        "kind, *assumed* where it is unknown, *chosen* where it is no fact about a device.",
+        "All keys of a configuration file, for all built-in devices. `hil-bridge config init` writes a file with all "
+        "of them, `hil-bridge config schema` prints the JSON schema. The mark in square brackets is the source of the "
+        "default: *observed* on a device, *derived* from observations, *standard* for such devices, *assumed* if it "
+        "is unknown, *chosen* if it is not a fact about a device.",
     ]
     section = None
     rows: list[tuple[str, ...]] = []
@@ -109,7 +111,7 @@ def configuration() -> str:
 
 
 def wires() -> str:
-    """URLs of wires, from the words of the module that reads them."""
+    """Return the page of wire URLs, from the docstring of the module that parses them."""
     text = inspect.getdoc(urls) or ""
     registries: dict[str, Registry[Any]] = {"robot": ROBOTS, "sensor": SENSORS}
     kinds = [
@@ -130,7 +132,7 @@ def wires() -> str:
 
 
 def panels() -> str:
-    """Return controls of each emulated robot's panel, and its faults, from the tables by which the panel works."""
+    """Return the page of the panel controls and faults of each emulated robot, from the tables that the panel uses."""
     parts = [
         "# Panels of emulated robots",
         "`hil-bridge panel URL CONTROL POSITION` moves a control; `--panel` of `emulate` and `run` prints the URL. The "
@@ -151,14 +153,14 @@ def panels() -> str:
             f"## {kind.name}",
             f"{kind.summary}.",
             table(("control", "effect"), rows),
-            "`inject [TARGET] FAULT` lets one of these happen; `faults` lists them with their parameters:",
+            "`inject [TARGET] FAULT` injects one of these; `faults` lists them with their parameters:",
             table(("target", "faults"), faults),
         ]
     return "\n\n".join(parts) + "\n"
 
 
 def events() -> str:
-    """Kinds of events in a record."""
+    """Return the page of event kinds in a record."""
     weight = {**dict.fromkeys(CAUTIONS, "caution"), **dict.fromkeys(ALARMS, "alarm")}
     rows = [(f"`{kind}`", weight.get(kind, ""), kind.meaning) for kind in EventKind]
     return (
@@ -170,11 +172,11 @@ def events() -> str:
 
 
 def topics() -> str:
-    """Topics of a recording with the fields of their messages."""
+    """Return the page of recording topics with the fields of their messages."""
     parts = [
         "# Topics of a recording",
         "A recording is an MCAP file with JSON messages. Its log times are the wall clock. Times in the messages are "
-        "seconds on the run's clock. A number that is not finite, or not known, is left out of its message.",
+        "seconds on the run's clock. A number that is not finite or unknown is left out of its message.",
     ]
     for topic in TOPICS:
         properties: Mapping[str, Any] = topic.schema["properties"]  # type: ignore[assignment]
@@ -186,27 +188,27 @@ def topics() -> str:
     scenes = [(f"`{topic.name}`", f"`{topic.schema_name}`") for topic in SCENE_TOPICS]
     parts += [
         "## For the panels of Foxglove",
-        "These follow from the records above, with schemas of Foxglove's own. Their frames are `base`, `tool` (the "
-        "reported pose) and `tool_true` (that of an emulated cell).",
+        "These topics are derived from the records above, with Foxglove's own schemas. Their frames are `base`, `tool` "
+        "(the reported pose) and `tool_true` (the true pose of an emulated cell).",
         table(("topic", "schema"), scenes),
     ]
     return "\n\n".join(parts) + "\n"
 
 
 def controllers() -> str:
-    """Return the controllers with their parameters."""
+    """Return the page of controllers with their parameters."""
     parts = [
         "# Controllers and their parameters",
-        "`controller.name` chooses one; its parameters stand in `[controller.parameters]`. Units are part of the "
-        "names: `_n` is N, `_mm` is mm. `hil-bridge list controllers` lists those of other packages too. "
-        "[How do I write a controller?](../../how-to/controllers.md) tells how one is made.",
+        "`controller.name` selects one; its parameters are set in `[controller.parameters]`. Units are part of the "
+        "names: `_n` is N, `_mm` is mm. `hil-bridge list controllers` also lists those of plug-ins. "
+        "[Write a controller](../../how-to/controllers.md) describes how to write one.",
     ]
     for name in OURS:
         facts = controller_facts(name)
         parts += [
             f"## {name}",
             _cell(facts["meaning"]),
-            f"Made for a sample every {facts['sample_ms']:g} ms.",
+            f"Designed for a sample every {facts['sample_ms']:g} ms.",
         ]
         for tuning in facts["tunings"]:
             others = ", ".join(f"`{key}` = {value:g}" for key, value in tuning["parameters"].items())
@@ -226,16 +228,18 @@ def controllers() -> str:
 
 
 def _cell(text: str) -> str:
-    """Return a text as one line that is no markup of tables, links or lists."""
+    """Return a text as one line without the markup of tables, links or lists."""
     return " ".join(text.split()).replace("[", "\\[").replace("<", "&lt;")
 
 
 def fields() -> str:
-    """Every field of every device's frames, datagrams and messages that stands in a table."""
+    """Return the page of all fields of the frames, datagrams and messages of every device that are defined in a
+    table.
+    """
     parts = [
         "# Fields on the wires",
-        "The tables by which the bridge reads and writes, from which `hil-bridge decode`, `monitor` and "
-        "`hil-bridge export --to dbc` tell their meaning too. Bytes count from the first one of the payload. "
+        "The tables that the bridge uses to read and write messages; `hil-bridge decode`, `monitor` and "
+        "`hil-bridge export --to dbc` use them too. Bytes are counted from the start of the payload. "
         "[The S3's computer link](../computer-link.md) has its own page.",
     ]
     for device, layouts in FIELD_TABLES.items():
@@ -250,7 +254,7 @@ def fields() -> str:
                 ]
     parts += [
         "## RSI",
-        "Elements of a usual configuration; another one may name any channel.",
+        "Elements of a common configuration; a configuration may name any channel.",
         table(
             ("element", "content", "unit", "meaning"),
             (
@@ -286,7 +290,7 @@ FIELD_TABLES: Mapping[str, tuple[Layout, ...]] = {
     "Robotiq FT 300": (ft300.MESSAGE,),
     "RTDE": (packets.VERSION_REQUEST, packets.CONTROLLER_VERSION, packets.OUTPUTS_HEAD),
 }
-"""Payloads by device."""
+"""Tables of payloads, by device."""
 
 PAGES: Mapping[str, Callable[[], str]] = {
     "known-devices": known_devices,
@@ -301,4 +305,4 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "names": package_names,
     "authors": author_names,
 }
-"""Pages by their file's name."""
+"""Functions that make the pages, by file name."""

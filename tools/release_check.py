@@ -1,9 +1,9 @@
-"""Steps that a release has to pass beside the check: `make release-check`.
+"""Steps that a release has to pass in addition to the check: `make release-check`.
 
-The wheel is made from the source distribution, both are judged by twine, and the wheel goes into a clean environment of
-the oldest Python that pyproject.toml names, where it has to run a cell, replay it and report it. The size of the
-installation and the time of an import are told. Evidence of the tests and of the guard's campaign must show that
-nothing of the guard is left unexercised, by `tools/exercised.py`.
+The wheel is built from the source distribution, twine checks both, and the wheel is installed into a clean
+environment with the oldest Python that pyproject.toml allows. In this environment it has to run a cell, replay the
+recording and report it. The size of the installation and the time of an import are printed. `tools/exercised.py`
+uses the evidence of the tests and of the guard's campaign to check that every part of the guard was exercised.
 """
 
 import re
@@ -16,16 +16,16 @@ from collections.abc import Callable
 from pathlib import Path
 from zipfile import ZipFile
 
-from wheels import ROOT, Elsewhere, ran
+from wheels import ROOT, CleanEnvironment, run_command
 
 SIZE_LIMIT_MB = 250.0
-"""Most that the core may take with all that it depends on."""
+"""Maximum size of the core with all its dependencies, MB."""
 HEAVY = "import sys, hil_bridge as h; h.simulate({'run': {'duration_s': 1.0}}); print('matplotlib' in sys.modules)"
 CELL = ("--virtual", "--duration", "3", "--no-view")
 
 
 class Release:
-    """The build, and the environment that it is tried in."""
+    """Built distributions, and the environment in which they are tested."""
 
     def __init__(self, place: Path) -> None:
         self.place = place
@@ -36,21 +36,21 @@ class Release:
         if python is None:
             raise RuntimeError(f"no python{self.oldest} on the path, the oldest that pyproject.toml names")
         (place / "core").mkdir()
-        self.core = Elsewhere(place / "core", python)
+        self.core = CleanEnvironment(place / "core", python)
 
     @property
     def wheel(self) -> Path:
-        """The wheel of this version."""
+        """Wheel of this version."""
         (wheel,) = (self.place / "dist").glob("*.whl")
         return wheel
 
 
-def built(release: Release) -> str:
-    """Source distribution, and the wheel from it; both as an index would take them."""
+def build(release: Release) -> str:
+    """Build the source distribution, and the wheel from it, as uploaded to a package index."""
     dist = release.place / "dist"
-    ran(release.place, sys.executable, "-m", "build", "--outdir", dist, ROOT)
+    run_command(release.place, sys.executable, "-m", "build", "--outdir", dist, ROOT)
     (release.place / "twine").mkdir()
-    judge = Elsewhere(release.place / "twine")
+    judge = CleanEnvironment(release.place / "twine")
     judge.install("twine")
     judge.run("twine", "check", "--strict", *sorted(dist.iterdir()))
     with ZipFile(release.wheel) as archive:
@@ -58,7 +58,7 @@ def built(release: Release) -> str:
     strange = {name.split("/")[0] for name in names} - {"hil_bridge", "emulators", "protocol"}
     if strange != {f"hil_bridge-{release.version}.dist-info"}:
         raise RuntimeError(f"the wheel holds {sorted(strange)}")
-    for wanted in (
+    for required in (
         "hil_bridge/py.typed",
         "emulators/py.typed",
         "protocol/py.typed",
@@ -67,19 +67,19 @@ def built(release: Release) -> str:
         "show/pages/vendor/uPlot.min.css",
         "show/pages/uPlot-LICENSE.txt",
     ):
-        if not any(name.endswith(wanted) for name in names):
-            raise RuntimeError(f"the wheel has no {wanted}")
+        if not any(name.endswith(required) for name in names):
+            raise RuntimeError(f"the wheel has no {required}")
     return ", ".join(f"{path.name} {path.stat().st_size / 1e6:.2f} MB" for path in sorted(dist.iterdir()))
 
 
-def exercised(release: Release) -> str:
-    """Nothing of the guard is left that no test, no seed of its campaign and no run of its own has struck."""
-    told = ran(ROOT, sys.executable, "-m", "tools.exercised", "--strike")
-    return "; ".join(line for line in told.splitlines() if line and not line.startswith(" "))
+def check_exercised(release: Release) -> str:
+    """Check that every part of the guard was exercised by a test, the campaign, or a separate run."""
+    text = run_command(ROOT, sys.executable, "-m", "tools.exercised", "--strike")
+    return "; ".join(line for line in text.splitlines() if line and not line.startswith(" "))
 
 
-def told_changes(release: Release) -> str:
-    """Check that the change log begins with this version, and that it is no development version."""
+def check_change_log(release: Release) -> str:
+    """Check that the change log begins with this version, and that this version is not a development version."""
     if ".dev" in release.version:
         raise RuntimeError(
             f"pyproject.toml has {release.version}, a development version; name the release there"
@@ -93,8 +93,8 @@ def told_changes(release: Release) -> str:
     return f"CHANGELOG.md tells of {release.version}"
 
 
-def serves(release: Release) -> str:
-    """Check the wheel in an environment of the oldest Python: a new configuration runs, its recording is replayed."""
+def check_oldest_python(release: Release) -> str:
+    """Check the wheel with the oldest Python: a new configuration runs, and its recording can be replayed."""
     core = release.core
     core.install(release.wheel)
     if release.version not in core.run("hil-bridge", "--version"):
@@ -107,15 +107,15 @@ def serves(release: Release) -> str:
     return "a configuration runs, its recording is replayed and reported"
 
 
-def light(release: Release) -> str:
-    """Check a clean installation of the core: its size without pip, and what a run imports."""
+def check_installation(release: Release) -> str:
+    """Check a clean installation of the core: its size without pip, and the modules that a run imports."""
     (release.place / "clean").mkdir()
-    clean = Elsewhere(release.place / "clean")
+    clean = CleanEnvironment(release.place / "clean")
     clean.install(release.wheel)
     clean.run("python", "-m", "pip", "uninstall", "--quiet", "--yes", "setuptools", "pip")
     size = sum(path.stat().st_size for path in clean.place.rglob("*") if path.is_file()) / 1e6
     if size > SIZE_LIMIT_MB:
-        raise RuntimeError(f"the core takes {size:.0f} MB, allowed are {SIZE_LIMIT_MB:g}")
+        raise RuntimeError(f"the core takes {size:.0f} MB; allowed: at most {SIZE_LIMIT_MB:g}")
     if clean.run("python", "-c", HEAVY).strip() != "False":
         raise RuntimeError("a run imports matplotlib")
     begun = time.monotonic()
@@ -123,11 +123,17 @@ def light(release: Release) -> str:
     return f"{size:.0f} MB; import of the interface {time.monotonic() - begun:.2f} s with Python's own start"
 
 
-STEPS: tuple[Callable[[Release], str], ...] = (told_changes, exercised, built, serves, light)
+STEPS: tuple[Callable[[Release], str], ...] = (
+    check_change_log,
+    check_exercised,
+    build,
+    check_oldest_python,
+    check_installation,
+)
 
 
 def main() -> int:
-    """Take all steps; 1 when one fails."""
+    """Perform all steps; return 1 if one fails."""
     with tempfile.TemporaryDirectory(prefix="hil-bridge-release-") as name:
         try:
             release = Release(Path(name))

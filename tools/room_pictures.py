@@ -1,6 +1,6 @@
-"""Pictures of docs/explanation/architecture.md: the rooms with the arrows that matter, and the path of the data.
+"""Pictures of docs/explanation/architecture.md: the packages with the main imports between them, and the data path.
 
-Each box names its modules and each arrow stands for imports, so that a test compares both with the code.
+Each box names its modules and each arrow represents imports, so that a test can compare both with the code.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,26 +11,26 @@ from tools.svg import Point, draw_arrow, draw_box, draw_picture, draw_text
 
 
 class Box(NamedTuple):
-    """A box of the picture, for one or more modules of a package."""
+    """Box of the picture. It represents one or more modules of a package."""
 
     corner: Point
-    """Left and top."""
+    """Left and top of the box."""
     size: Point
     title: str
     note: str = ""
-    """Smaller, below the title."""
+    """Smaller text below the title."""
     package: str = ""
     names: str = ""
-    """Modules of that package, with a blank between them; empty for a thing outside."""
+    """Names of modules of the package, separated by spaces; empty for a box outside the product."""
 
     @property
     def modules(self) -> list[str]:
-        """Full names of the modules."""
+        """Full names of the modules in the box."""
         return [f"{self.package}.{name}" for name in self.names.split()]
 
 
 class Arrow(NamedTuple):
-    """An arrow from a box to another, by its corners; dashed where the room is chosen by its name."""
+    """Arrow between two boxes, given by its corners. It is dashed if the target is selected by name at run time."""
 
     source: str
     target: str
@@ -40,7 +40,7 @@ class Arrow(NamedTuple):
 
 SIZE = (960, 560)
 BANDS = {"hil_bridge": (10, 330), "emulators": (352, 98), "protocol": (462, 88)}
-"""Top and height of each package."""
+"""Top and height of the band of each package."""
 HOUSE, DEVICES, EMULATORS, WIRES = "hil_bridge", "hil_bridge.devices", "emulators", "protocol"
 SEAMS = "robots.seam robots.request_channel robots.streamed sensors.stream"
 OURS = "robots.s3 robots.egm robots.rsi robots.rtde sensors.jr3 sensors.netft sensors.ati_can sensors.ft300"
@@ -112,17 +112,17 @@ PATH = (
     Box((692, 40), (118, 56), "robots", "pose as telegram", DEVICES, "robots"),
     Box((828, 40), (118, 56), "robot", "moves, touches"),
 )
-"""From the sensor to the robot."""
+"""Data path from the sensor to the robot."""
 NOTES = {
     24: "one thread, plain calls, one direction",
     130: "the contact closes the loop: really, or by the emulated cell",
     166: "beside it, never waited for: the recording, the terminal view, the page in the browser",
 }
-"""Lines of text by their height."""
+"""Lines of text, by their vertical position."""
 
 
 def draw_rooms() -> str:
-    """Draw the rooms and their arrows."""
+    """Draw the packages and their arrows."""
     parts = []
     for name, (top, height) in BANDS.items():
         parts.append(
@@ -135,7 +135,7 @@ def draw_rooms() -> str:
 
 
 def draw_path() -> str:
-    """Draw the path of the data."""
+    """Draw the data path."""
     parts = [draw_box(*box[:4], "box" if box.names else "real") for box in PATH]
     for box, after in pairwise(PATH):
         parts.append(draw_arrow([(box.corner[0] + box.size[0], 68), (after.corner[0], 68)]))

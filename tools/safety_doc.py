@@ -1,6 +1,6 @@
-"""Tables of docs/explanation/safety.md: the conditions from the code, the times from runs that are measured.
+"""Tables of docs/explanation/safety.md: the conditions from the code, and the times from measured runs.
 
-The runs are made in virtual time; `--measure egm` makes those of these robots alone.
+The runs use virtual time. `--measure egm` makes only the runs of this robot.
 """
 
 import asyncio
@@ -25,52 +25,56 @@ from protocol.devices.s3.arap import FunctionCode
 from tools.pages import run_jobs, table
 
 SEEDS: Mapping[str, int] = {"s3": 20, "egm": 5, "rtde": 5, "rsi": 5}
-"""Runs of a case by robot: fewer of a robot that streams, for each takes some seconds of processor time."""
+"""Number of runs of a case, by robot. It is smaller for a streaming robot, whose runs each take some seconds of
+processor time.
+"""
 STIFFNESSES_N_M = (5e3, 5e4)
 TICK_S = 0.001
-"""How finely the true force is looked at, s."""
+"""Time resolution of the true force, s."""
 TRACK_S = 9.0
-"""Time for which a run would track if nothing happened, s."""
+"""Tracking time of a run in which nothing happens, s."""
 AFTER_S = (0.8, 2.0)
-"""When a fault comes after the begin of TRACK, s: between these, drawn by the seed."""
+"""Range of the time from the start of TRACK to the fault, s. The seed draws the time."""
 FOR_GOOD_S = 3600.0
 
 Fault = Mapping[str, Any]
 NEAR: Mapping[str, Any] = {"cell.start_position_mm": (900.0, -100.0, 592.0), "task.retract_mm": 3.0}
-"""Of a robot that streams: near the surface, and back by little, for each of its packets is emulated."""
+"""Settings of a streaming robot: a start near the surface and a short retraction. They save time, because each of
+its packets is emulated.
+"""
 WHITE: Mapping[str, Any] = {
     "cell.ft300.noise_n": 0.1,
     "cell.ft300.noise_nm": 0.003,
     "cell.ft300.wander_n": 0.0,
     "cell.ft300.creep_share": 0.0,
 }
-"""The FT 300 with white noise alone, as when the figures were measured."""
+"""Settings of the FT 300 with only white noise, as at the time when the figures were measured."""
 ROBOTS: Mapping[str, Mapping[str, Any]] = {
     "s3": {},
     "egm": {"robot.emulated": "egm", "sensor.emulated": "ft300", **NEAR, **WHITE},
     "rtde": {"robot.emulated": "rtde", "sensor.emulated": "ft300", **NEAR, **WHITE},
     "rsi": {"robot.emulated": "rsi", "sensor.emulated": "ft300", **NEAR, **WHITE},
 }
-"""Settings of each robot's runs that are not at their defaults."""
+"""Settings of each robot's runs that differ from the defaults."""
 STREAMED = ("egm", "rtde", "rsi")
 
 
 @dataclass(frozen=True)
 class Case:
-    """Something that happens to a run that holds 10 N."""
+    """Event in a run that holds 10 N."""
 
     name: str
     faults: Mapping[str, Fault] = field(default_factory=dict)
-    """The fault by robot; empty for an operator that presses Ctrl-C."""
+    """Fault by robot; empty if the event is an operator who presses Ctrl-C."""
     by_force: bool = False
-    """The time counts from the moment at which the true force passes the limit, not from the begin of the fault."""
+    """Whether the time counts from when the true force exceeds the limit, instead of from the start of the fault."""
 
     per_stiffness: Mapping[str, float] = field(default_factory=dict)
-    """Parameters that are so much divided by the stiffness in kN/m, so that the force is the same."""
+    """Parameters that are divided by the stiffness in kN/m, so that the force is the same."""
 
     @property
     def robots(self) -> Sequence[str]:
-        """Robots that can have it."""
+        """Robots to which the case applies."""
         return tuple(self.faults) or tuple(ROBOTS)
 
 
@@ -110,28 +114,28 @@ UNCOVERED = (
     Case("the sensor's Fz tells a tenth", _all("signal", "scale", factor=0.1)),
     Case("the sensor's Fz drifts by 2 N/s the wrong way", _all("signal", "drift", per_s=2.0)),
 )
-"""Faults that pass the checks and stay within the limits."""
+"""Faults that pass all checks and stay within the limits."""
 ALL_CASES = (*CASES, *UNCOVERED)
 CONDITION_HEAD = ("name", "condition", "settings", "part at fault")
 
 
 class Job(NamedTuple):
-    """One run of a case."""
+    """Run of a case."""
 
     case: Case
     robot: str
     stiffness: float
-    """N/m"""
+    """Stiffness, N/m."""
     seed: int
 
     @property
     def after_s(self) -> float:
-        """When it happens after the begin of TRACK, s."""
+        """Time of the event after the start of TRACK, s."""
         return random.Random(self.seed).uniform(*AFTER_S)
 
     @property
     def config(self) -> Config:
-        """The configuration of the run, with its fault."""
+        """Return the configuration of the run, with its fault."""
         values: dict[str, Any] = {}
         own = {"run.duration_s": TRACK_S, "cell.surface.stiffness_n_m": self.stiffness}
         lay_over(values, {**ROBOTS[self.robot], **own})
@@ -145,27 +149,28 @@ class Job(NamedTuple):
 
 @dataclass(frozen=True)
 class Times:
-    """Result of one run, s and N; None where it did not happen."""
+    """Result of one run, s and N; None where something did not happen."""
 
     order_s: float | None
-    """Time from the begin to the first order of the retraction; None also where a force beyond the limit was to be the
-    begin and never came.
+    """Time from the start to the first order of the retraction.
+
+    It is also None if the time counts from a force above the limit and the force never exceeded the limit.
     """
     below_s: float | None
-    """Time from the begin until the true force is below the limit for good; None where it never was above."""
+    """Time from the start until the true force is below the limit for good; None if it was never above."""
     largest_n: float
-    """Largest true force from the begin on."""
+    """Largest true force after the start, N."""
     end_n: float
-    """True force at the end."""
+    """True force at the end, N."""
     stopped: bool
-    """The run was ended for it, before its time was up."""
+    """Whether the event stopped the run before its time was over."""
     cause: str
     left: str
 
 
 def measured(job: Job) -> Times:
-    """One run."""
-    gc.collect()  # the cell and the run before refer to each other
+    """Make one run."""
+    gc.collect()  # the previous cell and its run reference each other
 
     async def main() -> tuple[Simulation, Watch, float]:
         began = math.nan
@@ -213,7 +218,7 @@ def _times(running: Simulation, watch: Watch, began: float, by_force: bool) -> T
 
 
 def places() -> Iterator[tuple[Case, str, float]]:
-    """Every case with every robot that can have it, on every surface."""
+    """Return every case for each robot to which it applies, on every surface."""
     return (
         (case, robot, stiffness)
         for case in ALL_CASES
@@ -223,9 +228,9 @@ def places() -> Iterator[tuple[Case, str, float]]:
 
 
 def measure(robots: Sequence[str], before: Mapping[str, Any]) -> dict[str, Any]:
-    """All runs of these robots, of all where none is named; the figures of others are kept.
+    """Make all runs of these robots, or of all robots if none is named. The figures of other robots are kept.
 
-    By case, robot and stiffness: the result of each seed, seed by seed.
+    The result has, by case, robot and stiffness, the results of all seeds in order.
     """
     again = [place for place in places() if not robots or place[1] in robots]
     jobs = [Job(*place, seed) for place in again for seed in range(1, SEEDS[place[1]] + 1)]
@@ -241,7 +246,7 @@ def measure(robots: Sequence[str], before: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def columns(runs: Sequence[Times]) -> dict[str, list[Any]]:
-    """Figures of the runs of one case at one stiffness for the page, rounded as the page tells them."""
+    """Return the figures of the runs of one case at one stiffness, rounded for the page."""
     return {
         "order_s": [_rounded(run.order_s) for run in runs],
         "below_s": [_rounded(run.below_s) for run in runs],
@@ -256,7 +261,7 @@ def _rounded(value: float | None) -> float | None:
 
 
 def conditions_table() -> str:
-    """Return every condition: for each time of a run a table by reaction."""
+    """Return the tables of all conditions: a table by reaction for each phase of a run."""
     parts = []
     for when in When:
         parts.append(f"### {when.value.capitalize()}")
@@ -273,7 +278,7 @@ def conditions_table() -> str:
 
 
 def ends_table() -> str:
-    """Describe what each stimulus leads to in each state of a run."""
+    """Return the table of the outcome of each stimulus in each state of a run."""
     rows = (
         (f"**{state}**", *(_transition(TRANSITIONS[state, stimulus]) for stimulus in Stimulus))
         for state in RunState
@@ -292,7 +297,9 @@ def _transition(transition: Transition) -> str:
 
 
 def times_table(figures: Mapping[str, Any]) -> str:
-    """Return a row for each case: slowest order back and largest true force, of the S3 and of streamed robots."""
+    """Return the table with a row for each case: slowest retraction order and largest true force, for the S3 and
+    for streaming robots.
+    """
     head = (
         "what happens",
         "S3: order back after, s",
@@ -314,7 +321,7 @@ def _times_row(case: Case, by_robot: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _runs_of(by_robot: Mapping[str, Any], robots: Sequence[str]) -> Mapping[str, list[Any]]:
-    """Return the columns of these robots on both surfaces, joined."""
+    """Return the figures of these robots on both surfaces, combined."""
     joined: dict[str, list[Any]] = {"order_s": [], "largest_n": [], "stopped": [], "retracted": []}
     for robot in robots:
         for runs in by_robot.get(robot, {}).values():
@@ -329,7 +336,9 @@ def _largest(values: Sequence[float | None], digits: int) -> str:
 
 
 def uncovered_table(figures: Mapping[str, Any]) -> str:
-    """Return a row for each unnoticed fault of a sensor: stopped runs and largest true force, by robot."""
+    """Return the table with a row for each undetected fault of a sensor: stopped runs and largest true force, by
+    robot.
+    """
     rows = []
     for case in UNCOVERED:
         cells = []

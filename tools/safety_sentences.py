@@ -1,4 +1,4 @@
-"""Keep docs/explanation/safety-tests.json in step with the page on safety: its sentences, and the tests of each.
+"""Update docs/explanation/safety-tests.json from the page on safety: its sentences, and the tests of each.
 
 A new sentence is entered as not tested, a removed one is dropped, and the others keep their tests.
 """
@@ -13,17 +13,18 @@ PAGE = ROOT / "docs" / "explanation" / "safety.md"
 DOCUMENT = ROOT / "docs" / "explanation" / "safety-tests.json"
 NOT_TESTED = "not tested"
 NO_PROMISE = "no promise"
-"""Mark of a sentence that explains, asks for something, or describes how figures were made."""
+"""Mark of a sentence that explains, requests something, or describes how figures were made."""
 _END = re.compile(r"(?<=[.!?])\s+(?=[A-Z*`\[(])")
 _CELLS = re.compile(r"(?<!\\)\|")
 
 Held = Mapping[str, Mapping[str, str | Sequence[str]]]
-"""By heading and sentence: its tests, `NOT_TESTED` or `NO_PROMISE`."""
+"""Tests of each sentence by heading and sentence, or `NOT_TESTED` or `NO_PROMISE`."""
 
 
 def sentences(text: str) -> Iterator[tuple[str, str]]:
-    """Yield heading and sentence, in the order of a page. A row of a hand-written table is a sentence too. Generated
-    tables, pictures and examples are left out.
+    """Yield heading and sentence, in the order of a page.
+
+    A row of a hand-written table also counts as a sentence. Generated tables, pictures and examples are left out.
     """
     text = re.sub(r"```.*?```|<!-- (\w+): begin -->.*?<!-- \1: end -->|<!--.*?-->", "", text, flags=re.S)
     heading = ""
@@ -46,24 +47,24 @@ def sentences(text: str) -> Iterator[tuple[str, str]]:
 
 
 def kept() -> Held:
-    """Return what the file holds."""
-    held: Held = json.loads(DOCUMENT.read_text(encoding="utf-8"))
-    return held
+    """Return the content of the file."""
+    entries: Held = json.loads(DOCUMENT.read_text(encoding="utf-8"))
+    return entries
 
 
 def sentences_text() -> str:
-    """Return the text of the file: each sentence of the page, with the tests that the file has for it."""
-    tests = {sentence: held for rows in kept().values() for sentence, held in rows.items()}
+    """Return the text of the file: each sentence of the page, with the tests that the file lists for it."""
+    tests = {sentence: entries for rows in kept().values() for sentence, entries in rows.items()}
     rows = dict[str, dict[str, str | Sequence[str]]]()
     for heading, sentence in sentences(PAGE.read_text(encoding="utf-8")):
         rows.setdefault(heading, {})[sentence] = tests.get(sentence, NOT_TESTED)
     return json.dumps(rows, ensure_ascii=False, indent=1) + "\n"
 
 
-def missing_tests(held: Held) -> list[str]:
-    """Return the tests that are named but do not exist."""
+def missing_tests(entries: Held) -> list[str]:
+    """Return the names of tests that the file lists but that do not exist."""
     names: dict[str, set[str]] = {}
-    for rows in held.values():
+    for rows in entries.values():
         for tests in rows.values():
             for path, _, test in (name.partition("::") for name in tests if not isinstance(tests, str)):
                 names.setdefault(path, set()).add(test)

@@ -1,8 +1,8 @@
 """Compare two recordings cycle by cycle: `python -m tools.same_run BEFORE.mcap AFTER.mcap`.
 
-Forces, commands, poses and verdicts must be equal to the last bit; the exit code is 0 then, else 1. What else differs
-is listed and not judged: other fields, fields that only one recording has, configuration and other metadata.
-The messages are read as they stand in the file, so recordings of different versions can be compared.
+Forces, commands, poses and verdicts must be equal to the last bit; the exit code is then 0, else 1. Other differences
+are listed and do not affect the exit code: other fields, fields that only one recording has, configuration and other
+metadata. The messages are read directly from the file, so recordings of different versions can be compared.
 """
 
 import argparse
@@ -30,21 +30,21 @@ JUDGED = {
     "verdict": "verdicts",
     "reasons": "verdicts",
 }
-"""Fields of a cycle that must be equal, and what they are."""
+"""Fields of a cycle that must be equal, with their descriptions."""
 CYCLES = "/cycle"
 
 Values: TypeAlias = Mapping[str, object]
 
 
 class Run(NamedTuple):
-    """Values of a recording, each by its dotted name."""
+    """Values of a recording, by name with dots."""
 
     cycles: Sequence[Values]
     metadata: Values
 
 
 def flat(value: object, name: str = "") -> dict[str, object]:
-    """Every plain value of nested tables by its dotted name; JSON in a text is a table too."""
+    """Return every plain value in nested tables, by its name with dots. A text that contains JSON counts as a table."""
     if isinstance(value, str) and value.startswith("{"):
         try:
             value = json.loads(value)
@@ -66,17 +66,17 @@ def read(path: Path) -> Run:
 
 
 def only_in_one(before: Iterable[str], after: Iterable[str], kind: str) -> Iterable[str]:
-    """Names that one side has and the other has not."""
+    """Describe the names that one side has and the other does not."""
     old, new = set(before), set(after)
     yield from (f"{kind} only before: {name}" for name in sorted(old - new))
     yield from (f"{kind} only after: {name}" for name in sorted(new - old))
 
 
-def compared(before: Run, after: Run) -> tuple[list[str], bool]:
-    """Differences, a line each, and whether all that is judged is equal."""
-    told: list[str] = []
+def compare(before: Run, after: Run) -> tuple[list[str], bool]:
+    """Return the differences, one per line, and whether all fields in JUDGED are equal."""
+    differences: list[str] = []
     if not before.cycles or len(before.cycles) != len(after.cycles):
-        told.append(f"DIFFERENT cycles: {len(before.cycles)} before, {len(after.cycles)} after")
+        differences.append(f"DIFFERENT cycles: {len(before.cycles)} before, {len(after.cycles)} after")
     names = [list(dict.fromkeys(name for cycle in run.cycles for name in cycle)) for run in (before, after)]
     for name in (name for name in names[0] if name in names[1] or name in JUDGED):
         pairs = [
@@ -87,22 +87,22 @@ def compared(before: Run, after: Run) -> tuple[list[str], bool]:
             old, new = pairs[unlike[0]]
             kind = f"DIFFERENT {JUDGED[name]}" if name in JUDGED else "field"
             number = before.cycles[unlike[0]].get("cycle")
-            told.append(
+            differences.append(
                 f"{kind}: {name} in {len(unlike)} cycles, first in {number}: {old} before, {new} after"
             )
-    equal = not any(line.startswith("DIFFERENT") for line in told)
-    told += only_in_one(names[0], names[1], "field")
-    told += only_in_one(before.metadata, after.metadata, "metadata")
-    told += (
+    equal = not any(line.startswith("DIFFERENT") for line in differences)
+    differences += only_in_one(names[0], names[1], "field")
+    differences += only_in_one(before.metadata, after.metadata, "metadata")
+    differences += (
         f"metadata: {name}: {value} before, {after.metadata[name]} after"
         for name, value in before.metadata.items()
         if after.metadata.get(name, value) != value
     )
-    return told, equal
+    return differences, equal
 
 
 def main() -> int:
-    """Print what differs."""
+    """Compare the recordings, and print the differences."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("before", type=Path)
     parser.add_argument("after", type=Path)
@@ -111,10 +111,12 @@ def main() -> int:
         before, after = read(options.before), read(options.after)
     except (OSError, ValueError, McapError) as error:
         parser.error(f"no recording of a run can be read: {error}")
-    told, equal = compared(before, after)
+    differences, equal = compare(before, after)
     verdict = "equal" if equal else "NOT equal"
     print(
-        "\n".join([*told, f"{len(before.cycles)} cycles: forces, commands, poses and verdicts are {verdict}"])
+        "\n".join(
+            [*differences, f"{len(before.cycles)} cycles: forces, commands, poses and verdicts are {verdict}"]
+        )
     )
     return int(not equal)
 

@@ -1,6 +1,7 @@
-"""Tables of docs/explanation/fidelity.md: runs with the errors of real sensors, and true faults beside them.
+"""Tables of docs/explanation/fidelity.md: runs with the errors of real sensors, and with faults in addition to the
+errors.
 
-The runs are made in virtual time; they take some twenty minutes on two cores.
+The runs use virtual time; they take about twenty minutes on two cores.
 """
 
 import gc
@@ -27,8 +28,9 @@ RECORDED: Mapping[str, Any] = {
 }
 CB3: Mapping[str, Any] = {**RECORDED, "noise_n": (1.15, 1.10, 0.45), "noise_nm": (0.16, 0.07, 0.04)}
 ERRORS: Mapping[str, Mapping[str, Any]] = {"noise alone": NONE, "recorded": RECORDED, "as a CB3": CB3}
-"""The largest figures that were recorded on any device, on each sensor; then with the noise of a CB3's own. That one is
-run without a zero of the device, which takes a single frame and would be refused.
+"""Settings of the errors, by kind: white noise alone, the largest values recorded on any device, and these values
+with the noise of a CB3's own sensor. The last kind is run without zeroing the device: zeroing uses a single frame
+and would be refused.
 """
 FAULTS: Mapping[str, Mapping[str, Any]] = {
     "gives noise only on Fz": {"fault": "dead", "with": {"axis": "fz"}},
@@ -37,13 +39,13 @@ FAULTS: Mapping[str, Mapping[str, Any]] = {
     "drifts by 2 N/s the wrong way": {"fault": "drift", "with": {"axis": "fz", "per_s": 2.0}},
 }
 FAULT_ROBOTS = ("rtde", "rsi")
-"""One with a second witness, one without."""
+"""Two robots: one with a second witness, and one without."""
 SEEDS: Mapping[str, Sequence[int]] = {"noise alone": (1,), "recorded": (1, 2), "as a CB3": (1,)}
 FAULT_SEED = 1
 
 
 class Job(NamedTuple):
-    """One run."""
+    """Run with one kind of errors."""
 
     robot: str
     sensor: str
@@ -54,7 +56,7 @@ class Job(NamedTuple):
 
 
 def jobs() -> list[Job]:
-    """All runs."""
+    """Yield all runs."""
     cells = product(ROBOTS, SENSORS, STIFFNESSES_KN_M, ERRORS)
     healthy = [
         Job(robot, sensor, stiffness, errors, seed)
@@ -66,7 +68,7 @@ def jobs() -> list[Job]:
 
 
 def settings(job: Job) -> Mapping[str, Any]:
-    """Return the settings of a run; all others have their defaults."""
+    """Return the settings of a run that differ from their defaults."""
     stiffness_n_m = job.stiffness_kn_m * 1e3
     own_noise = {"force_noise_n": (1.0, 1.0, 1.0)} if job.robot == "rtde" and job.errors == "as a CB3" else {}
     fault = {"on": "signal", "phase": "track", "after_s": SETTLED_S, **FAULTS.get(job.fault, {})}
@@ -86,14 +88,14 @@ def settings(job: Job) -> Mapping[str, Any]:
 
 
 def figures_of(job: Job) -> Mapping[str, Any]:
-    """One run: how it ended, the true forces, and its length in the cell's time."""
+    """Make one run. Return its outcome, the true forces, and its duration in the cell's time."""
     try:
         recording = hil_bridge.simulate(settings(job)).recording
     except BridgeError as error:
         refused = {"cause": str(error).splitlines()[0], "rms_n": None, "peak_n": 0.0, "took_s": 0.0}
         return {**job._asdict(), **refused}
     finally:
-        gc.collect()  # a cell and its run refer to each other
+        gc.collect()  # a cell and its run reference each other
     times = [cycle.started_at for cycle in recording.cycles] or [0.0]
     track = [cycle.started_at for cycle in recording.cycles if cycle.phase == "track"] or [math.inf]
     forces = [(truth.at, math.hypot(*truth.force)) for truth in recording.truths]
@@ -108,12 +110,14 @@ def figures_of(job: Job) -> Mapping[str, Any]:
 
 
 def measure(names: Sequence[str], before: object) -> list[Mapping[str, Any]]:
-    """All runs."""
+    """Make all runs."""
     return run_jobs(figures_of, jobs())
 
 
 def errors_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return the largest RMS of each robot with each kind of errors, and how many runs were stopped."""
+    """Return the table of the largest RMS error of each robot with each kind of errors, and the number of stopped
+    runs.
+    """
     healthy = where(rows, fault="")
     lines = [
         (f"`{robot}`", *(_largest(where(healthy, robot=robot, errors=errors)) for errors in ERRORS))
@@ -134,7 +138,7 @@ def _total(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def faults_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return a row for each fault, a column for each robot and kind of errors."""
+    """Return the table with a row for each fault, and a column for each robot and kind of errors."""
     columns = list(product(FAULT_ROBOTS, ERRORS))
     lines = [
         (fault, *(_faulty(where(rows, fault=fault, robot=robot, errors=errors)) for robot, errors in columns))

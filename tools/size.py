@@ -1,8 +1,9 @@
-"""Print lines by room, and whatever is larger than the style allows: `python -m tools.size`.
+"""Print the number of lines by package, and everything that exceeds the limits of the style: `python -m
+tools.size`.
 
-Lines are those of Python and C files, blank lines and comments included. The limits hold for the product and the tools;
-`self` and `cls` are no parameters, and commands may have more, since their options are parameters. The exit code is 1
-when a limit is exceeded.
+Python and C files count, including blank lines and comments. The limits apply to the product and the tools. `self`
+and `cls` do not count as parameters. Commands may have more parameters, because their options are parameters. The
+exit code is 1 if a limit is exceeded.
 """
 
 import ast
@@ -16,18 +17,18 @@ PRODUCT = ("hil_bridge", "emulators", "protocol")
 FOLDERS = (*PRODUCT, "tests", "tools")
 ENDINGS = {".py", ".c"}
 MODULE_LINES, FUNCTION_LINES, PARAMETERS = 500, 60, 5
-"""Limits of the style."""
+"""Maximum number of lines in a module, lines in a function, and parameters."""
 COMMANDS = frozenset(("cli", "commands", "commands.py"))
-"""Folders and modules of commands."""
+"""Folders and modules that contain commands."""
 
 
 def files(tree: Path, folder: str) -> list[Path]:
-    """Source files below a folder of the tree."""
+    """Return the source files below a folder of the tree."""
     return sorted(path for path in (tree / folder).rglob("*") if path.suffix in ENDINGS)
 
 
 def lines_by_room(tree: Path) -> Counter[str]:
-    """Return the number of lines of each room: a folder on the first level below its root, or the root itself."""
+    """Return the number of lines of each package: a folder directly below its root, or the root itself."""
     rooms: Counter[str] = Counter()
     for path in (path for folder in FOLDERS for path in files(tree, folder)):
         parts = path.relative_to(tree).parts
@@ -37,7 +38,7 @@ def lines_by_room(tree: Path) -> Counter[str]:
 
 
 def exceeded(tree: Path) -> Iterator[str]:
-    """Each module, function and parameter list that exceeds its limit, with the number that does."""
+    """Yield each module, function and parameter list that exceeds its limit, with the actual number."""
     for path in (path for folder in (*PRODUCT, "tools") for path in files(tree, folder)):
         text, place = path.read_text(encoding="utf-8"), path.relative_to(tree)
         if (lines := len(text.splitlines())) > MODULE_LINES:
@@ -47,7 +48,9 @@ def exceeded(tree: Path) -> Iterator[str]:
 
 
 def exceeded_functions(text: str) -> Iterator[str]:
-    """Return the same for the functions of a module, by their lines in it."""
+    """Yield each function and parameter list of a module that exceeds its limit, with its line and the actual
+    number.
+    """
     for node in ast.walk(ast.parse(text)):
         if not isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
             continue
@@ -63,7 +66,7 @@ def exceeded_functions(text: str) -> Iterator[str]:
 
 
 def main() -> int:
-    """Print the counts and the excesses."""
+    """Print the counts and the violations."""
     rooms = lines_by_room(ROOT)
     for folder in FOLDERS:
         own = {room: count for room, count in rooms.most_common() if room.split("/")[0] == folder}

@@ -1,4 +1,4 @@
-"""A state diagram: boxes at given places, curved arrows between them, a label on each arrow."""
+"""State diagram: boxes at given positions, curved arrows between them, and a label on each arrow."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,34 +8,34 @@ from typing import NamedTuple
 from tools.svg import Point, draw_arrow, draw_box, draw_picture
 
 BOX = 78.0, 22.0
-"""Half the width and half the height of a state's box."""
+"""Half of the width and half of the height of a state's box."""
 LINE = 15.0
-"""From one line of a label to the next."""
+"""Distance between the lines of a label."""
 Curve = tuple[Point, Point, Point]
-"""Begin, control point and end."""
+"""Start, control point and end of a curved arrow."""
 
 
 class Bend(NamedTuple):
-    """How an arrow leaves the straight line."""
+    """Shape of an arrow that is not straight."""
 
     aside: float = 0.0
-    """Of its middle to the right of its direction."""
+    """Offset of the arrow's middle, to the right of its direction."""
     label: float = 0.5
-    """Share of the path at which its label stands."""
+    """Position of the arrow's label, as a share of its path."""
 
 
 class Layout(NamedTuple):
-    """Where everything of a picture stands."""
+    """Positions of all parts of a picture."""
 
     size: Point
     places: Mapping[str, Point]
-    """Middle of each state's box."""
+    """Centre of each state's box."""
     bends: Mapping[tuple[str, str], Bend]
-    """Arrows that are not straight, or whose label is not in the middle."""
+    """Arrows that are not straight, or whose label is not in the middle of the arrow."""
 
 
 def draw_states(title: str, arrows: Mapping[tuple[str, str], Sequence[str]], layout: Layout) -> str:
-    """Draw arrows from state to state with the lines of their labels. Raises KeyError for a state without a place."""
+    """Draw arrows between states with the lines of their labels. Raises KeyError for a state without a position."""
     names = [name for name in layout.places if any(name in pair for pair in arrows)]
     x, y = layout.places[names[0]]
     parts = [
@@ -61,7 +61,7 @@ def _curve(layout: Layout, pair: tuple[str, str]) -> Curve:
 
 
 def _border(middle: Point, towards: Point) -> Point:
-    """Where the line from the middle of a box towards a point leaves the box."""
+    """Return the point where the line from the centre of a box to another point leaves the box."""
     across, along = towards[0] - middle[0], towards[1] - middle[1]
     share = min(
         half / abs(part) if part else math.inf for half, part in zip(BOX, (across, along), strict=True)
@@ -70,7 +70,7 @@ def _border(middle: Point, towards: Point) -> Point:
 
 
 def _on(curve: Curve, share: float) -> Point:
-    """Return a point of a curve, at this share of its path."""
+    """Return the point of a curve at this share of its parameter, 0 … 1."""
     a, b, c = (1.0 - share) ** 2, 2.0 * share * (1.0 - share), share**2
     x, y = (a * p + b * q + c * r for p, q, r in zip(*curve, strict=True))
     return x, y

@@ -1,7 +1,7 @@
-"""Tables of docs/explanation/streaming.md: each controller on each robot, on soft, hard and curved surfaces, and the
-first touch of a surface of unknown stiffness.
+"""Tables of docs/explanation/streaming.md: each controller on each robot and surface, and the first touch.
 
-The runs are made in virtual time; they take some fifteen minutes. `--measure egm` makes those of these robots alone.
+Surfaces are soft, hard and curved. The first touch is on a surface of unknown stiffness. The runs use virtual time;
+they take about fifteen minutes. `--measure egm` makes only the runs of this robot.
 """
 
 import statistics
@@ -16,10 +16,10 @@ from hil_bridge.settings.configuration import read_config
 from tools.pages import run_jobs, table
 
 ROBOTS: Mapping[str, str] = {"s3": "jr3", "egm": "netft", "rtde": "netft", "rsi": "netft"}
-"""Robots, each with the sensor that it runs with."""
+"""Robots, each with the sensor that is used with it."""
 FORCE_N = 10.0
 TRACK_S, SETTLED_S = 8.0, 2.0
-"""Time of tracking, and the begin of it that does not count for the error, s."""
+"""Tracking time, and time at its start that does not count for the error, s."""
 CURVED = {"kind": "sinusoidal", "amplitude_mm": 3.0, "period_mm": 150.0, "origin_y_mm": -100.0}
 SHAPES: Mapping[str, Mapping[str, Any]] = {"level": {}, "curved": CURVED}
 STIFFNESSES_KN_M, TOUCHED_KN_M = (5, 50), (5, 20, 50)
@@ -27,17 +27,17 @@ TOUCHES: Mapping[str, tuple[str, Mapping[str, float]]] = {
     **{robot: (robot, {}) for robot in ROBOTS},
     "rtde, an arm on its targets": ("rtde", {"follow_error_urad": 0.0, "fast_follow_error_urad": 0.0}),
 }
-"""Robots of the table of touches, each with settings of its emulator."""
+"""Robots in the table of touches, each with the settings of its emulator."""
 SPEEDS_MM_S = (2.75, 10.0)
-"""Largest speeds of the approach: the default one and a quick one."""
+"""Maximum speeds of the approach: the default one and a fast one."""
 HARDEST_N_M = 5e4
-"""Stiffness that the task expects at most; the surface has it, or is softer."""
+"""Largest stiffness that the task expects, N/m. The surface has this stiffness, or is softer."""
 TOUCH_S, TOUCHED_S = 2.5, 1.0
-"""Time of tracking, and the begin of it that does not count for the error, s."""
+"""Tracking time of a touch, and time at its start that does not count for the error, s."""
 
 
 def surfaces(stiffnesses_kn_m: Sequence[int]) -> Mapping[str, Mapping[str, Any]]:
-    """Return settings of a level and a curved surface of each stiffness, by name."""
+    """Return the settings of a flat and a curved surface for each stiffness, by name."""
     return {
         f"{shape}, {stiffness} kN/m": {"stiffness_n_m": stiffness * 1e3, **how}
         for shape, how in SHAPES.items()
@@ -49,10 +49,10 @@ SURFACES, TOUCHED = surfaces(STIFFNESSES_KN_M), surfaces(TOUCHED_KN_M)
 
 
 class Case(NamedTuple):
-    """One run."""
+    """Run of a table."""
 
     robot: str
-    """Of ROBOTS or TOUCHES."""
+    """Key of ROBOTS or TOUCHES."""
     controller: str
     surface: Mapping[str, Any]
     expected_n_m: float
@@ -62,7 +62,7 @@ class Case(NamedTuple):
 
 
 def figures_of(case: Case) -> Mapping[str, Any]:
-    """One run."""
+    """Make one run."""
     robot, errors = TOUCHES[case.robot]
     cell = {"start_position_mm": (900.0, -100.0, 600.0), "surface": case.surface}
     values = {
@@ -88,9 +88,9 @@ def figures_of(case: Case) -> Mapping[str, Any]:
 
 
 def measure(names: Sequence[str], before: Mapping[str, Any]) -> dict[str, Any]:
-    """Make the runs with these robots, with all where none is named; rows of others are kept."""
+    """Make the runs with these robots, or with all robots if none is named. Rows of other robots are kept."""
     robots = names or list(ROBOTS)
-    held = {
+    kept_rows = {
         (robot, controller, name): Case(robot, controller, surface, surface["stiffness_n_m"])
         for robot, controller, (name, surface) in product(robots, CONTROLLERS, SURFACES.items())
     }
@@ -99,9 +99,9 @@ def measure(names: Sequence[str], before: Mapping[str, Any]) -> dict[str, Any]:
         for robot, speed, (name, surface) in product(TOUCHES, SPEEDS_MM_S, TOUCHED.items())
         if TOUCHES[robot][0] in robots
     }
-    rows = iter(run_jobs(figures_of, [*held.values(), *touched.values()]))
+    rows = iter(run_jobs(figures_of, [*kept_rows.values(), *touched.values()]))
     again = {
-        "controllers": [{"robot": r, "controller": c, "surface": s, **next(rows)} for r, c, s in held],
+        "controllers": [{"robot": r, "controller": c, "surface": s, **next(rows)} for r, c, s in kept_rows],
         "touch": [{"robot": r, "approach_mm_s": v, "surface": s, **next(rows)} for r, v, s in touched],
     }
     return {
@@ -122,7 +122,7 @@ def _cell(row: Mapping[str, Any]) -> str:
 
 
 def controllers_table(figures: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Return a row for each robot and controller, a column for each surface."""
+    """Return the table with a row for each robot and controller, and a column for each surface."""
     known = {_key(row): row for row in figures["controllers"]}
     lines = []
     for robot, controller in dict.fromkeys(key[:2] for key in known):
@@ -133,7 +133,7 @@ def controllers_table(figures: Mapping[str, Sequence[Mapping[str, Any]]]) -> str
 
 
 def touch_table(figures: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Return a row for each robot and speed of the approach, a column for each surface."""
+    """Return the table with a row for each robot and approach speed, and a column for each surface."""
     known = {_key(row): row for row in figures["touch"]}
     lines = (
         (f"`{robot}`", f"{speed:g} mm/s", *(_cell(known[robot, speed, surface]) for surface in TOUCHED))

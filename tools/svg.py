@@ -1,4 +1,4 @@
-"""Boxes and arrows as SVG, for a light and a dark page."""
+"""Boxes and arrows as SVG, for light and dark pages."""
 
 from collections.abc import Sequence
 from html import escape
@@ -24,7 +24,7 @@ HEAD = (
 
 
 def draw_picture(title: str, size: Point, parts: Sequence[str]) -> str:
-    """Return the SVG with these parts, the first one at the back."""
+    """Return the SVG picture with these parts. The first part is in the background."""
     begin = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size[0]:g} {size[1]:g}" role="img" '
         f'aria-label="{escape(title)}">'
@@ -33,7 +33,7 @@ def draw_picture(title: str, size: Point, parts: Sequence[str]) -> str:
 
 
 def draw_box(corner: Point, size: Point, title: str, note: str = "", look: str = "box") -> str:
-    """Return a box by its left upper corner, with a title and a smaller note below it."""
+    """Return a box, given by its upper left corner, with a title and a smaller note below the title."""
     (x, y), (width, height) = corner, size
     middle, line = x + width / 2, y + height / 2
     parts = [
@@ -49,7 +49,7 @@ def draw_text(look: str, place: Point, text: str) -> str:
 
 
 def draw_arrow(points: Sequence[Point], dashed: bool = False, curved: bool = False) -> str:
-    """Return an arrow along these points; a curved one has a begin, a control point and an end."""
+    """Return an arrow along these points. A curved arrow has a start, a control point and an end."""
     (x, y), *rest = points
     way = " ".join(f"{'' if curved else 'L'}{u:.1f} {v:.1f}" for u, v in rest)
     look = "arrow dashed" if dashed else "arrow"

@@ -1,6 +1,6 @@
-"""Tables of docs/reference/tasks.md: the words and paths of a program with all their settings.
+"""Tables of docs/reference/tasks.md: the steps and paths of a program with all their settings.
 
-With --measure the pictures of the examples are drawn again.
+With --measure, the pictures of the examples are redrawn.
 """
 
 import dataclasses
@@ -38,33 +38,33 @@ OF_THE_TASK: Mapping[tuple[str, str], str] = {
     ("retract", "speed_mm_s"): "retract_speed_mm_s",
     ("move", "contact_n"): "contact_threshold_n",
 }
-"""Settings of the task that stand for a setting of a step that is not given, by the step's word and setting."""
+"""Settings of the task that are the default of a step's setting, by the names of the step and of its setting."""
 MEANINGS: Mapping[str, str] = {
-    "path": "Where the tool goes; see the paths below.",
-    "orientation": "`fixed`: as at the start. `along-path`: turned about the approach so that it looks along the path. "
-    "`normal`: perpendicular to the surface. `led`: tipped along the travel by a controller that does that.",
-    "criterion": "How good the step must have been; see below.",
+    "path": "Path of the tool; see the paths below.",
+    "orientation": "`fixed`: as at the start. `along-path`: turned about the approach to face along the path. "
+    "`normal`: perpendicular to the surface. `led`: tipped along the travel by a controller that supports it.",
+    "criterion": "Quality that the step must reach; see below.",
     "limits": "Limits of this step; see below.",
     "speed_mm_s": "Speed.",
     "step": "The steps, a table `[[task.step.step]]` each; no `repeat` among them.",
-    "track.force_n": "Wanted force, or pairs of way in mm and force in N with straight ramps between.",
-    "hold.force_n": "Wanted force.",
-    "hold.for_s": "How long it presses.",
+    "track.force_n": "Target force, or pairs of distance in mm and force in N with linear ramps in between.",
+    "hold.force_n": "Target force.",
+    "hold.for_s": "Duration of the contact.",
     "approach.contact_n": "Force that counts as contact.",
-    "approach.at_most_mm": "How deep it goes at most; the run ends where it finds nothing. "
-    "By default the way that the tool came back before counts too.",
-    "seek.at_most_mm": "How far it goes at most; the run ends where it finds nothing.",
+    "approach.at_most_mm": "Maximum depth; the run ends if there is no contact. "
+    "By default, the distance of the preceding retraction is added.",
+    "seek.at_most_mm": "Maximum distance; the run ends if there is no contact.",
     "seek.speed_mm_s": "Speed.",
 }
-"""Meaning of settings that have no text at their own place, by setting, or by word and setting."""
+"""Descriptions of settings that have no docstring, by setting, or by step and setting."""
 HIDDEN = ("do", "kind"), ("repeat.limits",)
-"""Settings that are told otherwise, and such as may not be given."""
+"""Settings that are described elsewhere, or that a program may not set."""
 TASK_SETTINGS = ("file", "safe_height_mm", "force_n", "expected_stiffness_n_m")
 FRAME_SETTINGS = ("approach", "travel", "origin_mm", "follow_normal")
 
 
 def measure(names: Sequence[str]) -> None:
-    """Draw the pictures of these examples, of all where none is named."""
+    """Draw the pictures of these examples, or of all examples if none is named."""
     for path in sorted(EXAMPLES.glob("*.toml")):
         if not names or path.stem in names:
             (DOCS / "pictures" / f"task-{path.stem}.png").write_bytes(picture(path))
@@ -82,13 +82,13 @@ def picture(path: Path) -> bytes:
 
 
 def section_table(word: str, section: Any) -> str:
-    """Meaning of a word, a path or another section, and its settings."""
+    """Return the description of a step, a path or another section, and its settings."""
     meaning = "" if section in (Criterion, Facing) else f"{_one_line(inspect.getdoc(section) or '')}\n\n"
     return meaning + rows_table(_fields(word, section))
 
 
 def limits_table() -> str:
-    """Return the limits that a step can have of its own, with those of the run that they tighten."""
+    """Return the table of the limits that a step can set, with the limits of the run that they tighten."""
     meanings, run = field_docstrings(Limits), Limits()
     rows = (
         (
@@ -112,7 +112,7 @@ def rows_table(rows: Any) -> str:
 
 
 def _fields(word: str, section: Any, names: tuple[str, ...] = ()) -> Iterator[tuple[str, str, str]]:
-    """Name, default and meaning of each setting. Raises ValueError for one without a meaning."""
+    """Yield name, default and description of each setting. Raises ValueError if a setting has no description."""
     meanings, types = field_docstrings(section), inspect.get_annotations(section, eval_str=True)
     for field in dataclasses.fields(section):
         if (
@@ -124,7 +124,7 @@ def _fields(word: str, section: Any, names: tuple[str, ...] = ()) -> Iterator[tu
         own = MEANINGS.get(f"{word}.{field.name}") or meanings.get(field.name)
         meaning = own or MEANINGS.get(field.name, "")
         if not meaning:
-            raise ValueError(f"the page cannot tell what {word}.{field.name} means: give it a docstring")
+            raise ValueError(f"no description of {word}.{field.name}: give it a docstring")
         choices = _choices(types[field.name])
         if choices and f"`{choices[0]}`" not in meaning:
             meaning = f"{' or '.join(f'`{choice}`' for choice in choices)}. {meaning}"
@@ -132,16 +132,16 @@ def _fields(word: str, section: Any, names: tuple[str, ...] = ()) -> Iterator[tu
 
 
 def _default(word: str, field: Any) -> str:
-    """Return the default in words."""
-    if (stands := OF_THE_TASK.get((word, field.name))) is not None:
-        return f"`task.{stands}`, {_value(getattr(TaskParameters(), stands))}"
+    """Return the default as text."""
+    if (default := OF_THE_TASK.get((word, field.name))) is not None:
+        return f"`task.{default}`, {_value(getattr(TaskParameters(), default))}"
     if field.default is dataclasses.MISSING:
         return "must be given"
     return _value(field.default)
 
 
 def _value(value: object) -> str:
-    """Return a default as a file would have it."""
+    """Return a default in the form in which a file contains it."""
     match value:
         case None | "" | () | StepLimits():
             return "none"
@@ -156,11 +156,11 @@ def _value(value: object) -> str:
 
 
 def _choices(annotation: Any) -> tuple[str, ...]:
-    """Return the words that a setting may have; empty for one that is no word of a few."""
+    """Return the allowed values of a setting if they are fixed; otherwise an empty string."""
     if get_origin(annotation) is Literal:
         return get_args(annotation)
     if get_origin(annotation) in (Union, UnionType):
-        return next((found for part in get_args(annotation) if (found := _choices(part))), ())
+        return next((choices for part in get_args(annotation) if (choices := _choices(part))), ())
     return ()
 
 

@@ -1,7 +1,7 @@
 """Draw the terminal view into docs/pictures: three sizes of terminal, and a run that a fault has stopped.
 
-The runs are made in virtual time, and the view is given their records as a run gives them. So the pictures are those of
-the code.
+The runs use virtual time. The view receives their records as from a real run, so the pictures show the current
+code.
 """
 
 from collections.abc import Mapping
@@ -39,14 +39,14 @@ PAPER = TerminalTheme(
 
 @dataclass(frozen=True)
 class Picture:
-    """A terminal with a run in it."""
+    """Picture of a terminal that shows a run."""
 
     name: str
     width: int
     height: int
     settings: Mapping[str, Any]
     after_s: float
-    """Time after the begin of tracking, s."""
+    """Time from the start of tracking to the picture, s."""
     faults: tuple[Mapping[str, Any], ...] = field(default=())
 
 
@@ -67,8 +67,8 @@ RUNS = (
 )
 
 
-def seen(picture: Picture) -> Snapshot:
-    """Return the view's state at the given moment of a run."""
+def snapshot_of(picture: Picture) -> Snapshot:
+    """Return the view's state at the given time of a run."""
     result = hil_bridge.simulate(picture.settings, faults=picture.faults)
     record: Recording = result.recording
     config = read_config(picture.settings)
@@ -98,10 +98,10 @@ def seen(picture: Picture) -> Snapshot:
 
 
 def draw(picture: Picture) -> str:
-    """Return the picture as SVG, the same for the same code."""
+    """Return the picture as SVG. The same code always draws the same picture."""
     width, height = picture.width, picture.height
     console = Console(record=True, width=width, height=height, color_system="truecolor", file=StringIO())
-    console.print(panel(seen(picture), width, height))
+    console.print(panel(snapshot_of(picture), width, height))
     return console.export_svg(title="hil-bridge run", theme=PAPER, unique_id=picture.name)
 
 

@@ -1,4 +1,4 @@
-"""Tables of docs/reference/urscript.md: each function of URScript, and how far it goes."""
+"""Tables of docs/reference/urscript.md: each function of URScript, and its level of support."""
 
 from collections import Counter
 
@@ -9,13 +9,13 @@ from tools.pages import table
 
 
 def counts() -> str:
-    """How many functions are modelled, and how many only have their names."""
+    """Return a sentence with the number of modelled functions and the number of tagged functions."""
     support = Counter(function.support for function in FUNCTIONS.values())
     return f"{support[Support.MODELLED]} functions are modelled, {support[Support.TAGGED]} are tagged."
 
 
 def function_table() -> str:
-    """Return the functions, grouped by support, waiting and first versions."""
+    """Return the table of the functions, grouped by support, waiting and first versions."""
     groups = dict[tuple[str, str, str, str], list[str]]()
     for _, function in sorted(FUNCTIONS.items()):
         waits = "yes" if function.waits else ""
@@ -26,7 +26,7 @@ def function_table() -> str:
 
 
 def _version(since: Number) -> str:
-    """Return the first version of a function; empty for one that was always there, or is taken to be."""
+    """Return the first version of a function; empty if it has always existed, or is assumed to have existed."""
     return "never" if since == NEVER else ".".join(map(str, since)) if any(since) else ""
 
 

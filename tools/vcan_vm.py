@@ -1,8 +1,8 @@
-"""Run the tests marked `vcan`: on this kernel where it has vcan, else inside a small virtual machine.
+"""Run the tests marked `vcan`: on this kernel if it has vcan, otherwise inside a small virtual machine.
 
-With --driver the tests of the kernel's own driver run too, in the same machine where there is one. Exit code: pytest's;
-77 when no tests could run here, after a line that says how to get them; with HIL_BRIDGE_REQUIRE_VCAN set that is an
-error, 1. What else is on the command line is handed to pytest.
+With --driver, the tests of the kernel's own driver also run, in the same machine if one is used. The exit code is
+pytest's. If no tests can run here, it is 77, after a line that states what is missing; with HIL_BRIDGE_REQUIRE_VCAN
+set, that is an error with exit code 1. Further arguments are passed to pytest.
 """
 
 import argparse
@@ -26,18 +26,18 @@ from kernel_machine import (
 
 SECONDS = "HIL_BRIDGE_VCAN_SECONDS"
 PATIENCE_S = 600.0
-"""Longest wait for everything beside the fast stream. Chosen: four times what it takes emulated."""
+"""Time limit of all tests except the fast stream, s. Chosen: four times the duration on an emulated computer."""
 STREAM_PATIENCE = 20.0
-"""And for each second of that. Chosen: four times what it takes emulated."""
+"""Additional time limit per second of the fast stream. Chosen: four times the duration on an emulated computer."""
 
 
 def direct() -> list[str] | None:
-    """Prefix of a command that may then create vcan interfaces, or None where that cannot be."""
+    """Return the prefix for a command that creates vcan interfaces; None if they cannot be created here."""
     ip = which("ip")
     if ip is None:
         return None
     unshare = which("unshare")
-    # a user may do it in a network namespace of its own, where the kernel lets users have one
+    # a user can do this in a separate network namespace, if the kernel permits users to create one
     for before in ([], [unshare, "--user", "--map-root-user", "--net"] if unshare else []):
         name = f"vcan{os.getpid()}"
         script = f"{ip} link add dev {name} type vcan && {ip} link delete dev {name}"
@@ -46,8 +46,8 @@ def direct() -> list[str] | None:
     return None
 
 
-def inside(arguments: Sequence[str], seconds: float, driver: bool) -> int:
-    """Run the tests in a machine, with those of the driver if asked for, and return an exit code."""
+def run_in_machine(arguments: Sequence[str], seconds: float, driver: bool) -> int:
+    """Run the tests in a machine, and those of the driver if requested. Return an exit code."""
     parts, limit = ["vcan"], PATIENCE_S + STREAM_PATIENCE * seconds
     codes = []
     try:
@@ -66,19 +66,19 @@ def inside(arguments: Sequence[str], seconds: float, driver: bool) -> int:
 
 
 def together(codes: Sequence[int]) -> int:
-    """Return the exit code of several: the first failure, else 0 where any tests ran."""
+    """Return the combined exit code: the first failure; without a failure, 0 if any tests ran."""
     return next((code for code in codes if code not in (0, SKIPPED)), min(codes))
 
 
 def main() -> int:
-    """Run the tests where they can be run."""
+    """Run the tests on this kernel or in a machine."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=3.0, help="length of the 1 kHz stream (default: 3)")
     parser.add_argument("--driver", action="store_true", help="run the tests of the kernel's own driver too")
     options, arguments = parser.parse_known_args()
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # so that no machine stays behind
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # so that no machine remains
     if (before := direct()) is None:
-        return inside(arguments, options.seconds, options.driver)
+        return run_in_machine(arguments, options.seconds, options.driver)
     environment = {**os.environ, SECONDS: f"{options.seconds:g}", REQUIRE: "1"}
     command = [*before, *pytest_command(["vcan"], arguments)]
     done = subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode

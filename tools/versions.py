@@ -1,8 +1,9 @@
-"""The tests with other versions of Python and of the dependencies: `make test-lowest` and `make test-newest`.
+"""Run the tests with other versions of Python and of the dependencies: `make test-lowest` and `make test-newest`.
 
-`lowest` takes the oldest Python that pyproject.toml allows, and the lowest version of every direct dependency; `newest`
-takes each of `NEWEST`, and the newest versions there are. uv chooses them and keeps the environments under build/.
-Further arguments go to pytest. Tests in real time and in other kernels are left out, for no dependency decides there.
+`lowest` uses the oldest Python that pyproject.toml allows, and the lowest version of every direct dependency; `newest`
+uses each of `NEWEST`, and the newest available versions. uv selects them and keeps the environments under build/.
+Further arguments go to pytest. Tests in real time and in other kernels are left out, because they do not depend on the
+versions.
 """
 
 import argparse
@@ -16,14 +17,14 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 NEWEST = ("3.12", "3.13")
-"""Versions of Python behind the one that `make test` runs on."""
+"""Versions of Python newer than the one that `make test` uses."""
 MARKS = "not live and not vcan and not driver"
 TESTS = ("-q", "-m", MARKS, "--numprocesses", "auto", "--dist", "loadfile", "-p", "no:cacheprovider")
 UV = (sys.executable, "-m", "uv")
 
 
 def candidates(version: str) -> Iterator[Path]:
-    """Where a Python of this version may be: on the PATH, and where pyenv keeps its own."""
+    """Return possible paths of a Python of this version, on the PATH and in the folders of pyenv."""
     if named := shutil.which(f"python{version}"):
         yield Path(named)
     versions = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
@@ -31,14 +32,14 @@ def candidates(version: str) -> Iterator[Path]:
 
 
 def is_version(python: Path, version: str) -> bool:
-    """Whether it starts and is of this version: a name on the PATH may be a shim with nothing behind it."""
-    tell = "import sys; print('%d.%d' % sys.version_info[:2])"
-    answer = subprocess.run([python, "-c", tell], capture_output=True, text=True, check=False)
+    """Return whether a Python starts and has this version. A name on the PATH may be a shim without an interpreter."""
+    script = "import sys; print('%d.%d' % sys.version_info[:2])"
+    answer = subprocess.run([python, "-c", script], capture_output=True, text=True, check=False)
     return answer.stdout.strip() == version
 
 
 def test_with(version: str, resolution: str, arguments: Sequence[str]) -> int:
-    """Make an environment again, and run the tests in it; the exit code of the first step that failed, else 0."""
+    """Recreate an environment, and run the tests in it. Return the exit code of the first failed step, otherwise 0."""
     python = next((path for path in candidates(version) if is_version(path, version)), None)
     if python is None:
         print(
@@ -62,7 +63,7 @@ def test_with(version: str, resolution: str, arguments: Sequence[str]) -> int:
 
 
 def main() -> int:
-    """Run the tests with each version; the first exit code that is not 0."""
+    """Run the tests with each version. Return the first exit code that is not 0."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("which", choices=["lowest", "newest"])
     chosen, arguments = parser.parse_known_args()

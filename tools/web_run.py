@@ -1,4 +1,4 @@
-"""A command that serves a page, in a process of its own: for tests, pictures and benchmarks."""
+"""Command that serves a page in a separate process, for tests, pictures and benchmarks."""
 
 import subprocess
 import sys
@@ -9,7 +9,7 @@ PATIENCE_S = 60.0
 
 
 class Serving:
-    """A command that serves a page."""
+    """Process of a command that serves a page."""
 
     def __init__(self, folder: Path, *arguments: str) -> None:
         self.log = folder / "page.log"
@@ -32,15 +32,15 @@ class Serving:
                 if line.startswith(begin):
                     return line.removeprefix(begin)
             time.sleep(0.05)
-        raise AssertionError(f"the command never told {begin!r}: {self.log.read_text()}")
+        raise AssertionError(f"the command never printed {begin!r}: {self.log.read_text()}")
 
     def ended(self) -> int:
-        """Exit code, once the command has ended."""
+        """Return the exit code after the command has ended."""
         return self.process.wait(PATIENCE_S)
 
 
 class WebRun(Serving):
-    """A run with its page."""
+    """Run that serves a page."""
 
     def __init__(self, folder: Path, arguments: tuple[str, ...], config: str) -> None:
         file = folder / "run.toml"

@@ -1,6 +1,8 @@
-"""The wheels: hil-bridge and the packages of examples/, built, installed into a fresh environment, and run there.
+"""Build the wheels of hil-bridge and of the packages in examples/, install them into a new environment, and run
+them.
 
-A step of the check that mostly waits for downloads. One environment serves all: none of it is the checkout's.
+This step of the check mostly waits for downloads. All wheels share one environment, which does not use the
+checkout.
 """
 
 import hashlib
@@ -15,7 +17,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = sorted(path.parent for path in (ROOT / "examples").glob("*/pyproject.toml"))
-"""Packages that another author could have written."""
+"""Example packages, written as a third-party author would write them."""
 OFFERS = {
     "experiment",
     "height-map",
@@ -28,31 +30,33 @@ OFFERS = {
     "toyload",
     "toyspring",
 }
-"""Names under which they offer something."""
+"""Names under which the example packages register plug-ins."""
 TOYS = ("--robot", "toyarm", "--sensor", "toyload", "--surface", "toyspring", "--controller", "pi-tracking")
 STEADY_N = 10.0, 0.5
-"""Force that a run comes to, and how far it may be off, N."""
+"""Force that a run must reach, and its tolerance, N."""
 
 
-class Elsewhere:
-    """A fresh environment outside the checkout, with the commands that are run in it."""
+class CleanEnvironment:
+    """New environment outside the checkout, with the commands that run in it."""
 
     def __init__(self, place: Path, python: str = sys.executable) -> None:
         self.place = place
-        ran(place, python, "-m", "venv", place / "env")
+        run_command(place, python, "-m", "venv", place / "env")
         self._scripts = place / "env" / Path(sys.executable).parent.name
 
     def run(self, name: str, *arguments: str | Path) -> str:
-        """Output of a command of the environment. Raises RuntimeError when it fails."""
-        return ran(self.place, self._scripts / name, *arguments)
+        """Return the output of a command of the environment. Raises RuntimeError if it fails."""
+        return run_command(self.place, self._scripts / name, *arguments)
 
     def install(self, *wheels: str | Path) -> None:
-        """Install wheels with all that they depend on, by uv, which keeps what it has had before."""
+        """Install wheels with all their dependencies. It uses uv, which caches packages."""
         python = self._scripts / "python"
-        ran(self.place, sys.executable, "-m", "uv", "pip", "install", "--quiet", "--python", python, *wheels)
+        run_command(
+            self.place, sys.executable, "-m", "uv", "pip", "install", "--quiet", "--python", python, *wheels
+        )
 
     def closes_the_loop(self, name: str, *options: str | Path) -> Path:
-        """Return the recording of a run that comes to its force. Raises RuntimeError for one that does not."""
+        """Run, and return the recording of the run. Raises RuntimeError if the run does not reach its force."""
         record, summary = self.place / f"{name}.mcap", self.place / f"{name}.json"
         self.run(
             "hil-bridge",
@@ -71,19 +75,19 @@ class Elsewhere:
         return record
 
 
-def ran(place: Path, *command: str | Path) -> str:
-    """Output of a command in a folder. Raises RuntimeError when it fails."""
+def run_command(place: Path, *command: str | Path) -> str:
+    """Return the output of a command in a folder. Raises RuntimeError if it fails."""
     done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
     if done.returncode:
-        told = f"{done.stdout}{done.stderr}"
-        raise RuntimeError(f"{' '.join(map(str, command))} ended with {done.returncode}\n{told}")
+        result = f"{done.stdout}{done.stderr}"
+        raise RuntimeError(f"{' '.join(map(str, command))} ended with exit code {done.returncode}\n{result}")
     return done.stdout
 
 
-def installed(elsewhere: Elsewhere) -> None:
-    """Build all wheels by one call of pip, and install them by another."""
+def install_wheels(elsewhere: CleanEnvironment) -> None:
+    """Build all wheels with one call of pip, and install them with another."""
     folder = elsewhere.place / "wheels"
-    elsewhere.install("hatchling>=1.28")  # one for all that are built, instead of one each
+    elsewhere.install("hatchling>=1.28")  # shared by all builds, instead of one copy for each
     build = ("-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", folder)
     elsewhere.run("python", *build, ROOT, *EXAMPLES)
     wheels = sorted(folder.glob("*.whl"))
@@ -92,11 +96,11 @@ def installed(elsewhere: Elsewhere) -> None:
     (own,) = (wheel for wheel in wheels if wheel.name.startswith("hil_bridge-"))
     wheels.remove(own)
     check_same(elsewhere, own)
-    elsewhere.install(f"{own}[testing]", *wheels)  # ours first, for the others depend on it
+    elsewhere.install(f"{own}[testing]", *wheels)  # ours is first, because the others depend on it
 
 
-def check_same(elsewhere: Elsewhere, wheel: Path) -> None:
-    """Build our wheel again: it has the same bytes, and a list of the parts that it carries."""
+def check_same(elsewhere: CleanEnvironment, wheel: Path) -> None:
+    """Check that a second build of our wheel has identical bytes, and that its list of parts has the right hashes."""
     again = elsewhere.place / "again"
     elsewhere.run(
         "python", "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", again, ROOT
@@ -105,14 +109,14 @@ def check_same(elsewhere: Elsewhere, wheel: Path) -> None:
         raise RuntimeError("two builds of the same sources differ")
     with zipfile.ZipFile(wheel) as archive:
         (name,) = (one for one in archive.namelist() if one.endswith(".dist-info/sboms/hil-bridge.cdx.json"))
-        told = json.loads(archive.read(name))
-        for file in told["components"][0]["components"]:
+        result = json.loads(archive.read(name))
+        for file in result["components"][0]["components"]:
             (path,) = (one for one in archive.namelist() if one.endswith(f"/vendor/{file['name']}"))
             if hashlib.sha256(archive.read(path)).hexdigest() != file["hashes"][0]["content"]:
                 raise RuntimeError(f"the list of parts has another hash of {path}")
 
 
-def run_alone(elsewhere: Elsewhere) -> None:
+def run_alone(elsewhere: CleanEnvironment) -> None:
     """Run the command by itself, with the default cell."""
     elsewhere.run("hil-bridge", "--version")
     summary = elsewhere.place / "s.json"
@@ -121,12 +125,12 @@ def run_alone(elsewhere: Elsewhere) -> None:
         raise RuntimeError("the short run wrote an empty summary")
 
 
-def run_examples(elsewhere: Elsewhere) -> None:
-    """Run the toys by their names alone, in virtual and in real time. The tests run all other surfaces."""
-    told = json.loads(elsewhere.run("hil-bridge", "list", "plugins", "--json"))
-    wrong = [row["told"] for row in told if row["state"] != "ok"]
-    if wrong or {row["name"] for row in told} != OFFERS:
-        raise RuntimeError(f"plugins lists {told}")
+def run_examples(elsewhere: CleanEnvironment) -> None:
+    """Run the toy devices by name, in virtual and in real time. The tests run all other surfaces."""
+    result = json.loads(elsewhere.run("hil-bridge", "list", "plugins", "--json"))
+    wrong = [row["told"] for row in result if row["state"] != "ok"]
+    if wrong or {row["name"] for row in result} != OFFERS:
+        raise RuntimeError(f"plugins lists {result}")
     for name, time_of in (("virtual", ("--virtual",)), ("real", ())):
         record = elsewhere.closes_the_loop(name, *TOYS, "--duration", "3", *time_of)
         elsewhere.run("hil-bridge", "latency", record)
@@ -134,12 +138,12 @@ def run_examples(elsewhere: Elsewhere) -> None:
     elsewhere.run("hil-bridge", "report", record, "--output", record.with_suffix(""))
 
 
-def test_examples(elsewhere: Elsewhere) -> None:
-    """The examples' own tests, copied away from the checkout. In it pytest finds them with their own settings."""
+def test_examples(elsewhere: CleanEnvironment) -> None:
+    """Run the examples' own tests. They are copied out of the checkout, so that pytest uses their own settings."""
     tests = elsewhere.place / "tests"
     tests.mkdir()
     for example in EXAMPLES:
-        for file in (example / "tests").glob("*.py"):  # clients that tests start, too
+        for file in (example / "tests").glob("*.py"):  # also the clients that tests start
             (tests / file.name).write_bytes(file.read_bytes())
     (tests / "pytest.ini").write_text("[pytest]\naddopts = --import-mode=importlib\n", encoding="utf-8")
     print(elsewhere.run("pytest", "-q", "-p", "no:cacheprovider", tests).strip().splitlines()[-1])
@@ -147,14 +151,19 @@ def test_examples(elsewhere: Elsewhere) -> None:
         elsewhere.run("pytest", "--collect-only", "-q", "-p", "no:cacheprovider", example / "tests")
 
 
-STEPS: tuple[Callable[[Elsewhere], None], ...] = (installed, run_alone, run_examples, test_examples)
+STEPS: tuple[Callable[[CleanEnvironment], None], ...] = (
+    install_wheels,
+    run_alone,
+    run_examples,
+    test_examples,
+)
 
 
 def check_wheels() -> int:
-    """Take all steps; 1 when one fails, told with what it said, else 0."""
+    """Perform all steps. Return 0, or 1 after printing the output if a step fails."""
     with tempfile.TemporaryDirectory(prefix="hil-bridge-wheel-") as name:
         try:
-            elsewhere = Elsewhere(Path(name))
+            elsewhere = CleanEnvironment(Path(name))
             for step in STEPS:
                 began = time.monotonic()
                 step(elsewhere)

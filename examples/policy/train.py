@@ -2,8 +2,8 @@
 
     python examples/policy/train.py policy.onnx
 
-CMA-ES of the package cma needs no gradients and no torch: three numbers are searched for, on two cores, in minutes.
-It takes `pip install 'hil-bridge[gymnasium,onnx]' onnx cma`.
+CMA-ES of the package cma needs neither gradients nor torch: it searches for three numbers, on two cores, in minutes. It
+requires `pip install 'hil-bridge[gymnasium,onnx]' onnx cma`.
 """
 
 import argparse
@@ -21,17 +21,17 @@ from hil_bridge.gym import ENVIRONMENT, OBSERVED
 
 PLACE = {quantity.name: place for place, quantity in enumerate(OBSERVED)}
 BEGIN = (1.0, 0.0, 0.0)
-"""Weights with which the search begins: an action of 0.1 for each newton that is missing."""
+"""Initial weights of the search: an action of 0.1 per newton of missing force."""
 SCALES = (10.0, 100.0, 1e-3)
-"""A weight counts per 10 N of error, per 100 N/s of change, and per millimetre that the command is ahead."""
+"""A weight applies per 10 N of error, per 100 N/s of change, and per millimetre that the command is ahead."""
 SEEDS = (11, 12)
-"""Seeds of the episodes by which a candidate is judged."""
+"""Seeds of the episodes by which a candidate is evaluated."""
 NEAR: dict[str, Any] = {
     "run": {"duration_s": 1.5},
     "task": {"retract_mm": 1.0, "retract_speed_mm_s": 20.0},
     "cell": {"start_position_mm": (900.0, -100.0, 592.0)},
 }
-"""A short way to the surface and back: the episode is for the force."""
+"""Settings with a short approach and retraction, so that the episode is about the force."""
 SURFACE = {"cell.surface.stiffness_n_m": {"from": 5e3, "to": 2e4, "log": True}}
 LATENCY: dict[str, dict[str, Any]] = {
     "none": {
@@ -60,7 +60,7 @@ LATENCY: dict[str, dict[str, Any]] = {
 
 
 def linear(weights: Sequence[float]) -> Callable[[Any], Any]:
-    """The policy with these weights: tanh(w · (error, rate of the force, way ahead))."""
+    """Return the policy with these weights: tanh(w · (error, rate of the force, lead of the command))."""
     gains = np.asarray(weights, np.float64) / SCALES
     error, change, dt, ahead = (PLACE[name] for name in ("error_n", "change_n", "dt_s", "ahead_m"))
 
@@ -73,12 +73,12 @@ def linear(weights: Sequence[float]) -> Callable[[Any], Any]:
 
 @cache
 def environment(latency: str) -> Any:
-    """The environment, made once in each process."""
+    """Return the environment, created once in each process."""
     return gymnasium.make(ENVIRONMENT, robot="egm", sensor="netft", reward="force-error", **LATENCY[latency])
 
 
 def cost(task: tuple[str, tuple[float, ...]]) -> float:
-    """The cost of a candidate: the rewards of its episodes, with the other sign."""
+    """Return the cost of a candidate: the negative sum of the rewards of its episodes."""
     latency, weights = task
     env, policy, total = environment(latency), linear(weights), 0.0
     for seed in SEEDS:
@@ -92,7 +92,7 @@ def cost(task: tuple[str, tuple[float, ...]]) -> float:
 
 
 def train(latency: str, generations: int, tell: Callable[[str], object] = print) -> list[float]:
-    """Weights of the best candidate. The same arguments give the same weights."""
+    """Return the weights of the best candidate. The same arguments give the same weights."""
     import cma
 
     options = {"seed": 1, "popsize": 8, "verbose": -9, "bounds": [[0.0, -20.0, -20.0], [50.0, 20.0, 20.0]]}
@@ -107,7 +107,7 @@ def train(latency: str, generations: int, tell: Callable[[str], object] = print)
 
 
 def write_onnx(weights: Sequence[float], path: Path) -> None:
-    """The same policy as an ONNX file."""
+    """Write the policy as an ONNX file."""
     from onnx import TensorProto, checker, helper
 
     gains = np.asarray(weights, np.float64) / SCALES
@@ -130,7 +130,7 @@ def write_onnx(weights: Sequence[float], path: Path) -> None:
 
 
 def main() -> None:
-    """Train, and write the file; a file that is there already is an error."""
+    """Train, and write the file; an existing file is an error."""
     options = argparse.ArgumentParser(description="Train a linear policy, and write it as ONNX.")
     options.add_argument("file", type=Path)
     options.add_argument("--latency", choices=LATENCY, default="drawn")
@@ -138,7 +138,7 @@ def main() -> None:
     options.add_argument("--weights", type=float, nargs=3, help="write these, and search for none")
     chosen = options.parse_args()
     if chosen.file.exists():
-        options.error(f"{chosen.file} is there already; give another name")
+        options.error(f"{chosen.file} already exists; give another name")
     weights = chosen.weights or train(chosen.latency, chosen.generations)
     write_onnx(weights, chosen.file)
     print(f"weights {weights} are in {chosen.file}")

@@ -1,1 +1,1 @@
-"""Benchmarks: each figure beside a baseline that is measured in the same run. `make bench` runs them all."""
+"""Benchmarks, each with a baseline measured in the same run. `make bench` runs them all."""

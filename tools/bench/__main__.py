@@ -1,7 +1,7 @@
 """Run the benchmarks, all or the named ones: `make bench`, `make bench ONLY="wake_up link_use"`.
 
 Results go to runs/bench.json, which is not under version control. With --page (`make bench PAGE=1`) they also go to
-docs/explanation/performance.json, and the tables of docs/explanation/performance.md are written again from it.
+docs/explanation/performance.json, and the tables of docs/explanation/performance.md are rewritten from it.
 """
 
 import argparse
@@ -24,7 +24,7 @@ PUBLISHED = ROOT / "docs" / "explanation" / "performance.json"
 
 
 def run(name: str) -> Report:
-    """One benchmark, its steps and figures shown as they come."""
+    """Run one benchmark, and print its steps and figures as they are completed."""
     print(f"── {name}", flush=True)
     began = time.monotonic()
     report: Report = importlib.import_module(f"tools.bench.{name}").measure(
@@ -36,21 +36,21 @@ def run(name: str) -> Report:
     return report
 
 
-def merged(path: Path, facts: Mapping[str, str], fresh: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge fresh results into those of a file; those of another machine or version are dropped."""
+def merge_results(path: Path, facts: Mapping[str, str], fresh: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge new results into the results of a file. Results from another machine or version are dropped."""
     old: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     known = {**old["benchmarks"], **fresh} if old.get("machine") == facts else fresh
     return {"machine": dict(facts), "benchmarks": {name: known[name] for name in BENCHMARKS if name in known}}
 
 
-def written(path: Path, results: Mapping[str, Any]) -> None:
-    """Write a file of results."""
+def write_results(path: Path, results: Mapping[str, Any]) -> None:
+    """Write results to a file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run what is wanted; the exit code is 0 whether or not targets are met: a figure is no error."""
+    """Run the selected benchmarks. The exit code is 0 even if targets are missed."""
     parser = argparse.ArgumentParser(prog="make bench", description=__doc__.splitlines()[0])
     parser.add_argument("benchmark", nargs="*", help=f"one of {', '.join(BENCHMARKS)}; all without a name")
     parser.add_argument(
@@ -58,17 +58,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     if unknown := [name for name in options.benchmark if name not in BENCHMARKS]:
-        parser.error(f"there is no benchmark {unknown[0]!r}, only {', '.join(BENCHMARKS)}")
+        parser.error(f"unknown benchmark {unknown[0]!r}; known: {', '.join(BENCHMARKS)}")
 
     facts, fresh = machine.facts(), {}
     for name in options.benchmark or BENCHMARKS:
         load = machine.load()
         fresh[name] = {"load": round(load, 1), **run(name).as_json()}
-        results = merged(RESULTS, facts, fresh)
-        written(RESULTS, results)
+        results = merge_results(RESULTS, facts, fresh)
+        write_results(RESULTS, results)
     print(f"results: {RESULTS.relative_to(ROOT)}")
     if options.page:
-        written(PUBLISHED, merged(PUBLISHED, facts, fresh))
+        write_results(PUBLISHED, merge_results(PUBLISHED, facts, fresh))
         for page, text in contents("performance"):
             page.write_text(text, encoding="utf-8")
             print(f"page: {page.relative_to(ROOT)}")

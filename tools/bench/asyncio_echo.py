@@ -1,7 +1,7 @@
-"""Packets answered by asyncio and nothing else: what is left of a bridge without its work.
+"""Echo server on plain asyncio, as a bridge that does no work.
 
-asyncio_echo.py tcp|udp PACKET ANSWER, as `relay echo` of `c/relay.c`: each packet of PACKET bytes is answered with its
-first ANSWER bytes. The first line of the output is the port.
+asyncio_echo.py tcp|udp PACKET ANSWER, like `relay echo` of `c/relay.c`: it answers each packet of PACKET bytes with
+the first ANSWER bytes of the packet. The first line of its output is the port.
 """
 
 import asyncio
@@ -10,7 +10,7 @@ from typing import Any
 
 
 class Echo(asyncio.Protocol, asyncio.DatagramProtocol):
-    """One client's packets, over either kind of wire."""
+    """Answers packets of one client over TCP or UDP."""
 
     def __init__(self, packet: int, answer: int, ended: asyncio.Event) -> None:
         self._packet, self._answer, self._ended = packet, answer, ended
@@ -34,7 +34,7 @@ class Echo(asyncio.Protocol, asyncio.DatagramProtocol):
 
 
 async def main(kind: str, packet: int, answer: int) -> None:
-    """Answer until the client has gone, or for ever over UDP."""
+    """Answer until the client disconnects, or without end over UDP."""
     loop, ended = asyncio.get_running_loop(), asyncio.Event()
     if kind == "tcp":
         server = await loop.create_server(lambda: Echo(packet, answer, ended), "127.0.0.1", 0)

@@ -1,4 +1,4 @@
-"""Whole cells in virtual time with their bridges, any number of them in one loop."""
+"""Complete cells in virtual time with their bridges. One loop can run any number of them."""
 
 import asyncio
 from collections.abc import Callable
@@ -13,18 +13,18 @@ from hil_bridge.runs.watchers import Listener
 from hil_bridge.settings.configuration import Config
 
 CAN, BOARD = "jr3+can+memory:sensor", "jr3-board+memory:sensor"
-"""URLs at which a cell's sensor listens: behind its CAN gateway, or on a receiver board behind its registers."""
+"""URLs at which a cell's sensor listens: behind its CAN gateway, and on a receiver board."""
 USUAL = ""
-"""Robot and sensor listen at the usual URLs of their kinds: for one cell in a loop."""
+"""Options of a robot and a sensor at the default URLs of their kinds, for one cell per loop."""
 
 
 class RunFailed(Exception):
-    """A run that was to be measured did not come to its end."""
+    """Failure of a measured run to complete."""
 
 
 @dataclass
 class CellRun:
-    """One cell, its bridge, and what they told."""
+    """Run of a cell and its bridge, with the results."""
 
     config: Config
     number: int = 0
@@ -35,7 +35,7 @@ class CellRun:
     cycles: int = 0
     frames: int = 0
     simulated: float = 0.0
-    """Time from power-up to the end, s of virtual time."""
+    """Virtual time from power-up to the end, s."""
 
     def _cycle(self, record: CycleRecord) -> None:
         self.cycles += 1
@@ -46,7 +46,7 @@ class CellRun:
         self.on_frame(frame)
 
     async def main(self) -> None:
-        """Run to the end. Raises RunFailed when it is stopped before."""
+        """Run until the end. Raises RunFailed if the run stops early."""
         clock = Clock.running()
         began = clock.now()
         listen = None
@@ -63,7 +63,7 @@ class CellRun:
 
 
 def run_together(runs: list[CellRun]) -> None:
-    """Run them all in one virtual loop. Raises what the first of them raises, in a group."""
+    """Run all cells in one virtual loop. Raises the first error in an exception group."""
 
     async def main() -> None:
         async with asyncio.TaskGroup() as group:

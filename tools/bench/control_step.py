@@ -1,4 +1,6 @@
-"""Control step: compensation, controller and supervisor on samples of a simulated run, and one evaluation of rules."""
+"""Duration of a control step: compensation, controller and supervisor on samples of a simulated run, and one rule
+evaluation.
+"""
 
 import random
 import time
@@ -17,7 +19,7 @@ TRACK_S = 20.0
 ROUNDS = 20
 TURNS = 10
 PAUSE_S = 0.3
-"""Between two turns, so that they meet fast and slow moments of the machine."""
+"""Pause between two turns, s. It makes the turns cover fast and slow phases of the machine."""
 CONTROLLERS: dict[str, dict[str, Any]] = {
     "predictive (the default)": {"name": "predictive"},
     "fuzzy-adaptive, the paper's table": {"name": "fuzzy-adaptive"},
@@ -25,19 +27,21 @@ CONTROLLERS: dict[str, dict[str, Any]] = {
 }
 INPUTS = 200
 MICRO = 1e-3
-"""µs in a ns."""
+"""Factor that converts ns to µs."""
 STEP = Target("value", 30.0)
 
 
-def recorded(controller: dict[str, Any]) -> tuple[Config, tuple[CycleRecord, ...]]:
-    """Return a run of the emulated cell with this controller, and its cycles."""
+def record_run(controller: dict[str, Any]) -> tuple[Config, tuple[CycleRecord, ...]]:
+    """Return the configuration and the cycles of a run of the emulated cell with this controller."""
     config = read_config({"run": {"duration_s": TRACK_S, "seed": 3}, "controller": controller})
     return config, simulate(config).cycles
 
 
 def steps_us(config: Config, cycles: tuple[CycleRecord, ...]) -> list[float]:
-    """Time of each decision of the run when it is taken again, µs. It covers compensation of the newest and of the
-    paired wrench, their forces along the task's directions, controller, supervisor.
+    """Return the times that the decisions of the run take when they are computed again, µs.
+
+    A decision covers the compensation of the newest and of the paired wrench, their forces along the task's
+    directions, the controller, and the supervisor.
     """
     compensation, loop = wrist(config), Setup(config).loop
     frame = config.frame
@@ -51,7 +55,7 @@ def steps_us(config: Config, cycles: tuple[CycleRecord, ...]) -> list[float]:
                 state = loop.finish(state, record.asked)
             sample, quaternion = record.sample, record.sample.quaternion
             began = time.perf_counter_ns()
-            if at_orientation is None or turned != quaternion:  # as a run does, only when the tool has turned
+            if at_orientation is None or turned != quaternion:  # only if the tool has rotated, as in a run
                 turned, at_orientation = (
                     quaternion,
                     compensation.at_orientation(quaternion, quaternion, *directions),
@@ -65,11 +69,11 @@ def steps_us(config: Config, cycles: tuple[CycleRecord, ...]) -> list[float]:
     return times
 
 
-def measure(say: Callable[[str], None]) -> Report:
-    """One evaluation of the rules, then whole decisions."""
+def measure(report_step: Callable[[str], None]) -> Report:
+    """Measure one evaluation of the rules, then complete decisions."""
     draw = random.Random(1)
     inputs = [(draw.uniform(-6.0, 6.0), draw.uniform(-6.0, 6.0)) for _ in range(INPUTS)]
-    say("one evaluation of the rules")
+    report_step("one evaluation of the rules")
     times = []
     for _ in range(ROUNDS):
         for pair in inputs:
@@ -77,11 +81,11 @@ def measure(say: Callable[[str], None]) -> Report:
             infer(*pair)
             times.append((time.perf_counter_ns() - began) * MICRO)
     figures = [Figure("one evaluation of the rules, p50", Spread(times).p50, "µs")]
-    say("decisions of a run with each controller")
-    runs = {title: recorded(controller) for title, controller in CONTROLLERS.items()}
+    report_step("decisions of a run with each controller")
+    runs = {title: record_run(controller) for title, controller in CONTROLLERS.items()}
     spreads: dict[str, list[Spread]] = {title: [] for title in runs}
     for turn in range(TURNS):
-        say(f"turn {turn + 1} of {TURNS}")
+        report_step(f"turn {turn + 1} of {TURNS}")
         for title, run in runs.items():
             spreads[title].append(Spread(steps_us(*run)))
         time.sleep(PAUSE_S)

@@ -1,7 +1,7 @@
-"""Packets and their answers, from what `c/relay.c` stamped: how long each packet waited.
+"""Packets and their answers, with waiting times, from the time stamps of `c/relay.c`.
 
-An answer counts for its own packet and for all older ones that have none yet, since these were passed over: that they
-waited too is not to be left out. Packets before the first answer do not count, nor those behind the last one.
+An answer counts for its own packet and for all older packets without an answer. Those packets were skipped, but
+their waiting time must be counted too. Packets before the first answer and after the last one do not count.
 """
 
 import struct
@@ -14,96 +14,95 @@ from protocol.devices.rtde.packets import Kind, Reader
 from protocol.devices.s3.adlp import BLOCK_OVERHEAD, Control, LinkProfile
 
 RECORD = struct.Struct("=dII")
-"""Time, way and size, as `struct record` of the relay."""
+"""Format of a record: time, direction and size. It is the `struct record` of the relay."""
 PACKET, ANSWER = 0, 1
-"""Ways."""
+"""Directions in the relay's records."""
 ORDER_BYTES = 1 + BLOCK_OVERHEAD + LinkProfile().move_length
-"""The ENQ that bids for the line, and the block of a move."""
+"""Size of an order, bytes: the ENQ that requests the line, and the block of a move."""
 
 
 class Chunk(NamedTuple):
     """Bytes that the relay forwarded at once."""
 
     at: float
-    """On the monotonic clock, s."""
-    way: int
+    """Time at which the bytes were forwarded, on the monotonic clock, s."""
+    direction: int
     data: bytes
 
 
 class Message(NamedTuple):
-    """A packet or an answer."""
+    """Packet or answer."""
 
     at: float
-    way: int
+    direction: int
     number: int
-    """An answer has the number of its packet."""
+    """Number of the packet; an answer has the number of its packet."""
     size: int
 
 
 class Exchange(NamedTuple):
-    """A packet that was answered."""
+    """Packet with its answer."""
 
     at: float
-    """When it went out, on the monotonic clock, s."""
+    """Time at which the packet was sent, s on the monotonic clock."""
     taken: float
-    """Until its answer had been read, s."""
+    """Time until the answer was read, s."""
     own: bool = True
-    """Whether the answer was its own; else it was passed over, and a later packet was answered."""
+    """Whether the answer belongs to this packet. Otherwise the packet was skipped, and a later one was answered."""
 
 
 def chunks(data: bytes) -> Iterator[Chunk]:
-    """Return the content of the relay's file."""
+    """Yield the contents of the relay's file."""
     at = 0
     while at < len(data):
-        time, way, size = RECORD.unpack_from(data, at)
+        time, direction, size = RECORD.unpack_from(data, at)
         at += RECORD.size
-        yield Chunk(time, way, data[at : at + size])
+        yield Chunk(time, direction, data[at : at + size])
         at += size
 
 
-def numbered(stamped: Iterable[Chunk]) -> Iterator[Message]:
-    """Messages of `relay send`, which begin with their numbers."""
-    for at, way, data in stamped:
-        yield Message(at, way, int.from_bytes(data[:8], "little"), len(data))
+def numbered_messages(stamped: Iterable[Chunk]) -> Iterator[Message]:
+    """Yield the messages of `relay send`. Each begins with its number."""
+    for at, direction, data in stamped:
+        yield Message(at, direction, int.from_bytes(data[:8], "little"), len(data))
 
 
 def egm(stamped: Iterable[Chunk]) -> Iterator[Message]:
-    """Datagrams of EGM: an answer holds the time of the robot's clock that its packet told, ms."""
-    for at, way, data in stamped:
-        time = decode_robot(data).tm_ms if way == PACKET else decode_answer(data).tm_ms
-        yield Message(at, way, time or 0, len(data))
+    """Yield the datagrams of EGM. An answer contains the time of its packet on the robot's clock, ms."""
+    for at, direction, data in stamped:
+        time = decode_robot(data).tm_ms if direction == PACKET else decode_answer(data).tm_ms
+        yield Message(at, direction, time or 0, len(data))
 
 
 def rtde(stamped: Iterable[Chunk]) -> Iterator[Message]:
-    """Read data packages of RTDE, which have no number: each answer is for the oldest packet that waits.
+    """Yield the data packages of RTDE, which have no number. Each answer belongs to the oldest waiting packet.
 
-    An answer while none waits is one too many: an order that the client gives beside its answers.
+    An answer without a waiting packet is an additional order of the client and does not count.
     """
     readers, packets, answered = (Reader(), Reader()), 0, 0
-    for at, way, data in stamped:
-        readers[way].feed(data)
-        while (packet := readers[way].next_packet()) is not None:
+    for at, direction, data in stamped:
+        readers[direction].feed(data)
+        while (packet := readers[direction].next_packet()) is not None:
             size = len(packet.payload) + 3
             if packet.kind != Kind.DATA:
                 continue
-            if way == PACKET:
+            if direction == PACKET:
                 packets += 1
-                yield Message(at, way, packets, size)
+                yield Message(at, direction, packets, size)
             elif answered < packets:
                 answered += 1
-                yield Message(at, way, answered, size)
+                yield Message(at, direction, answered, size)
 
 
 def s3(stamped: Iterable[Chunk]) -> Iterator[Message]:
-    """Read moves of an S3's computer link.
+    """Yield the moves on an S3's computer link.
 
-    The EOT that ends a status answer is a packet, the complete order its answer.
-
-    An order for status is shorter, and no answer: the bridge gives it when a sample is there.
+    The EOT that ends a status answer counts as a packet, and the complete move order as its answer. A shorter order
+    requests the status and is not an answer: the bridge sends it when a sample has arrived.
     """
     number, ended, size = 0, 0.0, 0
-    for at, way, data in stamped:
-        if way == PACKET:
+    for at, direction, data in stamped:
+        if direction == PACKET:
             if data == bytes((Control.EOT,)):
                 number, ended, size = number + 1, at, 0
             continue
@@ -113,27 +112,27 @@ def s3(stamped: Iterable[Chunk]) -> Iterator[Message]:
             yield Message(at, ANSWER, number, size)
 
 
-class Seen(NamedTuple):
-    """All that was seen of a stream."""
+class StreamSummary(NamedTuple):
+    """Summary of a stream."""
 
     exchanges: tuple[Exchange, ...]
     sizes: tuple[int, int]
-    """Largest packet and largest answer, bytes."""
+    """Sizes of the largest packet and the largest answer, bytes."""
 
 
-def seen(data: bytes, messages: Callable[[Iterable[Chunk]], Iterator[Message]]) -> Seen:
+def read_exchanges(data: bytes, messages: Callable[[Iterable[Chunk]], Iterator[Message]]) -> StreamSummary:
     """Return the exchanges in the relay's file, in the order of the packets."""
     waiting: deque[Message] = deque()
-    found: list[Exchange] = []
+    result: list[Exchange] = []
     sizes, begun = [0, 0], False
     for message in messages(chunks(data)):
-        sizes[message.way] = max(sizes[message.way], message.size)
-        if message.way == PACKET:
+        sizes[message.direction] = max(sizes[message.direction], message.size)
+        if message.direction == PACKET:
             waiting.append(message)
             continue
         while waiting and waiting[0].number <= message.number:
             packet = waiting.popleft()
             if begun or packet.number == message.number:
-                found.append(Exchange(packet.at, message.at - packet.at, packet.number == message.number))
+                result.append(Exchange(packet.at, message.at - packet.at, packet.number == message.number))
         begun = True
-    return Seen(tuple(found), (sizes[PACKET], sizes[ANSWER]))
+    return StreamSummary(tuple(result), (sizes[PACKET], sizes[ANSWER]))

@@ -1,4 +1,4 @@
-"""Result of a benchmark: figures beside their baselines and targets."""
+"""Results of a benchmark: figures with their baselines and targets."""
 
 import math
 import statistics
@@ -11,14 +11,14 @@ import msgspec
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Limit that a figure has to reach."""
+    """Limit for a figure."""
 
     of: Literal["value", "ratio"]
     limit: float
     least: bool = False
-    """The figure must be at least that much; otherwise at most."""
+    """Whether the limit is a minimum; otherwise it is a maximum."""
     aim: float | None = None
-    """Limit that would be better still."""
+    """Better limit, which is the aim."""
 
     def __str__(self) -> str:
         sign, times = ("≥" if self.least else "≤"), (" ×" if self.of == "ratio" else "")
@@ -28,25 +28,25 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One number that was measured."""
+    """Measured value."""
 
     name: str
     value: float
     unit: str = ""
     baseline: float | None = None
-    """The same quantity of what it is compared with, in the same unit."""
+    """Value of the baseline for the same quantity, in the same unit."""
     against: str = ""
-    """Meaning of the figure."""
+    """Description of the baseline."""
     target: Target | None = None
 
     @property
     def ratio(self) -> float | None:
-        """Value by baseline."""
+        """Ratio of the value to the baseline."""
         return self.value / self.baseline if self.baseline else None
 
     @property
     def met(self) -> bool | None:
-        """Whether the target was reached; None without one."""
+        """Whether the target is met; None if there is no target."""
         if self.target is None:
             return None
         got = self.value if self.target.of == "value" else self.ratio
@@ -56,14 +56,16 @@ class Figure:
 
     @property
     def _digits(self) -> int:
-        """Digits of the ratio: more where three would not tell on which side of its target it is."""
+        """Number of digits of the ratio. It exceeds three if three digits would hide on which side of the target
+        the ratio is.
+        """
         target, ratio = self.target, self.ratio
         if target is None or target.of != "ratio" or ratio is None:
             return 3
         return 4 if number(ratio) == number(target.limit) else 3
 
     def cells(self) -> tuple[str, ...]:
-        """Name, value, baseline, ratio, target and whether it was met, as texts."""
+        """Name, value, baseline, ratio, target and verdict, as texts."""
         baseline = "" if self.baseline is None else f"{number(self.baseline)} {self.unit} ({self.against})"
         return (
             self.name,
@@ -75,7 +77,7 @@ class Figure:
         )
 
     def line(self) -> str:
-        """All of it on one line, for a terminal."""
+        """Figure as one line of text."""
         name, value, baseline, ratio, target, met = self.cells()
         judged = f"; {target}: {'met' if met == 'yes' else 'NOT met'}" if met else ""
         return f"{name}: {value}" + (f"; {baseline}, ratio {ratio}" if baseline else "") + judged
@@ -83,14 +85,14 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """All that one benchmark says."""
+    """Results of one benchmark."""
 
     figures: tuple[Figure, ...]
     left_out: tuple[str, ...] = ()
-    """Figures that could not be measured here, with the reason: a sentence each."""
+    """Figures that could not be measured on this machine: one sentence each, with the reason."""
 
     def as_json(self) -> dict[str, Any]:
-        """Content of the file of results; ratio and judgement are written out for readers of that file."""
+        """Return the content of the results file. It includes ratio and verdict for readers of that file."""
         return {
             "figures": [
                 {key: _rounded(value) for key, value in asdict(figure).items() if value not in (None, "")}
@@ -103,7 +105,7 @@ class Report:
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> "Report":
-        """Figures from the output of `as_json`."""
+        """Return the report that `as_json` converted."""
         return msgspec.convert(values, cls)
 
 
@@ -120,17 +122,17 @@ class Spread:
 
     @property
     def p99(self) -> float:
-        """Value that one in a hundred is above."""
+        """99th percentile."""
         return self.at(0.99)
 
     def at(self, part: float) -> float:
-        """Value that this part of them, 0 … 1, does not exceed; with 1 the largest."""
+        """Return the quantile for this share, 0 … 1. The quantile for 1 is the maximum."""
         ordered = sorted(self.values)
         return ordered[max(0, min(len(ordered) - 1, math.ceil(part * len(ordered)) - 1))]
 
 
 def number(value: float, significant: int = 3) -> str:
-    """Text with so many significant digits, without an exponent for numbers that people read daily."""
+    """Return a number as text with this many significant digits. Common magnitudes have no exponent."""
     if value == 0.0 or not math.isfinite(value):
         return f"{value:g}"
     digits = max(0, significant - 1 - math.floor(math.log10(abs(value))))
@@ -138,7 +140,7 @@ def number(value: float, significant: int = 3) -> str:
 
 
 def _rounded(value: Any) -> Any:
-    """Four significant digits are more than any of these figures is worth."""
+    """Round to four significant digits, which is sufficient for these figures."""
     if isinstance(value, float) and math.isfinite(value):
         return float(f"{value:.4g}")
     return value

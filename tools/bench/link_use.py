@@ -1,7 +1,7 @@
-"""Link use: how much of a cycle the characters on a paced line are.
+"""Link utilisation: share of a cycle that a paced line spends on characters.
 
-The emulated controller answers at once here: its turnaround is its own and not the link's. In virtual time whatever
-is above the floor is the protocol's; in real time the two processes' work comes to it.
+The emulated controller answers immediately, because its response time is not part of the link. In virtual time,
+everything above the minimum is caused by the protocol. Real time also includes the work of the two processes.
 """
 
 import tempfile
@@ -35,13 +35,13 @@ REAL_TIME: Mapping[str, Mapping[str, Any]] = {
     "real time, busy polling": {"busy_poll_ms": BUSY_POLL_MS},
     f"real time{AWAKE}": {"keep_awake": True},
 }
-"""Settings in `[realtime]` on both sides."""
+"""Settings of `[realtime]` for bridge and cell."""
 USE = Target("ratio", 1.0 / 0.97)
-"""Cycle time by floor: at least 97 % of a cycle are characters."""
+"""Target for the ratio of the cycle time to its minimum: characters take at least 97 % of a cycle."""
 
 
 def settings(baudrate: int, realtime: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings of both sides: this rate, a controller without turnaround, and a short path."""
+    """Return settings for bridge and cell: this rate, a controller without response time, and a short path."""
     link = {"baudrate": baudrate}
     robot = {"turnaround_ms": 0.0, "turnaround_spread_ms": 0.0}
     return {
@@ -54,13 +54,15 @@ def settings(baudrate: int, realtime: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def cycle_ms(cycles: Sequence[CycleRecord]) -> float:
-    """Mean from cycle to cycle while the surface is tracked, ms."""
+    """Return the mean time between cycles while the surface is tracked, ms."""
     begins = [cycle.started_at for cycle in cycles if cycle.phase == "track"]
     return (begins[-1] - begins[0]) / (len(begins) - 1) * MILLI
 
 
 def real_ms(baudrate: int, realtime: Mapping[str, Any]) -> tuple[float, float]:
-    """Time of a cycle of bridge and emulated cell as two processes, ms, and the time that the host kept, s."""
+    """Return the cycle time of bridge and emulated cell as two processes, ms, and the processor time that the host
+    withheld, s.
+    """
     with tempfile.TemporaryDirectory(prefix="hil-bridge-bench-") as folder:
         record = Path(folder) / "run.mcap"
         config = write_config(Path(folder) / "cell.toml", settings(baudrate, realtime))
@@ -69,13 +71,13 @@ def real_ms(baudrate: int, realtime: Mapping[str, Any]) -> tuple[float, float]:
         return cycle_ms(read(record).cycles), ended.stolen_s
 
 
-def figures_at(baudrate: int, say: Callable[[str], None], left_out: list[str]) -> Iterator[Figure]:
-    """Both kinds of time at one rate."""
-    say(f"{baudrate} baud, virtual time")
+def figures_at(baudrate: int, report_step: Callable[[str], None], left_out: list[str]) -> Iterator[Figure]:
+    """Yield the figures in virtual and in real time at one rate."""
+    report_step(f"{baudrate} baud, virtual time")
     times = {"virtual time": cycle_ms(simulate(read_config(settings(baudrate, {}))).cycles)}
     stolen: dict[str, float] = {}
     for name, realtime in REAL_TIME.items():
-        say(f"{baudrate} baud, {name}")
+        report_step(f"{baudrate} baud, {name}")
         with processors_awake(left_out) if "keep_awake" in realtime else nullcontext(True) as ready:
             if ready:
                 times[name], stolen[name] = real_ms(baudrate, realtime)
@@ -86,8 +88,8 @@ def figures_at(baudrate: int, say: Callable[[str], None], left_out: list[str]) -
         yield Figure(f"{STOLEN}, {baudrate} baud, {name}", value, "s")
 
 
-def measure(say: Callable[[str], None]) -> Report:
-    """Both rates."""
+def measure(report_step: Callable[[str], None]) -> Report:
+    """Measure link utilisation at both rates."""
     left_out: list[str] = []
-    figures = [figure for baudrate in BAUDRATES for figure in figures_at(baudrate, say, left_out)]
+    figures = [figure for baudrate in BAUDRATES for figure in figures_at(baudrate, report_step, left_out)]
     return Report(tuple(figures), tuple(left_out))

@@ -1,7 +1,7 @@
-"""An hour in virtual time with its recorder: memory minute by minute, processor time; and the recorder alone.
+"""One hour in virtual time with the recorder: memory for each minute and processor time. Also the recorder alone.
 
-The hour runs in a process of its own, so that its memory is its own. So does a shorter run that tells whose objects
-grow in number or size.
+The hour runs in a separate process, so that its memory can be measured. A shorter run, also in a separate process,
+reports which modules' objects grow in number or size.
 """
 
 import asyncio
@@ -29,45 +29,46 @@ from tools.bench.figures import Figure, Report, Target
 MINUTE_S = 60.0
 HOUR_MINUTES = 60
 TRACED_MINUTES = 20
-"""Minutes of the run whose every allocation is watched, which takes four times as long."""
+"""Duration of the run with traced allocations, minutes. Tracing makes it four times as slow."""
 SETTLED_MINUTES = 1
-"""First minutes, whose allocations may stay."""
+"""Time at the start of a run during which allocations are ignored, minutes."""
 CHUNK_LOOK_S = 0.1
-"""Between two looks at whether the recorder has finished a chunk; it does so every 20 s or so."""
+"""Interval between checks for a completed chunk of the recorder, s. The recorder completes a chunk about every 20 s."""
 SPEED_MM_S = 0.05
-"""Along the surface: an hour stays on it."""
+"""Speed along the surface, mm/s, low enough to stay on the surface for an hour."""
 RECORDS = 100_000
 KIB = 2.0**10
 MIB = 2.0**20
 ALL = "all modules"
 WORTH_SAYING = 64.0
-"""Bytes a minute; what changes less is the noise of what happens to live at a look."""
+"""Smallest growth that is reported, bytes per minute. Less growth is noise."""
 NO_GROWTH = Target("value", 1.0, aim=0.0)
-"""Percent of the memory after the first minute by which it may have grown at the end. An allocator's pages grow so for
-the same amount of data.
+"""Maximum growth at the end, in percent of the memory after the first minute. The pages of an allocator grow by
+that much for the same amount of data.
 """
 
 
 def module_of(filename: str) -> str:
-    """Return the name of the module in this file, or the file's where there is none."""
+    """Return the name of the module in this file, or the file's name if it is not a module."""
     files = {getattr(module, "__file__", None): name for name, module in sys.modules.items()}
     return files.get(filename, filename)
 
 
 def size_of(file: Path) -> int:
-    """Bytes of it that the system has been given."""
+    """Return the number of bytes that are written to the file."""
     return file.stat().st_size
 
 
 def resident() -> int:
-    """Memory of this process, bytes."""
+    """Return the resident memory of this process, bytes."""
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
 async def track(record: Path, minutes: int, look: Callable[[], object]) -> dict[str, object]:
-    """Track for so long and a minute. Look after every minute but the last, as soon as the recorder has finished a
-    chunk. Then its part of the next one is always as small.
+    """Track for this many minutes plus one, and call `look` after every minute except the last.
+
+    The call follows when the recorder has completed a chunk, so that the open chunk always has the same small size.
     """
     duration_s = (minutes + 1) * MINUTE_S
     config = read_config({"run": {"duration_s": duration_s}, "task": {"speed_mm_s": SPEED_MM_S}})
@@ -92,9 +93,9 @@ async def track(record: Path, minutes: int, look: Callable[[], object]) -> dict[
 
     began = time.process_time()
     async with asyncio.TaskGroup() as group:
-        looks = group.create_task(looking())
+        timer = group.create_task(looking())
         await run.main()
-        looks.cancel()  # it would wait for a file that grows no more
+        timer.cancel()  # it would wait for a file that no longer grows
     recorder.close()
     used = time.process_time() - began
     return {
@@ -106,15 +107,16 @@ async def track(record: Path, minutes: int, look: Callable[[], object]) -> dict[
 
 
 def hour(record: Path) -> dict[str, object]:
-    """Run an hour; also return the memory of this process after every minute, bytes."""
+    """Run for an hour. Also return the memory of this process after every minute, bytes."""
     memory: list[int] = []
-    told = run_virtual(lambda: track(record, HOUR_MINUTES, lambda: memory.append(resident())))
-    return told | {"memory": memory}
+    result = run_virtual(lambda: track(record, HOUR_MINUTES, lambda: memory.append(resident())))
+    return result | {"memory": memory}
 
 
 def growth(record: Path) -> dict[str, float]:
-    """Growth of the objects that live, by the module that made them, bytes a minute. It comes from a shorter run, which
-    watches every allocation but the watching's own.
+    """Return the growth of the live objects, by the module that created them, bytes per minute.
+
+    It is measured in a shorter run with traced allocations. Allocations of the tracing itself are excluded.
     """
     sizes: list[dict[str, int]] = []
     ours = [tracemalloc.Filter(False, file) for file in (__file__, tracemalloc.__file__)]
@@ -138,8 +140,9 @@ def growth(record: Path) -> dict[str, float]:
 
 
 def recorder_speed(place: Path) -> tuple[float, float, float]:
-    """Three rates: sensor records a second through the recorder, the same written as lines of JSON by the standard
-    library, and the recorder's bytes of messages a second.
+    """Return three rates of the recorder: sensor records, lines of JSON, and bytes of messages, per second.
+
+    The lines of JSON contain the same sensor records, written by the standard library.
     """
     records = [SensorRecord(k * 1e-3, k, (k % 99, -3, -870 - k % 7, 12, 5, -1)) for k in range(RECORDS)]
     began = time.process_time()
@@ -159,36 +162,36 @@ def recorder_speed(place: Path) -> tuple[float, float, float]:
     return RECORDS / ours, RECORDS / plain, size_of(place / "speed.jsonl") / ours
 
 
-def asked(what: str, record: Path) -> dict[str, Any]:
-    """Answer of a process of its own about `hour` or `growth`."""
+def run_separately(what: str, record: Path) -> dict[str, Any]:
+    """Return the result of `hour` or `growth`, computed in a separate process."""
     child = [sys.executable, "-m", "tools.bench.long_run", what, str(record)]
-    told: dict[str, Any] = json.loads(
+    result: dict[str, Any] = json.loads(
         subprocess.run(child, check=True, stdout=subprocess.PIPE, text=True).stdout
     )
-    return told
+    return result
 
 
-def measure(say: Callable[[str], None]) -> Report:
-    """Measure the hour, whose objects grow, then the recorder."""
+def measure(report_step: Callable[[str], None]) -> Report:
+    """Measure the hour, then its growing objects, then the recorder."""
     with tempfile.TemporaryDirectory(prefix="hil-bridge-bench-") as name:
         place = Path(name)
-        say("an hour in virtual time")
-        told = asked("hour", place / "hour.mcap")
+        report_step("an hour in virtual time")
+        result = run_separately("hour", place / "hour.mcap")
         size = size_of(place / "hour.mcap")
-        say(f"{TRACED_MINUTES} minutes of it with every allocation watched")
-        grown = asked("growth", place / "growth.mcap")
-        say("recorder")
+        report_step(f"{TRACED_MINUTES} minutes of it with every allocation watched")
+        grown = run_separately("growth", place / "growth.mcap")
+        report_step("recorder")
         ours, plain, rate = recorder_speed(place)
-    if told["dropped"]:
-        raise RuntimeError(f"the recorder dropped {told['dropped']} records")
-    if len(told["memory"]) < HOUR_MINUTES:
-        raise RuntimeError(f"the run ended in its minute {len(told['memory']) + 1}")
-    memory = np.array(told["memory"]) / MIB
+    if result["dropped"]:
+        raise RuntimeError(f"the recorder dropped {result['dropped']} records")
+    if len(result["memory"]) < HOUR_MINUTES:
+        raise RuntimeError(f"the run ended in its minute {len(result['memory']) + 1}")
+    memory = np.array(result["memory"]) / MIB
     minutes = np.arange(1, len(memory) + 1)
     slope_mib = float(np.polyfit(minutes[1:], memory[1:], 1)[0])
     first, last = float(memory[0]), float(memory[-1])
     growth_percent = 100.0 * (last / first - 1.0)
-    whole = f"{HOUR_MINUTES + 1} minutes"
+    duration = f"{HOUR_MINUTES + 1} minutes"
     live = {ALL: sum(grown.values())} | grown
     return Report(
         (
@@ -201,14 +204,14 @@ def measure(say: Callable[[str], None]) -> Report:
                 if slope >= WORTH_SAYING or module == ALL
             ),
             Figure(
-                f"processor time of {whole}",
-                told["cpu_s"],
+                f"processor time of {duration}",
+                result["cpu_s"],
                 "s",
-                told["simulated_s"],
+                result["simulated_s"],
                 "simulated",
             ),
-            Figure(f"recording of {whole}", size / MIB, "MiB"),
-            Figure(f"sensor frames recorded in {whole}", float(told["frames"]), ""),
+            Figure(f"recording of {duration}", size / MIB, "MiB"),
+            Figure(f"sensor frames recorded in {duration}", float(result["frames"]), ""),
             Figure("recorder, sensor records", ours, "1/s", plain, "lines of JSON by the standard library"),
             Figure("recorder, JSON in its messages", rate / MIB, "MiB/s"),
         )

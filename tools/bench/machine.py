@@ -1,4 +1,4 @@
-"""The machine of the figures, read from itself, and its C compiler."""
+"""Facts about the machine on which the figures are measured, and its C compiler."""
 
 import os
 import platform
@@ -12,12 +12,12 @@ from pathlib import Path
 
 SOURCES = Path(__file__).parent / "c"
 CACHE = Path(sys.prefix) / "cache" / "bench"
-"""Within the environment, which is not under version control."""
+"""Folder in the environment, which is not under version control."""
 NO_COMPILER = "there is no C compiler here (`cc`), so the baseline in C is missing"
 
 
 def facts() -> dict[str, str]:
-    """Processor, operating system and versions, by name."""
+    """Return processor, operating system and versions, by name."""
     cpu = re.search(r"model name\s*:\s*(.+)", _text("/proc/cpuinfo"))
     flags = re.search(r"flags\s*:\s*(.+)", _text("/proc/cpuinfo"))
     virtual = flags is not None and "hypervisor" in flags[1].split()
@@ -36,16 +36,16 @@ def facts() -> dict[str, str]:
 
 
 def load() -> float:
-    """Return the mean number of processes that wanted a processor in the last minute.
+    """Return the load average of the last minute.
 
-    A busy machine gives worse figures.
+    Figures are worse on a busy machine.
     """
     return os.getloadavg()[0]
 
 
 @cache
-def compiled(name: str) -> Path | None:
-    """Compile the program in `c/<name>.c`, unless it is newer than its source; None without a compiler."""
+def compile_program(name: str) -> Path | None:
+    """Compile the program `c/<name>.c`, unless it is up to date. Return None if there is no compiler."""
     source, program = SOURCES / f"{name}.c", CACHE / name
     compiler = shutil.which("cc")
     if compiler is None:
@@ -64,8 +64,9 @@ def _text(path: str) -> str:
 
 
 def stolen_s() -> float:
-    """Processor time that the host has kept from this virtual machine since its start, s, all processors together; 0
-    where it does not tell. Source: Linux, proc(5), "steal".
+    """Return the processor time that the host has withheld from this virtual machine since its start, s.
+
+    It is the sum over all processors; 0 if the host does not report it. Source: Linux, proc(5), "steal".
     """
     total = Path("/proc/stat").read_text(encoding="ascii").split("\n", 1)[0].split()
     return int(total[8]) / os.sysconf("SC_CLK_TCK")

@@ -1,4 +1,4 @@
-"""The tables of docs/explanation/performance.md, from the file of results beside it."""
+"""Tables of docs/explanation/performance.md, generated from the results file in the same folder."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -39,16 +39,16 @@ HIDDEN = (
     "by the wall",
     "at 100 Hz",
 )
-"""Parts of figures that the page leaves to the file of results."""
+"""Details that are omitted from the page and appear only in the results file."""
 
 
 def machine_table(results: Mapping[str, Any]) -> str:
-    """Return what the results were measured on."""
+    """Return the table of facts about the machine."""
     return table(("", ""), results["machine"].items())
 
 
 def benchmark_part(name: str, results: Mapping[str, Any]) -> str:
-    """Return the main figures of a benchmark, and what was left out."""
+    """Return the main figures of a benchmark, and the figures that could not be measured."""
     report = Report.from_json(results["benchmarks"][name])
     rows = (
         figure

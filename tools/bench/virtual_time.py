@@ -1,6 +1,6 @@
-"""Virtual time: simulated seconds per second, and what one more cell in the same process costs.
+"""Speed of virtual time: simulated seconds per second, and the cost of another cell in the same process.
 
-Processor time is what counts: nothing waits in virtual time, and it leaves other processes out of the figure.
+Processor time is measured, because nothing waits in virtual time. Other processes do not affect it.
 """
 
 import gc
@@ -22,7 +22,7 @@ BOARD_TRACK_S = 10.0
 REPEATS = 5
 MANY = (1, 2, 4, 8, 16, 32, 64)
 MANY_TRACK_S = 1.0
-"""Short, for there are 127 of them."""
+"""Tracking time of each of 127 runs, s. It is short because there are so many runs."""
 COMMAND_TRACK_S = 60.0
 DEFAULT, DSP = Target("value", 100.0, least=True), Target("value", 40.0, least=True)
 GROWTH = Target("ratio", 1.2)
@@ -32,13 +32,13 @@ STREAMS = (
     ("RTDE at 500 Hz and FT 300", "rtde", "ft300", None),
     ("RSI and NETCANOEM", "rsi", "ati-can", Target("ratio", 0.2, least=True)),
 )
-"""Robots that stream, with a sensor, and the target against the default cell. Chosen."""
+"""Streaming robots, each with a sensor and its target relative to the default cell. Chosen."""
 STREAM_TRACK_S = 3.0
 AGAINST = "real time"
 
 
 def speed_once(config: Config, sensor: str) -> float:
-    """Return simulated seconds per second of processor time from the first cycle to the last."""
+    """Return simulated seconds per second of processor time, from the first cycle to the last."""
     marks: list[tuple[float, float]] = []
     run_together(
         [
@@ -54,12 +54,14 @@ def speed_once(config: Config, sensor: str) -> float:
 
 
 def speed(config: Config, sensor: str) -> float:
-    """Return the best of some runs, because whatever else a machine does only adds."""
+    """Return the best speed of several runs, because other work on the machine can only add time."""
     return max(speed_once(config, sensor) for _ in range(REPEATS))
 
 
 def stream_speeds(default: Config) -> tuple[list[float], float]:
-    """Speeds of all streams, and that of the default cell measured in turn with them: the best of some rounds."""
+    """Return the speeds of all streaming robots and of the default cell. They are measured in turn, and the best of
+    several rounds counts.
+    """
     configs = [
         read_config(
             {
@@ -79,7 +81,7 @@ def stream_speeds(default: Config) -> tuple[list[float], float]:
 
 
 def cost_each(count: int) -> float:
-    """Processor time of a whole run of each of so many cells in one loop, per simulated second, s."""
+    """Return the processor time per simulated second of each cell if several cells run in one loop, s."""
     config = read_config({"run": {"duration_s": MANY_TRACK_S}})
     best = float("inf")
     for _ in range(max(1, 8 // count)):
@@ -92,8 +94,9 @@ def cost_each(count: int) -> float:
 
 
 def command(place: Path) -> tuple[float, float]:
-    """Return simulated seconds per second of `hil-bridge run --virtual`, recorder, start and figures included: by
-    the wall, and by processor time.
+    """Return the speed of `hil-bridge run --virtual`, including recorder, start and figures.
+
+    It is returned twice: by wall time and by processor time.
     """
     record = place / "run.mcap"
     arguments = [
@@ -116,19 +119,19 @@ def command(place: Path) -> tuple[float, float]:
     return simulated / wall, simulated / used
 
 
-def measure(say: Callable[[str], None]) -> Report:
-    """One cell of each kind, the command, and many cells."""
-    say("default cell")
+def measure(report_step: Callable[[str], None]) -> Report:
+    """Measure one cell of each kind, the command, and many cells."""
+    report_step("default cell")
     default_config = read_config({"run": {"duration_s": TRACK_S, "seed": 7}})
     default = speed(default_config, CAN)
-    say("1 kHz sensor on the receiver board")
+    report_step("1 kHz sensor on the receiver board")
     board_config = read_config(
         {"run": {"duration_s": BOARD_TRACK_S, "seed": 7}, "sensor": {"jr3": {"board": {"period_ms": 1.0}}}}
     )
     board = speed(board_config, BOARD)
-    say("robots that stream")
-    streams, default_beside = stream_speeds(default_config)
-    say("the command")
+    report_step("robots that stream")
+    streams, default_speed = stream_speeds(default_config)
+    report_step("the command")
     with tempfile.TemporaryDirectory(prefix="hil-bridge-bench-") as name:
         wall, used = command(Path(name))
     unit = "s/s"
@@ -137,7 +140,7 @@ def measure(say: Callable[[str], None]) -> Report:
         Figure("1 kHz sensor on the DSP board, per second of processor time", board, unit, 1.0, AGAINST, DSP),
         *(
             Figure(
-                f"{name}, per second of processor time", value, unit, default_beside, "default cell", target
+                f"{name}, per second of processor time", value, unit, default_speed, "default cell", target
             )
             for (name, _, _, target), value in zip(STREAMS, streams, strict=True)
         ),
@@ -154,7 +157,7 @@ def measure(say: Callable[[str], None]) -> Report:
     ]
     alone = 0.0
     for count in MANY:
-        say(f"{count} cells in one process" if count > 1 else "one cell")
+        report_step(f"{count} cells in one process" if count > 1 else "one cell")
         cost_ms = cost_each(count) * 1e3
         if count == 1:
             alone = cost_ms

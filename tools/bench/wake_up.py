@@ -1,6 +1,6 @@
-"""Wake-up: how late a periodic wait on absolute beats returns, beside plain asyncio and a loop in C.
+"""Wake-up delay of a periodic wait for absolute times, compared with plain asyncio and with a loop in C.
 
-They take turns, so that what else the machine does meets all of them.
+The three take turns, so that other work on the machine affects all of them.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ OURS, POLLING, ASYNCIO, C = "ours", "ours, busy polling", "asyncio's sleep", "C,
 
 
 async def ours(period: float, count: int) -> list[float]:
-    """Lateness of waits on the bridge's clock, s."""
+    """Return the delays of waits on the bridge's clock, s."""
     clock = Clock.running()
     try:
         anchor, late = clock.now(), []
@@ -36,7 +36,7 @@ async def ours(period: float, count: int) -> list[float]:
 
 
 async def plain(period: float, count: int) -> list[float]:
-    """Lateness of asyncio's own sleep until the same beats, s."""
+    """Return the delays of asyncio's own sleep until the same absolute times, s."""
     loop = asyncio.get_running_loop()
     anchor, late = loop.time(), []
     for beat in range(1, count + 1):
@@ -46,8 +46,8 @@ async def plain(period: float, count: int) -> list[float]:
 
 
 def in_c(period: float, count: int) -> list[float]:
-    """Lateness of clock_nanosleep until absolute times, s; nothing without a compiler."""
-    program = machine.compiled("sleeper")
+    """Return the delays of clock_nanosleep until absolute times, s; empty if there is no compiler."""
+    program = machine.compile_program("sleeper")
     if program is None:
         return []
     arguments = [str(program), str(round(period / NANO)), str(count)]
@@ -55,8 +55,8 @@ def in_c(period: float, count: int) -> list[float]:
     return [int(line) * NANO for line in text.split()]
 
 
-def taking_turns(rate: int) -> dict[str, Spread]:
-    """Lateness of each at this rate, µs."""
+def measure_in_turns(rate: int) -> dict[str, Spread]:
+    """Return the delays of all three kinds of wait at this rate, µs."""
     period, count = 1.0 / rate, round(TURN_S * rate)
     late: dict[str, list[float]] = {name: [] for name in (OURS, POLLING, ASYNCIO, C)}
     for _ in range(TURNS):
@@ -68,27 +68,29 @@ def taking_turns(rate: int) -> dict[str, Spread]:
 
 
 def figures_of(rate: int, spreads: dict[str, Spread], how: str) -> list[Figure]:
-    """Ours beside the others, as the machine is or `how` it has been told to be."""
+    """Return the figures of the bridge's clock, with the other two waits as baselines. `how` names the state of the
+    machine.
+    """
     figures = []
     for percentile in ("p50", "p99"):
         for kind, manner in ((OURS, ""), (POLLING, ", busy polling")):
             for name in [name for name in (ASYNCIO, C) if name in spreads]:
-                wanted = rate == 1000 and percentile == "p99" and name == ASYNCIO
+                has_target = rate == 1000 and percentile == "p99" and name == ASYNCIO
                 value, base = getattr(spreads[kind], percentile), getattr(spreads[name], percentile)
                 title = f"lateness at {rate} Hz, {percentile}{manner}{how}"
-                figures.append(Figure(title, value, "µs", base, name, QUARTER if wanted else None))
+                figures.append(Figure(title, value, "µs", base, name, QUARTER if has_target else None))
     return figures
 
 
-def measure(say: Callable[[str], None]) -> Report:
-    """Both rates on the machine as it is, and the higher with its processors kept awake."""
+def measure(report_step: Callable[[str], None]) -> Report:
+    """Measure both rates with the machine in its normal state, and the higher rate with its processors kept awake."""
     figures: list[Figure] = []
-    left_out = [] if machine.compiled("sleeper") else [machine.NO_COMPILER]
+    left_out = [] if machine.compile_program("sleeper") else [machine.NO_COMPILER]
     for rate in RATES_HZ:
-        say(f"{rate} Hz")
-        figures += figures_of(rate, taking_turns(rate), "")
+        report_step(f"{rate} Hz")
+        figures += figures_of(rate, measure_in_turns(rate), "")
     with processors_awake(left_out) as ready:
         if ready:
-            say(f"{RATES_HZ[-1]} Hz{AWAKE}")
-            figures += figures_of(RATES_HZ[-1], taking_turns(RATES_HZ[-1]), AWAKE)
+            report_step(f"{RATES_HZ[-1]} Hz{AWAKE}")
+            figures += figures_of(RATES_HZ[-1], measure_in_turns(RATES_HZ[-1]), AWAKE)
     return Report(tuple(figures), tuple(left_out))

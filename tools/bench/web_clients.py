@@ -1,10 +1,11 @@
-"""Web clients: whether a run answers its robot later while three clients watch its page than while none does.
+"""Effect of web clients: whether a run answers its robot later while three clients watch its page.
 
-One run of each robot on the emulated cell. Clients come and go in turns, so that whatever else the machine does meets
-both alike: two pages, and one client of Foxglove's protocol that wants every channel. The clients are a process of
-lower priority, since they could as well be elsewhere.
+There is one run of each robot on the emulated cell. Clients connect and disconnect in turns, so that other work on
+the machine affects both cases equally. The clients are two pages, and one client of Foxglove's protocol that
+subscribes to every channel. They run in a process of lower priority, because they could also run on another
+computer.
 
-`python -m tools.bench.web_clients 60` tracks for 60 s and shows the figures.
+`python -m tools.bench.web_clients 60` tracks for 60 s and prints the figures.
 """
 
 import asyncio
@@ -29,20 +30,20 @@ from tools.web_run import WebRun
 
 TRACK_S = 120.0
 TURN_S = 6.0
-"""With clients, then as long without."""
+"""Duration of each turn with clients, and of each turn without clients, s."""
 SETTLE_S = 2.0
-"""Begin of each turn that does not count."""
+"""Time at the start of each turn that does not count, s."""
 TARGET = Target("ratio", 1.1)
 PATIENT = dict.fromkeys(("stale_after_ms", "still_after_ms", "cycle_deadline_ms"), 20000.0)
-"""Limits with which the run continues also on a busy machine, so that there is something to compare."""
+"""Limits that let the run continue on a busy machine, so that there is a result to compare."""
 MICRO = 1e6
 LEAST = 100
-"""Values without which nothing is said of a p99."""
+"""Minimum number of values for a p99."""
 Turn = tuple[float, float]
 
 
 class Way(NamedTuple):
-    """A cell, and what is late when its loop is."""
+    """Cell, with the quantity that increases when the cell's loop is delayed."""
 
     robot: str
     sensor: str
@@ -61,20 +62,24 @@ async def _watch(session: aiohttp.ClientSession, origin: str, foxglove: bool) ->
     async with session.ws_connect(origin + path, protocols=protocols, max_msg_size=0) as socket:
         async for message in socket:
             if foxglove and message.type is aiohttp.WSMsgType.TEXT:
-                told = json.loads(message.data)
-                if told["op"] == "advertise":
-                    wanted = [{"id": one["id"], "channelId": one["id"]} for one in told["channels"]]
-                    await socket.send_json({"op": "subscribe", "subscriptions": wanted})
+                message_data = json.loads(message.data)
+                if message_data["op"] == "advertise":
+                    subscriptions = [
+                        {"id": one["id"], "channelId": one["id"]} for one in message_data["channels"]
+                    ]
+                    await socket.send_json({"op": "subscribe", "subscriptions": subscriptions})
 
 
 async def watch(origin: str) -> None:
-    """Three clients, until the server goes."""
+    """Run three clients until the server ends."""
     async with aiohttp.ClientSession() as session:
         await asyncio.gather(*(_watch(session, origin, number == 0) for number in range(3)))
 
 
 def _turns(run: WebRun) -> tuple[list[Turn], list[Turn]]:
-    """Let clients come and go until the run has ended: when there were some, and when none, s since 1970."""
+    """Connect and disconnect clients until the run ends. Return the turns with clients and without clients, s since
+    1970.
+    """
     turns: tuple[list[Turn], list[Turn]] = ([], [])
     while run.process.poll() is None:
         for watched in (True, False):
@@ -90,7 +95,7 @@ def _turns(run: WebRun) -> tuple[list[Turn], list[Turn]]:
 
 
 def values(way: Way, recording: Recording, turns: Sequence[Turn]) -> list[float]:
-    """Return the figures that were measured in these turns while the run tracked, s."""
+    """Return the values that were measured in these turns during tracking, s."""
     zero_s = recording.unix_zero_ns * 1e-9
     return [
         way.of(cycle)
@@ -101,12 +106,12 @@ def values(way: Way, recording: Recording, turns: Sequence[Turn]) -> list[float]
     ]
 
 
-def measure(tell: Callable[[str], object], track_s: float = TRACK_S) -> Report:
-    """Run once with each robot and compare."""
+def measure(report_step: Callable[[str], object], track_s: float = TRACK_S) -> Report:
+    """Run once with each robot, and compare the turns with and without clients."""
     figures: list[Figure] = []
     left_out: list[str] = []
     for way in WAYS:
-        tell(f"{way.robot}: one run of {track_s:.0f} s, clients in turns of {TURN_S:.0f} s")
+        report_step(f"{way.robot}: one run of {track_s:.0f} s, clients in turns of {TURN_S:.0f} s")
         try:
             recording, turns = _tracked(way, track_s)
         except BridgeError:
@@ -126,7 +131,7 @@ def measure(tell: Callable[[str], object], track_s: float = TRACK_S) -> Report:
 
 
 def _tracked(way: Way, track_s: float) -> tuple[Recording, tuple[list[Turn], list[Turn]]]:
-    """One run, with the turns of its clients."""
+    """Run once; return the recording and the turns of its clients."""
     with tempfile.TemporaryDirectory() as place:
         sensor = {"sensor": {"emulated": way.sensor}, "limits": PATIENT}
         settings = toml({**slow_tool(way.robot, track_s), **sensor}, ())

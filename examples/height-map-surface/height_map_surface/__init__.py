@@ -1,1 +1,1 @@
-"""A surface whose heights come from a grey image or from a section of an STL file."""
+"""Surface whose heights come from a greyscale image or from a section of an STL file."""

@@ -1,4 +1,4 @@
-"""Files to try the surface with: `python -m height_map_surface FOLDER`."""
+"""Write files to try the surface with: `python -m height_map_surface FOLDER`."""
 
 import sys
 from pathlib import Path
@@ -11,7 +11,7 @@ AMPLITUDE_MM, PERIOD_MM, RADIUS_MM = 1.5, 60.0, 150.0
 
 
 def write_waves(path: Path) -> None:
-    """A grey image of 16 bits, 241 by 41 pixels of 1 mm: waves along the path, from 0 to twice the amplitude."""
+    """Write a 16-bit greyscale image, 241 by 41 pixels of 1 mm: waves along the path, from 0 to twice the amplitude."""
     along = np.arange(-120, 121)
     heights = AMPLITUDE_MM * (1.0 + np.sin(2.0 * np.pi * along / PERIOD_MM))
     row = np.round(heights / (2.0 * AMPLITUDE_MM) * 65535.0).astype(np.uint16)
@@ -19,7 +19,7 @@ def write_waves(path: Path) -> None:
 
 
 def write_dome(path: Path, ascii_text: bool = False) -> None:
-    """An STL file of a dome of 240 by 80 mm: a section of a ball, its crest at 0, as a net of triangles of 4 mm."""
+    """Write an STL file of a dome of 240 by 80 mm: a section of a sphere, its crest at 0, in triangles of 4 mm."""
     x, y = np.meshgrid(np.arange(-120.0, 121.0, 4.0), np.arange(-40.0, 41.0, 4.0), indexing="ij")
     z = np.sqrt(RADIUS_MM**2 - x**2 - y**2) - RADIUS_MM
     number = np.arange(x.size).reshape(x.shape)
@@ -45,7 +45,7 @@ start_position_mm = [900, -60, 595]
 
 
 def write_all(folder: Path) -> None:
-    """Both files, with a configuration each."""
+    """Write both files, with a configuration each."""
     folder.mkdir(parents=True, exist_ok=True)
     write_waves(folder / "waves.png")
     write_dome(folder / "dome.stl")

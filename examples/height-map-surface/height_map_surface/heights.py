@@ -1,6 +1,6 @@
-"""Files of other programs → heights on a grid. Each error is a ValueError in one line: which file, what, what to do.
+"""Read heights on a grid from files of other programs. Errors are ValueErrors in one line: file, problem, remedy.
 
-A grid has a row for each place along the path and a column for each place across it, from right to left, in m.
+A grid has a row for each position along the path and a column for each position across it, from right to left, in m.
 """
 
 from pathlib import Path
@@ -12,17 +12,17 @@ from PIL import Image
 from emulators.seams import Floats
 
 CELLS_LIMIT = 1 << 18
-"""Most heights of a grid. Chosen: 512 by 512, as of hil-bridge's own height maps."""
+"""Maximum number of heights in a grid. Chosen: 512 by 512, as for hil-bridge's own height maps."""
 TRIANGLES_LIMIT = 200_000
-"""Most triangles of an STL file. Chosen: some seconds to read."""
+"""Maximum number of triangles in an STL file. Chosen: takes some seconds to read."""
 FILE_LIMIT_BYTES = 1 << 26
-"""Longest file. Chosen: an ASCII file with that many triangles."""
+"""Maximum file size. Chosen: an ASCII file with that many triangles."""
 GREYS = {"L": 255.0, "I;16": 65535.0}
 """Value of white by Pillow's name of the mode: 8 and 16 bits."""
 
 
 def from_image(name: str, white_mm: float) -> Floats:
-    """Heights of a grey image: black is 0, white is `white_mm`. The path runs to its right; up is to the left."""
+    """Return the heights of a greyscale image: black is 0, white is `white_mm`. The path runs right; up is left."""
     _check_size(name)
     try:
         with Image.open(name, formats=("PNG",)) as image:
@@ -36,8 +36,10 @@ def from_image(name: str, white_mm: float) -> Floats:
 
 
 def from_stl(name: str, section_mm: tuple[float, ...], spacing_mm: float) -> Floats:
-    """Heights of a part seen from above, on a grid over the section x0 y0 x1 y1 of it, mm; over all of it where none is
-    given. The path runs in its direction x. Where no part is below, the height is that of its lowest point.
+    """Return the heights of a part seen from above, on a grid over the section x0 y0 x1 y1 of it, mm.
+
+    Without a section the grid covers the entire part. The path runs in the part's direction x. Where there is no part
+    below, the height is that of its lowest point.
     """
     _check_size(name)
     try:
@@ -46,7 +48,7 @@ def from_stl(name: str, section_mm: tuple[float, ...], spacing_mm: float) -> Flo
     except Exception as error:  # the library has no class for its errors
         raise ValueError(f"{name} cannot be read as an STL file: {_first_line(error)}") from error
     if not len(triangles) or not np.isfinite(triangles).all():
-        raise ValueError(f"{name} holds no triangles with finite corners; export the part again")
+        raise ValueError(f"{name} contains no triangles with finite corners; export the part again")
     if len(triangles) > TRIANGLES_LIMIT:
         raise ValueError(f"{name} has {len(triangles)} triangles; reduce it to {TRIANGLES_LIMIT}")
     corners = triangles.reshape(-1, 3)
@@ -58,7 +60,7 @@ def from_stl(name: str, section_mm: tuple[float, ...], spacing_mm: float) -> Flo
 
 
 def _seen_from_above(triangles: Floats, along: Floats, across: Floats) -> Floats:
-    """Greatest height of any triangle above each place of a grid, in the triangles' unit."""
+    """Return the greatest height of any triangle above each grid point, in the triangles' unit."""
     heights = np.full((len(along), len(across)), triangles[:, :, 2].min())
     for a, b, c in triangles:
         span = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])

@@ -1,4 +1,4 @@
-"""The surface: heights from a file, and hil-bridge's own contact with them."""
+"""Surface with heights from a file and hil-bridge's own contact model."""
 
 import math
 from dataclasses import dataclass
@@ -17,16 +17,20 @@ from protocol.marks import Mark, SettingError, above, setting
 
 @dataclass(frozen=True, slots=True)
 class HeightMapProfile(SurfaceProfile):
-    """All settings of hil-bridge's own surface, with another shape: those of its own shapes do nothing."""
+    """All settings of hil-bridge's own surface with another shape; the settings of its own shapes have no effect."""
 
-    image_file: str = setting("", Mark.CHOSEN, "grey PNG: its right is along the path, its top to the left")
+    image_file: str = setting(
+        "", Mark.CHOSEN, "greyscale PNG; its right is along the path, its top to the left"
+    )
     white_mm: float = setting(10.0, Mark.CHOSEN, "height of white above black", above(0.0), unit="mm")
-    stl_file: str = setting("", Mark.CHOSEN, "part in mm, seen from above: its x is along the path")
+    stl_file: str = setting(
+        "", Mark.CHOSEN, "STL file of a part in mm, seen from above; its x is along the path"
+    )
     section_mm: tuple[float, ...] = setting(
-        (), Mark.CHOSEN, "section x0 y0 x1 y1 of the part; empty for all of it", unit="mm"
+        (), Mark.CHOSEN, "section x0 y0 x1 y1 of the part; empty for the entire part", unit="mm"
     )
     spacing_mm: float = setting(
-        1.0, Mark.CHOSEN, "from one pixel to the next, or of the grid on the part", above(0.0), unit="mm"
+        1.0, Mark.CHOSEN, "spacing of the pixels, or of the grid on the part", above(0.0), unit="mm"
     )
 
     def __post_init__(self) -> None:
@@ -44,7 +48,7 @@ class HeightMapProfile(SurfaceProfile):
             )
 
     def shape(self) -> Shape:
-        """The shape of the file. Raises ValueError, in one line, for one that cannot be read."""
+        """Return the shape of the file. Raises ValueError, in one line, for a file that cannot be read."""
         if bool(self.image_file) == bool(self.stl_file):
             raise ValueError("set one of image_file and stl_file")
         if self.image_file:
@@ -55,7 +59,7 @@ class HeightMapProfile(SurfaceProfile):
 
 
 def make(settings: HeightMapProfile) -> SurfaceFactory:
-    """Contact, material, friction, wear and faults are those of hil-bridge's own surface."""
+    """Return hil-bridge's own surface, with its contact, material, friction, wear and faults, in this shape."""
     return lambda changed: Contact(settings, changed)
 
 

@@ -1,4 +1,4 @@
-"""Heights as the files have them, contact as of the same shape in formulas, and the loop over both."""
+"""Tests of heights read from files, of contact compared with analytic shapes, and of the loop over both."""
 
 from pathlib import Path
 
@@ -35,7 +35,7 @@ def surface(files: Path) -> SurfaceCase:
 
 
 def compared(ours: SurfaceProfile, formula: SurfaceProfile) -> float:
-    """Largest difference of two surfaces' forces, N."""
+    """Return the largest difference of two surfaces' forces, N."""
     both = [Contact(profile).force(PLACES, SPEEDS) for profile in (ours, formula)]
     assert abs(both[1]).max() > 20.0
     return float(abs(both[0] - both[1]).max())
@@ -86,7 +86,7 @@ def test_the_loop_closes_on_it(files: Path, name: str) -> None:
         ({"image_file": "nothing.png"}, "nothing.png cannot be read: .*No such file"),
         ({"image_file": "dome.stl"}, "dome.stl cannot be read as a PNG"),
         ({"image_file": "colours.png"}, "mode RGB; save it as greyscale"),
-        ({"stl_file": "waves.png"}, "waves.png (cannot be read as an STL file|holds no triangles)"),
+        ({"stl_file": "waves.png"}, "waves.png (cannot be read as an STL file|contains no triangles)"),
         ({"stl_file": "dome.stl", "spacing_mm": 0.01}, "choose one of 2 by 2 to 262144"),
         ({"stl_file": "dome.stl", "section_mm": [0, 0, -1, 1]}, "section_mm must be x0 y0 x1 y1"),
         ({"image_file": "waves.png", "kind": "sphere"}, "kind must be left out"),
@@ -96,6 +96,6 @@ def test_a_wrong_file_or_setting_is_one_line(files: Path, settings: dict, words:
     write_waves(files / "waves.png")
     Image.new("RGB", (4, 4)).save(files / "colours.png")
     named = {key: str(files / value) if key.endswith("_file") else value for key, value in settings.items()}
-    with pytest.raises(hil_bridge.ConfigError, match=words) as told:
+    with pytest.raises(hil_bridge.ConfigError, match=words) as reported:
         hil_bridge.simulate({"cell": {"surface_kind": "height-map", "height_map": named}})
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(reported.value)

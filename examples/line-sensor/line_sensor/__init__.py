@@ -1,1 +1,1 @@
-"""A force sensor on a serial line that knows hil-bridge by its seams alone."""
+"""Force sensor on a serial line, which uses only hil-bridge's public interfaces."""

@@ -1,4 +1,4 @@
-"""The sensor itself: from power-up on it streams, whether a client listens or not."""
+"""Emulated sensor: from power-up on it streams, whether a client listens or not."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,24 +17,28 @@ from protocol.marks import Mark, at_least, check_settings, setting
 LINE_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "signal": SIGNAL_FAULTS,
     SENSOR_WIRE: BYTES.faults,
-    "sensor": {"unplugged": Fault("its plug is pulled: it says nothing, and boots when it is back", {}, 2.0)},
+    "sensor": {
+        "unplugged": Fault("its plug is pulled: it sends nothing, and boots when plugged in again", {}, 2.0)
+    },
 }
-"""Faults by target: those of every sensor's signal, those of every line, and its own."""
+"""Faults by target: of every sensor's signal, of every line, and of this sensor."""
 
 
 @dataclass(frozen=True, slots=True)
 class LineProfile:
-    """Differences between one sensor and the next."""
+    """Properties that differ between sensors of this kind."""
 
     noise_n: float = setting(0.05, Mark.CHOSEN, "noise of the forces, rms", at_least(0.0), unit="N")
-    boot_s: float = setting(0.1, Mark.CHOSEN, "from power-up to the first message", at_least(0.0), unit="s")
+    boot_s: float = setting(
+        0.1, Mark.CHOSEN, "time from power-up to the first message", at_least(0.0), unit="s"
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)
 
 
 class LineSensor:
-    """An `EmulatedSensor`."""
+    """Emulated line sensor: an `EmulatedSensor`."""
 
     def __init__(self, profile: LineProfile, source: WrenchSource, powered_at: float, seed: int) -> None:
         self._profile = profile
@@ -45,7 +49,7 @@ class LineSensor:
         rate_hz = round(1.0 / PERIOD_S)
         self._measured = MeasuredWrench(source, rate_hz, converter, seed, "cell.toyline.noise_n")
         self.endpoint: Packets[bytes] = Packets(self, BYTES, f"{seed} messages")
-        """The end of its line: this sensor, with the faults of the line around it."""
+        """Device's end of the line: this sensor behind the faults of the line."""
         self._faults = OwnFaults()
         self.handlers: Handlers = {
             "signal": self._measured.signal.handlers,
@@ -64,7 +68,7 @@ class LineSensor:
         return (self._first + told) * PERIOD_S if told >= 0 else None
 
     def receive(self, data: bytes, now: float) -> None:
-        """It hears nothing."""
+        """Ignore all data."""
 
     def next_event(self) -> None:
         return None

@@ -1,4 +1,4 @@
-"""The sensor's face: what hil-bridge finds by the name of the entry point."""
+"""Sensor kind: the object that hil-bridge finds by the name of the entry point."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +14,7 @@ from line_sensor.wire import BAUDRATE, PERIOD_S, LineClient
 
 @dataclass(frozen=True, slots=True)
 class NoSettings:
-    """The sensor's client has none."""
+    """Empty settings: the sensor's client has none."""
 
 
 async def connect_line(

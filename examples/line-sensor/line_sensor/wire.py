@@ -1,4 +1,4 @@
-"""The sensor on the wire: messages on a line of 115200 baud, sent unasked, and the client that the bridge drives.
+"""The sensor's protocol: unsolicited messages on a line of 115200 baud, and the client that the bridge drives.
 
 | bytes | content |
 |---|---|
@@ -23,42 +23,42 @@ BODY = struct.Struct("<2sB6h")
 SIZE = BODY.size + 2
 PERIOD_S = 0.004
 COUNTERS = 256
-"""Values of the counter. It is back at the same one after 1.024 s: longer than a run stands a silent sensor."""
+"""Number of counter values. It repeats after 1.024 s, which is longer than a run tolerates a silent sensor."""
 SILENCE_S = 2.0
-"""After so long without a message the client gives up."""
+"""Time without a message after which the client gives up, s."""
 END_COUNTS = 5000
-"""Of an axis at the end of its range."""
+"""Counts of an axis at the end of its range."""
 SCALES: Wrench = (0.1, 0.1, 0.1, 0.01, 0.01, 0.01)
-"""N and N·m for one count."""
+"""N and N·m per count."""
 ENDS: Wrench = (500.0, 500.0, 500.0, 50.0, 50.0, 50.0)
 FACTS = SensorFacts("toy sensor on a line", SCALES, ENDS, ENDS, PERIOD_S, 0.0, "host")
 
 
 class Message(NamedTuple):
-    """A message in meaning."""
+    """Decoded message."""
 
     counter: int
     counts: tuple[int, ...]
-    """fx fy fz mx my mz."""
+    """Counts of fx fy fz mx my mz."""
 
 
 def encode(message: Message) -> bytes:
-    """The bytes of a message. Raises struct.error for counts that do not fit."""
+    """Return the bytes of a message. Raises struct.error for counts that do not fit."""
     body = BODY.pack(HEADER, message.counter % COUNTERS, *message.counts)
     return body + crc_hqx(body, 0xFFFF).to_bytes(2, "little")
 
 
 class Reader:
-    """Messages out of bytes that are cut anywhere. The header may stand inside the data, so the check sum decides."""
+    """Decoder of messages from arbitrarily fragmented bytes. Data may contain the header, so the check sum decides."""
 
     def __init__(self) -> None:
         self._waiting = b""
         self.noises = 0
-        """Unbroken runs of bytes that belong to no message."""
+        """Number of contiguous byte sequences that belong to no message."""
         self._in_noise = False
 
     def feed(self, data: bytes) -> list[Message]:
-        """Take what came; the messages that are complete. Less than one message is kept."""
+        """Process received bytes and return the complete messages. Less than one message is kept."""
         waiting, at, messages = self._waiting + data, 0, []
         while len(waiting) - at >= SIZE:
             body, check = waiting[at : at + BODY.size], waiting[at + BODY.size : at + SIZE]
@@ -77,12 +77,12 @@ class Reader:
 
 
 def saturated_axes(counts: Sequence[int]) -> int:
-    """Bit k for axis k at the end of its range."""
+    """Return a bit mask with bit k set for axis k at the end of its range."""
     return sum(1 << axis for axis, count in enumerate(counts) if abs(count) >= END_COUNTS)
 
 
 class LineClient:
-    """The sensor's client: it asks for nothing, and keeps the zero that the sensor has not."""
+    """Client of the sensor: it sends nothing, and keeps the zero, which the sensor does not have."""
 
     stop_patience = 0.0
 
@@ -100,7 +100,7 @@ class LineClient:
         self._due = now + SILENCE_S
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes."""
+        """Process received bytes."""
         if self._sensor_events.ended:
             return
         before = self._reader.noises
@@ -113,7 +113,7 @@ class LineClient:
                 self._sensor_events.numbered_sample(counts, message.counter, self._sequence, now, ends)
 
     def _is_new(self, counter: int) -> bool:
-        """Unwrap the counter; whether this message comes behind the newest one."""
+        """Unwrap the counter, and return whether this message is newer than the newest one."""
         if self._counter is None:
             self._sensor_events.begin(FACTS)
             self._counter = counter
@@ -128,15 +128,15 @@ class LineClient:
         return True
 
     def data_to_send(self, now: float) -> bytes:
-        """Nothing is ever asked."""
+        """Return no bytes: the client sends nothing."""
         return b""
 
     def handle_deadline(self, now: float) -> None:
-        """Give up on a sensor that is silent."""
+        """Give up if the sensor has been silent too long."""
         if not self._sensor_events.ended and now >= self._due:
-            advice = f"look at its supply, its cable and the line: {BAUDRATE} baud, 8 data bits, no parity"
-            self._sensor_events.fail(f"no message came for {SILENCE_S:g} s", advice)
+            advice = f"check its supply, its cable and the line: {BAUDRATE} baud, 8 data bits, no parity"
+            self._sensor_events.fail(f"no message received for {SILENCE_S:g} s", advice)
 
     def next_deadline(self) -> float | None:
-        """When the silence is too long, s."""
+        """Return when the silence becomes too long, s."""
         return None if self._sensor_events.ended else self._due

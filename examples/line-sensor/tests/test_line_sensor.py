@@ -1,4 +1,4 @@
-"""The suites for sensors, the sensor in closed loop, its faults, and its client without a wire."""
+"""Suites for sensors, and tests of the sensor in closed loop, its faults, and its client without a wire."""
 
 from binascii import crc_hqx
 
@@ -34,7 +34,7 @@ def sensor_emulator() -> SensorCase:
 
 
 def frames(client: LineClient) -> list[WrenchFrame]:
-    """The frames that wait; other events are dropped."""
+    """Return the waiting frames; other events are dropped."""
     events = iter(client.next_event, None)
     return [event for event in events if isinstance(event, WrenchFrame)]
 
@@ -83,9 +83,9 @@ def test_the_sequence_goes_on_where_the_counter_wraps() -> None:
     client = LineClient(0.0)
     for number in (254, 255, 256, 258):  # 257 is lost
         client.receive(encode(Message(number, PUSH)), 0.0)
-    found = frames(client)
-    assert [frame.counter for frame in found] == [254, 255, 0, 2]
-    assert [frame.sequence for frame in found] == [0, 1, 2, 4]
+    result = frames(client)
+    assert [frame.counter for frame in result] == [254, 255, 0, 2]
+    assert [frame.sequence for frame in result] == [0, 1, 2, 4]
     assert client.statistics.lost == 1
 
 

@@ -1,1 +1,1 @@
-"""A surface whose contact MuJoCo computes."""
+"""Surface whose contact MuJoCo computes."""

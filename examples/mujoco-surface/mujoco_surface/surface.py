@@ -1,19 +1,18 @@
-"""The surface: a body with three slides stands for the tool's tip, and MuJoCo tells the force that holds it out.
+"""Surface computed by MuJoCo: a body with three slide joints represents the tip, and MuJoCo returns the contact force.
 
-The tip is put at each sample's position and velocity, and `mj_forward` computes the constraint forces there. Nothing is
-integrated over time, and the solver restarts each time. So the same sample has the same force, whatever was asked
-before: the surface has no memory.
+The tip is placed at each sample's position and velocity, and `mj_forward` computes the constraint forces there. Nothing
+is integrated over time, and the solver restarts each time. So the same sample always has the same force, whatever was
+computed before: the surface has no memory.
 
-Why the contact is a linear spring. MuJoCo's force of one contact is f = (a_ref − a_0) / (A + R). Here A = 1/M, since
+Why the contact is a linear spring: MuJoCo's force of one contact is f = (a_ref − a_0) / (A + R). Here A = 1/M, since
 the tip has the mass M and only slides; a_0 = 0, since nothing else acts on it; and R = A·(1 − d)/d, so that A + R =
-1/(M·d). A negative `solref` (−k, −b) gives a_ref = (k·depth + b·speed)/d where the impedance d is the same at every
-depth (`solimp` d, d). Together f = M·(k·depth + b·speed). So k is the wanted stiffness divided by M, and b the
-damping divided by M. Source: MuJoCo's documentation, Computation, "Constraint model", and Modeling, "Solver
-parameters".
+1/(M·d). A negative `solref` (−k, −b) gives a_ref = (k·depth + b·speed)/d if the impedance d is the same at every depth
+(`solimp` d, d). Together f = M·(k·depth + b·speed). So k is the required stiffness divided by M, and b the damping
+divided by M. Source: MuJoCo's documentation, Computation, "Constraint model", and Modeling, "Solver parameters".
 
-Friction is Coulomb's, within an elliptic cone. Below the cone it grows with the sliding speed, by
-`friction_slope_ns_m`. A soft contact of MuJoCo that slides pushes out a little more, to be allowed more friction. A
-small d and a large `impratio` keep that below 1 % at 50 mm/s.
+Friction is Coulomb friction, within an elliptic cone. Below the cone it grows with the sliding speed, by
+`friction_slope_ns_m`. A soft sliding contact of MuJoCo pushes out slightly more, to be allowed more friction. A small d
+and a large `impratio` keep that below 1 % at 50 mm/s.
 """
 
 import os
@@ -31,20 +30,20 @@ from protocol.marks import Mark, SettingError, above, at_least, check_settings, 
 TIP = "hil_bridge_tip"
 """Name of the tip in the scene."""
 MASS_KG = 1.0
-"""Mass M of the tip. Chosen: it drops out of the force."""
+"""Mass M of the tip, kg. Chosen: it cancels out of the force."""
 IMPEDANCE = 0.001
-"""d. Chosen: far below 1, so that two bodies that touch the tip at once push as two springs do."""
+"""Impedance d. Chosen: far below 1, so that two bodies that touch the tip at once push as two springs do."""
 IMPRATIO = 1000.0
-"""Ratio of friction's impedance to that of the normal force. Chosen: 1/d, as much as is of use."""
+"""Ratio of friction's impedance to the impedance of the normal force. Chosen: 1/d, the largest useful value."""
 SLIDING_SHARE = 1.0 / (IMPEDANCE + (1.0 - IMPEDANCE) / IMPRATIO)
-"""Force of friction for a speed, over M·b of its own `solreffriction`. Derived as that along the normal, R divided by
-`impratio`.
+"""Friction force per speed, divided by M·b of its own `solreffriction`. Derived like that along the normal, with R
+divided by `impratio`.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class MujocoProfile:
-    """A plane, a ball or a scene of MuJoCo, and its contact with the tip."""
+    """Plane, sphere or MuJoCo scene, and its contact with the tip."""
 
     shape: str = setting("plane", Mark.CHOSEN, "plane, or sphere with its crest at the origin")
     scene_file: str = setting(
@@ -65,7 +64,7 @@ class MujocoProfile:
     damping_ns_m: float = setting(10.0, Mark.ASSUMED, "damping along the normal", at_least(0.0), unit="N·s/m")
     friction: float = setting(0.2, Mark.ASSUMED, "Coulomb coefficient against sliding", at_least(0.0))
     friction_slope_ns_m: float = setting(
-        2000.0, Mark.CHOSEN, "friction for a speed until Coulomb's is reached", above(0.0), unit="N·s/m"
+        2000.0, Mark.CHOSEN, "friction per speed up to the Coulomb friction", above(0.0), unit="N·s/m"
     )
 
     def __post_init__(self) -> None:
@@ -77,12 +76,12 @@ class MujocoProfile:
 
 
 class MujocoSurface:
-    """A contact model of its own model and data: two surfaces share nothing."""
+    """Contact model with its own MuJoCo model and data; two surfaces share nothing."""
 
     remembered_until = None
 
     def __init__(self, profile: MujocoProfile) -> None:
-        """Raises ValueError, in one line, for a scene that cannot be."""
+        """Raises ValueError, in one line, for an invalid scene."""
         self._model = model_of(profile)
         self._data = mujoco.MjData(self._model)
         self.handlers: Mapping[str, Handler] = {}
@@ -100,11 +99,11 @@ class MujocoSurface:
         return self
 
     def rewind(self, time: float) -> None:
-        """Nothing is remembered."""
+        """Do nothing: there is no memory."""
 
 
 def model_of(profile: MujocoProfile) -> "mujoco.MjModel":
-    """The scene with the tip in it. Raises ValueError, in one line, for one that cannot be."""
+    """Return the scene with the tip in it. Raises ValueError, in one line, for an invalid scene."""
     try:
         spec = _scene(profile)
         _add_tip(spec, profile)
@@ -112,7 +111,7 @@ def model_of(profile: MujocoProfile) -> "mujoco.MjModel":
     except (ValueError, OSError, mujoco.FatalError) as error:
         told = " ".join(str(error).split())
         raise ValueError(
-            f"{profile.scene_file or profile.shape}: MuJoCo cannot make the scene: {told}"
+            f"{profile.scene_file or profile.shape}: MuJoCo cannot load the scene: {told}"
         ) from error
     if model.nv != 3:
         raise ValueError(f"{profile.scene_file}: something in the scene can move; leave its joints out")

@@ -1,4 +1,4 @@
-"""MuJoCo's contact against hil-bridge's own on a plane and a ball, and the loop over it."""
+"""Tests of MuJoCo's contact against hil-bridge's own on a plane and a sphere, and of the loop over it."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from hil_bridge.testing.surfaces import *  # noqa: F403
 
 KINDS = {"plane": SurfaceKind.FLAT, "sphere": SurfaceKind.SPHERE}
 NEAR = [900.0, -100.0, 593.0]
-"""Just above the surface, mm: a short approach."""
+"""Start just above the surface, mm: a short approach."""
 CELL = {"robot": {"emulated": "egm"}, "run": {"duration_s": 1.0}}
 
 
@@ -26,12 +26,12 @@ def surface(request: pytest.FixtureRequest) -> SurfaceCase:
 
 
 def places(count: int = 300) -> np.ndarray:
-    """Places of a tip from 2 mm above the surface to 12 mm below, m."""
+    """Return positions of a tip from 2 mm above the surface to 12 mm below, m."""
     return np.random.default_rng(7).uniform((0.88, -0.02, 0.578), (0.92, 0.02, 0.592), (count, 3))
 
 
 def both(shape: str, positions: np.ndarray, velocities: np.ndarray, **settings: float) -> list[np.ndarray]:
-    """Forces of MuJoCo's surface and of ours, N."""
+    """Return the forces of MuJoCo's surface and of ours, N."""
     ours = Contact(SurfaceProfile(KINDS[shape], **settings))
     theirs = MujocoSurface(MujocoProfile(shape=shape, **settings))
     times = np.arange(len(positions)) / 8000.0
@@ -46,14 +46,14 @@ def test_an_indentation_of_a_plane_gives_the_force_of_a_linear_spring(stiffness_
 
 
 def test_an_indentation_of_a_ball_gives_the_same_force_as_ours() -> None:
-    """Within 0.1 % of the largest force: the tip is a ball of 0.05 mm there, and a point here."""
+    """Within 0.1 % of the largest force: the tip is a sphere of 0.05 mm there, and a point here."""
     theirs, ours = both("sphere", places(), np.zeros((300, 3)))
     assert abs(theirs - ours).max() < 1e-3 * ours[:, 2].max()
 
 
 @pytest.mark.parametrize("shape", KINDS)
 def test_damping_and_friction_are_those_of_ours_while_the_tip_slides(shape: str) -> None:
-    """Within 3 % for 20 to 50 mm/s, where ours has reached Coulomb's friction, too."""
+    """Within 3 % for 20 to 50 mm/s, where ours has also reached Coulomb friction."""
     random = np.random.default_rng(8)
     angle, speed = random.uniform(0.0, 2.0 * np.pi, 300), random.uniform(0.02, 0.05, 300)
     velocities = np.stack((speed * np.cos(angle), speed * np.sin(angle), random.uniform(-0.01, 0.01, 300)), 1)
@@ -113,7 +113,7 @@ def test_a_scene_of_mjcf_is_looked_for_beside_the_configuration(tmp_path: Path) 
     ("text", "words"),
     [
         (None, "the file cannot be read"),
-        ("<mujoco><worldbody>", "MuJoCo cannot make the scene"),
+        ("<mujoco><worldbody>", "MuJoCo cannot load the scene"),
         (SCENE.format(more='<body><freejoint/><geom size="0.1"/></body>'), "something in the scene can move"),
     ],
 )
@@ -121,6 +121,6 @@ def test_a_wrong_scene_is_one_line(tmp_path: Path, text: str | None, words: str)
     scene = tmp_path / "scene.xml"
     if text is not None:
         scene.write_text(text, encoding="utf-8")
-    with pytest.raises(hil_bridge.ConfigError, match=words) as told:
+    with pytest.raises(hil_bridge.ConfigError, match=words) as reported:
         hil_bridge.simulate({"cell": {"surface_kind": "mujoco", "mujoco": {"scene_file": str(scene)}}})
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(reported.value)

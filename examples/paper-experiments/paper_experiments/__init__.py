@@ -1,4 +1,4 @@
-"""The paper's figures and tables, repeated by simulation and on the emulated cell, and what goes beyond."""
+"""The paper's figures and tables, reproduced by simulation and on the emulated cell, with extensions."""
 
 from paper_experiments.comparison import COMPARISON
 from paper_experiments.files import write_findings, write_page
@@ -11,7 +11,7 @@ from paper_experiments.tracking import CONTOUR, FLAT
 EXPERIMENTS = {
     experiment.name: experiment for experiment in (RULES, SIMULATION, FLAT, CONTOUR, RESOLUTION, COMPARISON)
 }
-"""Every experiment by its name, in the order of the paper."""
+"""All experiments by name, in the order of the paper."""
 
 __all__ = [
     "EXPERIMENTS",

@@ -1,4 +1,4 @@
-"""One run of the whole chain as a job, and what the experiments keep of it."""
+"""Run of the complete chain as a job, and the results that the experiments use."""
 
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -16,34 +16,32 @@ from paper_experiments.paper_simulation import Parameters
 Floats = NDArray[np.float64]
 
 CYCLE_S = {9600: 0.18, 19200: 0.102}
-"""Time of a cycle by the rate of the link, s. It turns a way in a sample into a speed. Source: measured in
-virtual time; the spread of 4 % either way does not change how many position steps a sample asks for.
+"""Cycle time by the rate of the link, s. It converts a distance per sample to a speed. Source: measured in virtual
+time; the spread of ± 4 % does not change the number of position steps per sample.
 """
 CORRECTION_MM = 2.1
-"""Chosen: what the supervisor lets the command go deeper in a sample, just above what most controllers allow
-themselves.
-"""
+"""Chosen: correction that the supervisor allows per sample, just above what most controllers allow themselves."""
 LIMIT_N = 1000.0
-"""The supervisor's force limits in experiments: what a controller does is to be seen, not stopped."""
+"""Force limits of the supervisor in experiments, high enough to show what a controller does instead of stopping it."""
 
 
 class CellTrace(NamedTuple):
-    """The TRACK phase of a run, one value a cycle, and how the run ended."""
+    """TRACK phase of a run, one value per cycle, and the end of the run."""
 
     time: Floats
-    """Since TRACK began, s."""
+    """Time since TRACK began, s."""
     force: Floats
-    """N"""
+    """Measured force, N."""
     depth: Floats
-    """Reported, from the start point, m."""
+    """Reported depth from the start point, m."""
     commanded: Floats
     """Commanded depth, m."""
     travel: Floats
-    """Commanded along the surface, m."""
+    """Commanded travel along the surface, m."""
     stiffness: Floats
-    """Estimate, N/m; NaN where the controller has none."""
+    """Estimated stiffness, N/m; NaN if the controller has no estimate."""
     merit: FiguresOfMerit | None
-    """None when there never was contact."""
+    """Figures of merit; None if there was no contact."""
     period: float
     """Mean time between cycles, s."""
     completed: bool
@@ -51,34 +49,34 @@ class CellTrace(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CellJob:
-    """A run against the emulated cell, described by what the experiments vary."""
+    """Run on the emulated cell, described by the quantities that the experiments vary."""
 
     controller: str
     parameters: Parameters
     seed: int
     stiffness: float = 5000.0
-    """N/m"""
+    """Stiffness of the surface, N/m."""
     reference: float = 10.0
-    """N"""
+    """Target force, N."""
     duration: float = 16.0
     """Duration of TRACK, s."""
     step_mm: float = 1.0
-    """Travel along the surface in a sample."""
+    """Travel along the surface per sample."""
     contour: bool = False
-    """Sinusoidal surface, 10 mm amplitude and 200 mm period, instead of the flat one."""
+    """Whether the surface is sinusoidal, 10 mm amplitude and 200 mm period, instead of flat."""
     approach_step_mm: float = 0.125
-    """Depth added in a sample while approaching: small, so that a hard surface is not hit."""
+    """Depth added per sample while approaching; small, to touch a hard surface gently."""
     follow_normal: bool = False
-    """Force along the estimated normal of the surface instead of the fixed direction of the paper."""
+    """Whether the force acts along the estimated normal of the surface instead of the fixed direction of the paper."""
     baudrate: int = 9600
     noise_counts: float = 1.0
-    """Noise of every axis before the sensor's filters, rms."""
+    """Noise of every axis before the sensor's filters, rms counts."""
     resolution_mm: float = 0.125
     steady_samples: int = STEADY_SAMPLES
-    """ForceTrace at the end of the run that count as its steady state."""
+    """Number of samples at the end of the run that count as its steady state."""
 
     def config(self) -> Config:
-        """The configuration of the run; what is not named here stands at its default."""
+        """Return the configuration of the run; everything not set here has its default."""
         # The approach is short, so that time goes into tracking.
         link, cycle = {"baudrate": self.baudrate}, CYCLE_S[self.baudrate]
         surface: dict[str, Any] = {"stiffness_n_m": self.stiffness}
@@ -123,7 +121,7 @@ class CellJob:
         )
 
     def __call__(self) -> CellTrace:
-        """Run it."""
+        """Run the job."""
         run = simulate(self.config())
         cycles = [cycle for cycle in run.cycles if cycle.phase == "track"]
 
@@ -153,7 +151,7 @@ class CellJob:
     def _of_the_end(
         self, merit: FiguresOfMerit, time: Floats, force: Floats, depth: Floats
     ) -> FiguresOfMerit:
-        """The figures with those of the steady state over this job's number of samples."""
+        """Return the figures with the steady state taken over this job's number of samples."""
         count = self.steady_samples
         if len(time) < count:
             return replace(merit, steady_mean_error_n=None, steady_peak_to_peak_n=None, steps_per_s=None)

@@ -1,4 +1,4 @@
-"""The command `hil-bridge experiment`: repeats the figures and tables of the paper."""
+"""The command `hil-bridge experiment`, which reproduces the figures and tables of the paper."""
 
 from pathlib import Path
 
@@ -53,9 +53,7 @@ def experiment(
 
     wanted = list(dict.fromkeys(EXPERIMENTS if ALL in names else names))
     if unknown := [name for name in wanted if name not in EXPERIMENTS]:
-        raise ConfigError(
-            f"there is no experiment {unknown[0]!r}; choose from {', '.join(EXPERIMENTS)}, {ALL}"
-        )
+        raise ConfigError(f"unknown experiment {unknown[0]!r}; known: {', '.join(EXPERIMENTS)}, {ALL}")
     # Before minutes of work, not after them.
     drawing_library()
     for directory in (out, *([page.parent] if page else [])):
@@ -80,7 +78,7 @@ def experiment(
 
 
 def _make(directory: Path) -> None:
-    """Make a folder and see that a file can be put there. Raises ConfigError."""
+    """Create a folder and check that it is writable. Raises ConfigError."""
     probe = directory / ".writable"
     try:
         directory.mkdir(parents=True, exist_ok=True)

@@ -23,21 +23,21 @@ from paper_experiments.results import (
 
 STIFFNESSES = (500.0, 1500.0, 5000.0, 20_000.0, 50_000.0, 200_000.0)
 NOISES = {"quiet": 1.0, "noisy": 100.0}
-"""Noise before the sensor's filters, counts rms: as recorded, and such that ± 0.5 N is left."""
+"""Noise before the sensor's filters, rms counts: as recorded, and such that ± 0.5 N remain."""
 SAMPLES = 50
-"""Samples of a run, about. Chosen: the slowest that reach the force on the sponge do so in a third of them."""
+"""Approximate number of samples of a run. Chosen: three times what the slowest controllers need on the sponge."""
 STEADY_SAMPLES = 20
-"""Samples at the end of a run. Chosen: fixed gains leave them after their rise on the sponge, with as many to spare."""
+"""Samples at the end of a run. Chosen: fixed gains leave twice as many after their rise on the sponge."""
 CONDITIONS = tuple((baudrate, noise) for baudrate in CYCLE_S for noise in NOISES)
 REFERENCE_N = 20.0
 RESOLUTION = 0.125e-3
-"""m"""
+"""Position resolution, m."""
 SCHEDULED = "+estimate"
-"""Behind a controller's name: its gains follow the stiffness estimate."""
+"""Suffix of a controller's name whose gains follow the stiffness estimate."""
 
 
 def variants() -> dict[str, tuple[str, Parameters]]:
-    """Every controller at its defaults, and once more with the stiffness estimate where that is a choice."""
+    """Return every controller with its defaults, and again with the stiffness estimate if it supports that."""
     found: dict[str, tuple[str, Parameters]] = {}
     for name, kind in CONTROLLERS.items():
         found[name] = (name, ())
@@ -48,7 +48,7 @@ def variants() -> dict[str, tuple[str, Parameters]]:
 
 
 def jobs(seeds: int) -> list[CellJob]:
-    """The whole grid, for seeds 1, 2, …"""
+    """Return the complete grid, for seeds 1, 2, …"""
     return [
         CellJob(
             name,
@@ -69,7 +69,7 @@ def jobs(seeds: int) -> list[CellJob]:
 
 
 def evaluate(done: Sequence[CellJob], results: Sequence[CellTrace]) -> Findings:
-    """A row for each point of the grid, means and spreads over the seeds."""
+    """Return a row for each point of the grid, with means and spreads over the seeds."""
     names = {variant: name for name, variant in variants().items()}
     noises = {counts: noise for noise, counts in NOISES.items()}
     groups: dict[tuple[str, int, str, float], list[CellTrace]] = {}
@@ -99,7 +99,7 @@ _STEP = "one resolution step"
 
 
 def panels(table: Sequence[Row]) -> list[Panel]:
-    """Errors of all controllers over the stiffness, a panel for each rate and noise."""
+    """Return the errors of all controllers over the stiffness, a panel for each rate and noise."""
     panels = []
     for column, label in _SHOWN.items():
         for baudrate, noise in CONDITIONS:
@@ -114,8 +114,10 @@ def panels(table: Sequence[Row]) -> list[Panel]:
 
 
 def held(row: Row) -> bool:
-    """Whether a point of the grid counts as held: 90 % reached, contact kept, and mean error within a resolution step's
-    force. The steady swing must lie within two of them. Each limit has 1 N more for noise.
+    """Return whether the force is held at a point of the grid.
+
+    That requires 90 % of the force reached, contact kept, and a mean error within the force of one resolution step. The
+    steady oscillation must be within two of them. Each limit has a margin of 1 N for noise.
     """
     step = figure(row, "stiffness_n_m") * RESOLUTION
     return (
@@ -128,7 +130,7 @@ def held(row: Row) -> bool:
 
 
 def ranking(table: Sequence[Row]) -> list[Row]:
-    """A row for each controller, the one first that holds most points of the grid."""
+    """Return a row for each controller, starting with the one that holds most points of the grid."""
     ranked = [_rank(str(name), rows_where(table, controller=name)) for name in distinct(table, "controller")]
     return sorted(ranked, key=lambda row: (-figure(row, "held"), figure(row, "mean RMS error, N")))
 
@@ -158,7 +160,7 @@ def _rank(name: str, rows: Sequence[Row]) -> Row:
 
 
 def claims(table: Sequence[Row]) -> tuple[Claim, ...]:
-    """How much of the grid fixed gains, the paper's adaptation and the best controller hold."""
+    """Return how much of the grid fixed gains, the paper's adaptation and the best controller hold."""
     ranked = ranking(table)
     of = {str(row["controller"]): row for row in ranked}
     best, fixed, adapted = ranked[0], of["fuzzy"], of["fuzzy-adaptive"]

@@ -1,4 +1,4 @@
-"""The files of experiments: picture and numbers of each, and one page over all."""
+"""Files of the experiments: picture and numbers of each, and one page for all."""
 
 from collections.abc import Mapping, Sequence
 from os.path import relpath
@@ -10,13 +10,13 @@ from hil_bridge.lab.text_tables import markdown_table
 from paper_experiments.results import Experiment, Findings, markdown, to_csv
 
 PANELS_ACROSS = 4
-"""Panels beside each other at most. Chosen: a page has no room for more."""
+"""Maximum number of panels in a row. Chosen: the width of a page."""
 
 
 def write_findings(experiment: Experiment, findings: Findings, folder: Path) -> list[Path]:
-    """`NAME.csv`, and where there are some `NAME.png` and `NAME-curves.csv`; the paths.
+    """Write `NAME.csv` and, if present, `NAME.png` and `NAME-curves.csv`; return the paths.
 
-    Raises ConfigError when the folder cannot be written.
+    Raises ConfigError if the folder cannot be written.
     """
     name = experiment.name
     files = {f"{name}.csv": to_csv(findings.table).encode()}
@@ -36,7 +36,7 @@ def write_page(
     experiments: Sequence[Experiment],
     command: str,
 ) -> None:
-    """One page over these experiments, whose files lie in `folder`. Raises ConfigError when it cannot be written."""
+    """Write one page for these experiments, whose files are in `folder`. Raises ConfigError if it cannot be written."""
     prefix = relpath(folder, page.parent).replace("\\", "/")
     prefix = "" if prefix == "." else f"{prefix}/"
     sections = [f"## {each.title}\n\n{_section(each, found[each.name], prefix)}" for each in experiments]
@@ -61,7 +61,7 @@ def write_page(
 
 
 def _section(experiment: Experiment, findings: Findings, prefix: str) -> str:
-    """Text, picture, table and links in Markdown; `prefix` leads from the page to the files."""
+    """Return text, picture, table and links in Markdown; `prefix` is the path from the page to the files."""
     name, parts = experiment.name, [experiment.about]
     if experiment.panels(findings.curves or findings.table):
         parts.append(f"![{experiment.title}]({prefix}{name}.png)")

@@ -1,7 +1,7 @@
 """The paper's simulation: a controller on a wall, through a position loop that settles within each sample.
 
-Source: project specification of the force control, section 4. The position moves in whole resolution steps, and the
-force has uniform noise of half a newton either way. The run begins in contact at zero force.
+Source: project specification of the force control, section 4. The position moves in entire resolution steps, and the
+force has uniform noise of ± 0.5 N. The run begins in contact at zero force.
 """
 
 from dataclasses import dataclass
@@ -11,44 +11,44 @@ from typing import NamedTuple
 from hil_bridge.control import FiguresOfMerit, ForceTrace, Measurement, figures_of_merit, make_controller
 
 RESOLUTION = 0.125e-3
-"""m. Source: the paper."""
+"""Position resolution, m. Source: the paper."""
 NOISE_N = 0.5
 """Half-width of the uniform force noise. Source: the paper."""
 PERIOD = 0.18
-"""s between samples, which only names them: the computer link at 9600 baud takes about as long."""
+"""Nominal time between samples, s: about as long as the computer link takes at 9600 baud."""
 
 Parameters = tuple[tuple[str, str | float | bool | None], ...]
 
 
 class PaperRun(NamedTuple):
-    """Results of a run, one value a sample."""
+    """Results of a run, one value per sample."""
 
     force: tuple[float, ...]
-    """N, as measured."""
+    """Measured force, N."""
     position: tuple[float, ...]
-    """m, whole resolution steps."""
+    """Position in m, a multiple of the resolution."""
     merit: FiguresOfMerit
 
 
 @dataclass(frozen=True, slots=True)
 class PaperJob:
-    """One run of the paper's simulation."""
+    """Run of the paper's simulation."""
 
     controller: str
     parameters: Parameters
     stiffness: float
-    """k_e, N/m"""
+    """Stiffness k_e, N/m."""
     reference: float
-    """f_d, N"""
+    """Target force f_d, N."""
     seed: int
     samples: int = 200
     resolution: float = RESOLUTION
-    """m"""
+    """Position resolution, m."""
     noise: float = NOISE_N
     """Half-width of the uniform force noise, N."""
 
     def __call__(self) -> PaperRun:
-        """Run it."""
+        """Run the simulation."""
         controller = make_controller(self.controller, **dict(self.parameters))
         noise, state, commanded = Random(self.seed), controller.initial(), 0.0
         forces, positions = [], []

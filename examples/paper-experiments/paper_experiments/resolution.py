@@ -1,8 +1,8 @@
-"""The paper's discussion: the limit cycle that the position resolution leaves, measured and predicted.
+"""The paper's discussion: the limit cycle caused by the position resolution, measured and predicted.
 
-The controller is an integral one whose loop gain is the same on every surface, so that stiffness and resolution alone
-make the difference. It runs in the paper's simulation, which only rounds the position, and through the whole chain,
-whose servo does not react inside its dead band. Each has its prediction.
+The controller is an integral controller whose loop gain is the same on every surface, so that only stiffness and
+resolution make a difference. It runs in the paper's simulation, which only rounds the position, and through the
+complete chain, whose servo does not react inside its dead band. Each has its own prediction.
 """
 
 import math
@@ -43,13 +43,13 @@ from protocol.devices.s3.adlp import BLOCK_OVERHEAD
 STIFFNESSES = (5e3, 1e4, 2e4, 5e4)
 RESOLUTIONS_MM = (0.125, 0.25, 0.5)
 LOOP_GAIN = 0.2
-"""Share of the error that is made up for in a sample. Chosen: far from the loop's own instability."""
+"""Share of the error that is corrected per sample. Chosen: far from the loop's own instability."""
 STEADY_SAMPLES = 30
 SECONDS = 10.8
-"""Chosen: the rise, which takes half of it, and the samples that count."""
+"""Chosen: time for the rise, which takes half of it, and for the samples that count."""
 WALL_SAMPLES = 240
 TOLERANCE = 0.25
-"""Share of a prediction by which the measured amplitude may differ from it."""
+"""Allowed difference between measured and predicted amplitude, as a share of the prediction."""
 
 
 def _parameters(stiffness: float) -> Parameters:
@@ -57,13 +57,13 @@ def _parameters(stiffness: float) -> Parameters:
 
 
 def _reference(stiffness: float, resolution_mm: float) -> float:
-    """Some steps from losing contact, and half-way between two forces that whole steps reach from zero."""
+    """Return a force some steps above loss of contact, half-way between two forces that full steps reach from zero."""
     step = stiffness * resolution_mm * 1e-3
     return (math.ceil(10.0 / step) + 2.5) * step
 
 
 def jobs(seeds: int) -> list[PaperJob | CellJob]:
-    """Both models for every stiffness and resolution."""
+    """Return both models for every stiffness and resolution."""
     done: list[PaperJob | CellJob] = []
     for stiffness, resolution_mm in product(STIFFNESSES, RESOLUTIONS_MM):
         wanted, parameters = _reference(stiffness, resolution_mm), _parameters(stiffness)
@@ -76,15 +76,15 @@ def jobs(seeds: int) -> list[PaperJob | CellJob]:
 
 
 ROUNDED = SampledPlant(PERIOD, PERIOD / 2, 100.0 / PERIOD)
-"""The paper's simulation as the stability analysis sees it: a command has been followed at the next sample."""
+"""The paper's simulation for the stability analysis: a command is reached at the next sample."""
 
 
 def plant(job: CellJob, period: float) -> SampledPlant:
-    """The chain as the stability analysis sees it, from the profiles of the cell; the force's filter apart.
+    """Return the chain for the stability analysis, from the profiles of the cell, without the force filter.
 
-    Derived: the delay is a sum. It begins with half the time between two force frames, the line time of the move up to
-    its last character, and the controller's turnaround. To this come half a tick of waiting for the interpolator, and
-    its transport delay.
+    Derived: the delay is a sum. It consists of half the time between two force frames, the line time of the move up to
+    its last character, the controller's turnaround, half a tick of waiting for the interpolator, and its transport
+    delay.
     """
     config = job.config()
     cell = settings_of(config, S3).emulated
@@ -99,7 +99,7 @@ def plant(job: CellJob, period: float) -> SampledPlant:
 
 
 def _predicted_rounding(stiffness: float, resolution: float) -> LimitCycle | None:
-    """With rounding alone; None where there is no limit cycle."""
+    """Return the prediction with rounding alone; None if there is no limit cycle."""
     try:
         return limit_cycle(stiffness, pi_response(0.0, LOOP_GAIN / stiffness), ROUNDED, Quantiser(resolution))
     except ValueError:
@@ -107,7 +107,7 @@ def _predicted_rounding(stiffness: float, resolution: float) -> LimitCycle | Non
 
 
 def _predicted_chain(job: CellJob, period: float) -> LimitCycle | None:
-    """With the servo that holds inside its dead band; None where there is no limit cycle."""
+    """Return the prediction with the servo that holds inside its dead band; None if there is no limit cycle."""
     config = job.config()
     try:
         return holding_limit_cycle(
@@ -124,7 +124,7 @@ def _predicted_chain(job: CellJob, period: float) -> LimitCycle | None:
 
 
 def evaluate(done: Sequence[PaperJob | CellJob], results: Sequence[Any]) -> Findings:
-    """A row for each stiffness and resolution, and the swing."""
+    """Return a row for each stiffness and resolution, and the oscillation."""
     walls: dict[tuple[float, float], PaperRun] = {}
     cells: dict[tuple[float, float], list[tuple[CellJob, CellTrace]]] = {}
     for job, result in zip(done, results, strict=True):
@@ -169,7 +169,7 @@ def _row(
 
 
 def _period(trace: CellTrace) -> float | None:
-    """Mean time between two upward passages through the middle of the swing, s; None for fewer than two."""
+    """Return the mean time between two upward crossings of the oscillation's centre, s; None for fewer than two."""
     force, time = trace.force[-STEADY_SAMPLES:], trace.time[-STEADY_SAMPLES:]
     above = force > (np.max(force) + np.min(force)) / 2
     rises = time[1:][~above[:-1] & above[1:]]
@@ -177,7 +177,7 @@ def _period(trace: CellTrace) -> float | None:
 
 
 def panels(table: Sequence[Row]) -> list[Panel]:
-    """Measured and predicted swing over the force of a resolution step."""
+    """Return measured and predicted oscillation over the force of a resolution step."""
     lines = [
         Line("step_force_n", "k_e·Δx_res, as the paper says", table),
         Line("rounding_predicted_n", "predicted: rounding alone", table, joined=False),
@@ -190,7 +190,7 @@ def panels(table: Sequence[Row]) -> list[Panel]:
 
 
 def _agreement(table: Sequence[Row], model: str) -> str:
-    """At how many points the amplitude of a model is as predicted, in words."""
+    """Return as text at how many points the amplitude of a model matches the prediction."""
     ratios = [figure(row, f"{model}_ratio") for row in table if row[f"{model}_ratio"] is not None]
     if not ratios:
         return "no limit cycle predicted"
@@ -200,7 +200,7 @@ def _agreement(table: Sequence[Row], model: str) -> str:
 
 
 def claims(table: Sequence[Row]) -> tuple[Claim, ...]:
-    """The paper's claim about the amplitude, and the result here."""
+    """Return the paper's claim about the amplitude, and the result here."""
     forces = np.array([figure(row, "step_force_n") for row in table])
     swings = np.array([figure(row, "chain_n") for row in table])
     simulated = np.array([figure(row, "rounding_n") for row in table]) / forces

@@ -1,4 +1,4 @@
-"""Table 3: the printed gain matrix against the one that the recovered rules give."""
+"""Table 3: the printed gain matrix compared with the one from the recovered rules."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,7 +16,7 @@ ABOUT = (
 
 
 def evaluate(done: Sequence[Job], results: Sequence[Any]) -> Findings:
-    """Both matrices entry by entry."""
+    """Return both matrices entry by entry."""
     computed = computed_matrix()
     return Findings(
         tuple(
@@ -34,7 +34,7 @@ def evaluate(done: Sequence[Job], results: Sequence[Any]) -> Findings:
 
 
 def claims(table: Sequence[Row]) -> tuple[Claim, ...]:
-    """How many entries agree, and which differ."""
+    """Return how many entries agree, and which differ."""
     wrong = [row for row in table if row["printed"] != row["computed"]]
     named = ", ".join(
         f"G({_signed(row['error_level'])}, {_signed(row['change_level'])}) is printed "

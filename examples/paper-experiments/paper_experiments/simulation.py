@@ -20,17 +20,17 @@ from paper_experiments.results import (
 )
 
 STIFFNESSES = (1e3, 5e3, 2e4, 5e4, 1e5)
-"""N/m. Source: project specification of the force control, section 4; the paper prints none."""
+"""Stiffnesses of the walls, N/m. Source: project specification of the force control, section 4; not in the paper."""
 REFERENCE_N = 50.0
-"""Source: likewise."""
+"""Target force, N. Source: as above."""
 SHOWN_SAMPLES = 60
 
 UNLIMITED: Parameters = (("feedforward_limit_mm", None),)
-"""The paper limits no feedforward, and on a simulated wall none is needed."""
+"""Parameters without a feedforward limit: the paper has none, and on a simulated wall none is needed."""
 PARAMETERS: dict[str, Parameters] = {"fuzzy": (), "fuzzy-adaptive": (), "resolution-aware": UNLIMITED}
 
 SETTLED_STEPS = 0.05
-"""Resolution steps per second below which a mean over seeds counts as rest."""
+"""Resolution steps per second below which a mean over seeds counts as stationary."""
 ABOUT = (
     "The paper says that with a fixed gain matrix the response is overdamped on a soft wall and ends in a limit cycle "
     "on a hard one (Fig. 3), and that adaptation makes it faster with a small overshoot, without the limit cycle (Fig. "
@@ -42,7 +42,7 @@ ABOUT = (
 
 
 def jobs(seeds: int) -> list[PaperJob]:
-    """Every controller on every wall, for noise seeds 0, 1, …"""
+    """Return every controller on every wall, for noise seeds 0, 1, …"""
     return [
         PaperJob(name, parameters, stiffness, REFERENCE_N, seed)
         for name, parameters in PARAMETERS.items()
@@ -52,7 +52,7 @@ def jobs(seeds: int) -> list[PaperJob]:
 
 
 def evaluate(done: Sequence[PaperJob], results: Sequence[PaperRun]) -> Findings:
-    """A row for each controller and wall, and the force over the first samples of the first seed."""
+    """Return a row for each controller and wall, and the force over the first samples of the first seed."""
     groups: dict[tuple[str, float], list[PaperRun]] = {}
     for job, result in zip(done, results, strict=True):
         groups.setdefault((job.controller, job.stiffness), []).append(result)
@@ -67,7 +67,7 @@ def evaluate(done: Sequence[PaperJob], results: Sequence[PaperRun]) -> Findings:
 
 
 def panels(curves: Sequence[Row]) -> list[Panel]:
-    """A panel for each controller, with a line for each wall."""
+    """Return a panel for each controller, with a line for each wall."""
     return [
         Panel(
             name,
@@ -81,13 +81,13 @@ def panels(curves: Sequence[Row]) -> list[Panel]:
 
 
 def _cycling(rows: Sequence[Row]) -> str:
-    """Walls on which the command still moves in steady state, in words."""
+    """Return the walls on which the command still moves in steady state, as text."""
     walls = [row["stiffness_n_m"] for row in rows if figure(row, "steps_per_s") > SETTLED_STEPS]
     return ", ".join(map(digits, walls)) + " N/m" if walls else "no wall"
 
 
 def claims(table: Sequence[Row]) -> tuple[Claim, ...]:
-    """Claims for both figures."""
+    """Return the claims for both figures."""
     fixed, adapted, aware = (rows_where(table, controller=name) for name in PARAMETERS)
     return *_claims_of_fixed(fixed), *_claims_of_adapted(fixed, adapted, aware)
 

@@ -1,4 +1,4 @@
-"""Figs. 7 to 11: tracking a flat sponge and a curved contour through the whole chain."""
+"""Figs. 7 to 11: tracking a flat sponge and a curved contour through the complete chain."""
 
 from collections.abc import Sequence
 
@@ -29,9 +29,9 @@ STIFFNESS = 5000.0
 FLAT_SECONDS, CONTOUR_SECONDS = 20.0, 40.0
 """Chosen: a hundred samples on the flat sponge, more than a period of the contour."""
 SHOWN_SECONDS = 10.0
-"""Part of the flat sponge that the picture shows; nothing new happens later."""
+"""Part of the flat sponge shown in the picture; nothing new happens later."""
 SETTLING_S = 4.0
-"""Time after contact that does not count as tracking. Chosen: more than twice the rise of the slowest."""
+"""Time after contact that does not count as tracking. Chosen: more than twice the slowest rise."""
 ABOUT_FLAT = (
     "The paper shows that the fuzzy controller without adaptation reaches and holds 10 N on a flat sponge of about "
     "5 000 N/m, at 1 mm a sample (Fig. 7), and says that the adaptive controller responds faster and that the "
@@ -51,7 +51,7 @@ ABOUT_CONTOUR = (
 
 
 def jobs(controllers: Sequence[str], contour: bool, seeds: int) -> list[CellJob]:
-    """Every controller over the same sponge, for seeds 1, 2, …"""
+    """Return every controller over the same sponge, for seeds 1, 2, …"""
     return [
         CellJob(
             BEST if name == NORMAL else name,
@@ -70,7 +70,7 @@ def jobs(controllers: Sequence[str], contour: bool, seeds: int) -> list[CellJob]
 
 
 def evaluate(done: Sequence[CellJob], results: Sequence[CellTrace]) -> Findings:
-    """A row for each controller, and the curves of its first seed."""
+    """Return a row for each controller, and the curves of its first seed."""
     groups: dict[str, list[CellTrace]] = {}
     for job, result in zip(done, results, strict=True):
         groups.setdefault(NORMAL if job.follow_normal else job.controller, []).append(result)
@@ -98,7 +98,7 @@ def _row(name: str, traces: Sequence[CellTrace]) -> Row:
 
 
 def _last_estimate(trace: CellTrace) -> float | None:
-    """The stiffness at the end, N/m."""
+    """Return the estimated stiffness at the end, N/m."""
     return float(trace.stiffness[-1]) if trace.stiffness.size and np.isfinite(trace.stiffness[-1]) else None
 
 
@@ -121,7 +121,7 @@ _FORCE = "contact force, N"
 
 
 def panels_flat(curves: Sequence[Row]) -> list[Panel]:
-    """Force over time, and the stiffness estimate where there is one."""
+    """Return panels of the force over time, and of the stiffness estimate if there is one."""
     shown = [row for row in curves if figure(row, "time_s") <= SHOWN_SECONDS]
     panels = [Panel("Force", _TIME, _FORCE, lines_by(shown, "controller", "force_n"), REFERENCE_N)]
     if any(row["stiffness_n_m"] is not None for row in shown):
@@ -131,7 +131,7 @@ def panels_flat(curves: Sequence[Row]) -> list[Panel]:
 
 
 def panels_contour(curves: Sequence[Row]) -> list[Panel]:
-    """Force over time, and the contour that was executed."""
+    """Return panels of the force over time, and of the executed contour."""
     return [
         Panel("Force", _TIME, _FORCE, lines_by(curves, "controller", "force_n"), REFERENCE_N),
         Panel(
@@ -144,7 +144,7 @@ def panels_contour(curves: Sequence[Row]) -> list[Panel]:
 
 
 def claims_flat(table: Sequence[Row]) -> tuple[Claim, ...]:
-    """The flat sponge without and with adaptation."""
+    """Return the claims about the flat sponge, without and with adaptation."""
     fixed, adapted, best = (only_row(table, controller=name) for name in CONTROLLERS)
     holds = abs(figure(fixed, "steady_mean_error_n")) <= STIFFNESS * 0.125e-3
     rise = figure(fixed, "rise_samples")
@@ -166,7 +166,7 @@ def claims_flat(table: Sequence[Row]) -> tuple[Claim, ...]:
 
 
 def claims_contour(table: Sequence[Row]) -> tuple[Claim, ...]:
-    """The contour without and with adaptation."""
+    """Return the claims about the contour, without and with adaptation."""
     fixed, adapted, best = (only_row(table, controller=name) for name in CONTROLLERS)
     error, losses = figure(fixed, "tracking_rms_n"), figure(fixed, "contact_losses")
     ratio, best_ratio = (figure(row, "tracking_rms_n") / error for row in (adapted, best))

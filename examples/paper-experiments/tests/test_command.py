@@ -1,4 +1,4 @@
-"""The command `hil-bridge experiment` from the outside."""
+"""End-to-end tests of the command `hil-bridge experiment`."""
 
 import signal
 import subprocess
@@ -52,7 +52,7 @@ def test_unwritable_places_are_refused_in_one_line_before_any_work(tmp_path, opt
 
 
 def children_of(pid: int) -> list[int]:
-    """Processes that it has begun and that live."""
+    """Return the living child processes of a process."""
     try:
         return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
     except FileNotFoundError:

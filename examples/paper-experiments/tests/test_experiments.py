@@ -1,4 +1,4 @@
-"""Experiments in small: they repeat exactly, and no number of a claim differs from its CSV file."""
+"""Tests of small experiments: they repeat exactly, and the numbers of each claim match the CSV file."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""The step `insert`: search a hole by a spiral, and press the peg into it."""
+"""Step `insert`: search for a hole on a spiral, and press the peg into it."""
 
 import math
 from collections.abc import Iterator
@@ -11,50 +11,51 @@ from hil_bridge.control.steps.seam import NO_LIMITS, Drawing, StepLimits, above_
 from protocol.marks import SettingError
 
 _DEAD_SHARE = 0.3
-"""Chosen: share of the pressing force up to which a force along the plate is taken for friction."""
+"""Chosen: share of the pressing force up to which a force along the plate counts as friction."""
 
 _POINTS = 48
-"""Chosen: points of a turn of the spiral on the plan."""
+"""Chosen: points per turn of the spiral on the plan."""
 
 
 class Memory(NamedTuple):
-    """State of the step from one sample to the next; nothing changes it in place."""
+    """State of the step between samples; immutable."""
 
     way: float = 0.0
-    """Way along the spiral, m."""
+    """Distance along the spiral, m."""
     middle: tuple[float, float] = (0.0, 0.0)
-    """Middle of the spiral, or place in the hole: it yields to forces along the plate; from where the step began, m."""
+    """Centre of the spiral, or position in the hole, from where the step began, m; it yields to forces along the plate.
+    """
     inside: bool = False
-    """The peg has fallen in."""
+    """Whether the peg has dropped into the hole."""
 
 
 @dataclass(frozen=True, slots=True)
 class Insert(LedStep[Memory]):
-    """Press lightly, search a hole by a spiral, and press down into it."""
+    """Press lightly, search for a hole on a spiral, and press down into it."""
 
     depth_mm: float
-    """Depth at which the peg is in, from where the step begins."""
+    """Depth at which the peg is inserted, from the start of the step."""
     do: Literal["insert"] = "insert"
     name: str = ""
-    """Name under which the place of the hole is told; empty for none."""
+    """Name under which the position of the hole is reported; empty for none."""
     radius_mm: float = 5.0
-    """The spiral ends at this distance from where the step begins."""
+    """Radius at which the spiral ends, from the start of the step."""
     spacing_mm: float = 0.8
-    """From one turn of the spiral to the next: at most twice the clearance of peg and hole."""
+    """Distance between two turns of the spiral: at most twice the clearance of peg and hole."""
     fallen_mm: float = 1.5
-    """Depth at which the peg has fallen in, from where the step begins; more than the plate yields."""
+    """Depth at which the peg has dropped into the hole, from the start of the step; more than the plate yields."""
     search_n: float = 4.0
     """Force of the search."""
     force_n: float | None = None
-    """Force in the hole; nothing: that of the task."""
+    """Force in the hole; if not set, the force of the task."""
     yield_mm_ns: float = 0.2
-    """Speed at which the tool yields for each newton along the plate. More than half of 1 / (stiffness in
-    N/mm × time that the robot takes for an order in s) makes it swing.
+    """Speed at which the tool yields per newton along the plate. More than half of 1 / (stiffness in N/mm × time that
+    the robot takes for an order in s) makes it oscillate.
     """
     speed_mm_s: float = 2.0
-    """Speed along the spiral, and the highest at which the tool yields."""
+    """Speed along the spiral, and maximum speed at which the tool yields."""
     for_s: float = 90.0
-    """The step has failed after this time."""
+    """Time after which the step has failed."""
     limits: StepLimits = NO_LIMITS
 
     def __post_init__(self) -> None:
@@ -68,14 +69,14 @@ class Insert(LedStep[Memory]):
 
     @property
     def sketch_mm(self) -> tuple[tuple[float, float], ...]:
-        """The whole spiral."""
+        """Return the complete spiral."""
         turns = self.radius_mm / self.spacing_mm
         whole, points = math.pi * self.radius_mm * turns * 1e-3, math.ceil(turns * _POINTS)
         places = (self._on_spiral(whole * (k / points) ** 2)[0] for k in range(points + 1))
         return tuple((x * 1e3, y * 1e3) for x, y in places)
 
     def check(self, pressing: bool, limits: Limits) -> None:
-        """`force_n` is checked for all steps; the force of the search is this one's own."""
+        """Check the force of the search, which only this step has; `force_n` is checked for all steps."""
         LedStep.check(self, pressing, limits)
         if self.search_n >= limits.force_limit_n:
             raise ValueError(
@@ -83,7 +84,7 @@ class Insert(LedStep[Memory]):
             )
 
     def parameters(self, task: object) -> dict[str, float | None]:
-        """A contact that is lost in the hole is found again on its ground, or on its wall."""
+        """Return the parameters of the phase; contact lost in the hole is regained at its bottom or its wall."""
         return {"speed_mm_s": self.speed_mm_s, "search_depth_limit_mm": self.depth_mm + self.fallen_mm}
 
     # --- in the run
@@ -113,14 +114,14 @@ class Insert(LedStep[Memory]):
         return memory, Lead((u + x, v + y), self.search_n, trouble=trouble)
 
     def _on_spiral(self, way: float) -> tuple[tuple[float, float], float]:
-        """Place at this length of the spiral, m, and its distance from the middle, m."""
+        """Return the position at this distance along the spiral, m, and its distance from the centre, m."""
         turn = self.spacing_mm * 1e-3 / (2.0 * math.pi)
         angle = math.sqrt(2.0 * way / turn)
         radius = turn * angle
         return (radius * math.cos(angle), radius * math.sin(angle)), radius
 
     def _yielding(self, memory: Memory, sample: StepSample) -> Memory:
-        """The middle, away from what pushes along the plate, in both directions, beyond friction."""
+        """Return the centre, moved away from forces along the plate above friction, in both directions."""
         pressed, x, y = sample.force
         length = math.hypot(x, y)
         beyond = length - _DEAD_SHARE * max(pressed, 0.0)

@@ -1,4 +1,4 @@
-"""A level plate with a hole, as the middle of a peg's end feels it. The contact is hil-bridge's own."""
+"""Level plate with a hole, as the centre of a peg's end meets it. The contact model is hil-bridge's own."""
 
 import math
 from dataclasses import dataclass
@@ -19,21 +19,21 @@ from protocol.marks import Mark, SettingError, above, setting
 
 @dataclass(frozen=True, slots=True)
 class PlateWithHole:
-    """The places that the middle of the peg's end cannot have: below the plate, and not within the clearance."""
+    """Positions that the centre of the peg's end cannot have: below the plate, and not within the clearance."""
 
     height: float
     """Height of the plate, m."""
     hole: tuple[float, float]
-    """Middle of the hole, along and across the path, m."""
+    """Centre of the hole, along and across the path, m."""
     clearance: float
-    """Radius of the hole less that of the peg, m."""
+    """Radius of the hole minus radius of the peg, m."""
     deep: float
     """Depth of the hole, m."""
 
     narrows_below: ClassVar[float] = -math.inf
 
     def depth_and_normal(self, along: Floats, across: Floats, height: Floats) -> tuple[Floats, Normal]:
-        """The way out is the shortest: up out of the plate, or up and aside into the hole."""
+        """Return depth and normal for the shortest way out: up out of the plate, or up and sideways into the hole."""
         u, v = along - self.hole[0], across - self.hole[1]
         distance = np.hypot(u, v)
         below, aside, under = (
@@ -56,13 +56,13 @@ class PlateWithHole:
 
 @dataclass(frozen=True, slots=True)
 class PlateProfile(SurfaceProfile):
-    """All settings of hil-bridge's own surface, with another shape: those of its own shapes do nothing."""
+    """All settings of hil-bridge's own surface with another shape; the settings of its own shapes have no effect."""
 
     hole_mm: tuple[float, float] = setting(
-        (3.0, 2.0), Mark.CHOSEN, "middle of the hole, along and across the path", unit="mm"
+        (3.0, 2.0), Mark.CHOSEN, "centre of the hole, along and across the path", unit="mm"
     )
     clearance_mm: float = setting(
-        0.5, Mark.CHOSEN, "radius of the hole less that of the peg", above(0.0), unit="mm"
+        0.5, Mark.CHOSEN, "radius of the hole minus radius of the peg", above(0.0), unit="mm"
     )
     hole_depth_mm: float = setting(10.0, Mark.CHOSEN, "depth of the hole", above(0.0), unit="mm")
 
@@ -84,7 +84,7 @@ class PlateProfile(SurfaceProfile):
 
 
 def make(settings: PlateProfile) -> SurfaceFactory:
-    """Contact, material, friction and faults are those of hil-bridge's own surface."""
+    """Return hil-bridge's own surface, with its contact, material, friction and faults, in this shape."""
     return lambda changed: Contact(settings, changed)
 
 

@@ -1,4 +1,4 @@
-"""The suites for steps and surfaces, and what this step promises beside them."""
+"""Suites for steps and surfaces, and tests of the additional promises of this step."""
 
 import math
 from typing import Any
@@ -47,9 +47,9 @@ def run(robot: str = "egm", **settings: Any) -> Any:
 def test_it_finds_the_hole_and_goes_in_on_a_slow_robot_and_on_a_quick_one(robot: str) -> None:
     result = run(robot)
     assert result.outcome == "completed", result.text
-    told = result.steps[1]
-    assert told.text.startswith("in the hole, 6.")
-    x, y, z = (part * 1e3 for part in told.found)
+    reported = result.steps[1]
+    assert reported.text.startswith("in the hole, 6.")
+    x, y, z = (part * 1e3 for part in reported.found)
     assert math.hypot(x - 898.5, y - 2.0) < 1.1  # the clearance, and what 3 N press into its wall
     assert 583.0 < z < 584.2
     assert max(result.arrays.truths.force[:, 2]) < 12.0

@@ -1,1 +1,1 @@
-"""A PI force controller with anti-windup."""
+"""PI force controller with anti-windup."""

@@ -1,4 +1,4 @@
-"""PI in position form. Its integral follows what was really commanded, so that it does not wind up."""
+"""PI controller in position form. Its integral follows what was actually commanded, so it does not wind up."""
 
 import math
 from dataclasses import dataclass, fields
@@ -10,22 +10,23 @@ from protocol.marks import SettingError
 
 
 class State(NamedTuple):
-    """Memory from one sample to the next; nothing changes it in place."""
+    """Memory between samples; immutable."""
 
     anchor: float | None = None
-    """Commanded position of the first sample in contact, m; None before it."""
+    """Commanded position at the first sample in contact, m; None before contact."""
     integral: float = 0.0
     """Integral part of the command, m."""
     wanted: float = 0.0
-    """Position that the law asked for in the sample before, m, before its own limit and the guard's."""
+    """Position requested by the law at the previous sample, m, before its own limit and the guard's limits."""
 
 
 @dataclass(frozen=True, slots=True)
 class PiTracking:
-    """x = x_0 + K_p·e + ∫ (K_i·e + (x_commanded − x) / T_t) dt, e = f_d − f: a PI whose integral tracks.
+    """PI with a tracking integral: x = x_0 + K_p·e + ∫ (K_i·e + (x_commanded − x) / T_t) dt, e = f_d − f.
 
-    Where the limit of a step or the guard holds the command back, x_commanded stays behind x. The second term of the
-    integral then takes back what could not be used. Source: Åström and Hägglund, PID Controllers, 1995, section 3.5.
+    If the limit of a step or the guard holds the command back, x_commanded differs from x. The second term of the
+    integral then removes the part that could not be used. Source: Åström and Hägglund, PID Controllers, 1995, section
+    3.5.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
@@ -37,13 +38,13 @@ class PiTracking:
     )
 
     proportional_mm_n: float = 0.04
-    """K_p, mm/N: a fifth of the way that a missing force needs on a surface of 5000 N/m."""
+    """K_p, mm/N: a fifth of the distance that a missing force requires on a surface of 5000 N/m."""
     integral_mm_ns: float = 0.4
     """K_i, mm/(N·s)."""
     tracking_time_s: float = 0.36
     """T_t, s: time in which the integral forgets what was not commanded. Two samples."""
     step_limit_mm: float = 1.0
-    """Farthest that the command may move in a sample, either way, mm."""
+    """Maximum motion of the command per sample, in either direction, mm."""
 
     def __post_init__(self) -> None:
         for parameter in fields(self):
@@ -53,11 +54,11 @@ class PiTracking:
                 raise SettingError(parameter.name, f"must be a number of at least {least:g}, got {value}")
 
     def initial(self) -> State:
-        """State before the first sample in contact."""
+        """Return the state before the first sample in contact."""
         return State()
 
     def step(self, state: State, measurement: Measurement, reference: float) -> tuple[State, Command]:
-        """One sample; one that is not finite moves nothing and leaves the state.
+        """Return command and state for one sample; a non-finite sample moves nothing and keeps the state.
 
         Raises ValueError for a reference that is not above 0 N.
         """

@@ -1,4 +1,4 @@
-"""The suite for every controller, and what this one promises beside it."""
+"""Suite for every controller, and tests of the additional promises of this one."""
 
 import pytest
 from pi_controller.control import PiTracking
@@ -7,7 +7,7 @@ import hil_bridge
 from hil_bridge.testing.controllers import *  # noqa: F403
 
 DURATION_S = {"s3": 10.0, "egm": 1.0}
-"""Forty decisions and more after the force is there."""
+"""Duration of at least forty decisions after the force is reached, s."""
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def test_it_comes_to_the_force_on_a_slow_robot_and_on_a_quick_one(robot: str) ->
 
 
 def test_the_integral_does_not_wind_up() -> None:
-    """Held back for a hundred samples, it lets go within three of the force being there."""
+    """Held back for a hundred samples, it recovers within three samples after the force is reached."""
     law, dt = PiTracking(), 0.18
     state, held = law.initial(), 0.01
     for number in range(100):

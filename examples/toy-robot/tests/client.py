@@ -1,6 +1,6 @@
-"""A client of the toy arm that knows nothing of hil-bridge: it moves the tool 20 mm down and up again.
+"""Client of the toy arm that does not use hil-bridge: it moves the tool 20 mm down and up again.
 
-python client.py HOST PORT; `deaf` behind them makes it one that does not look at the stop.
+python client.py HOST PORT; with `deaf` as a third argument it ignores the stop.
 """
 
 import math

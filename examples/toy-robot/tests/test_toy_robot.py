@@ -1,4 +1,4 @@
-"""The suites for robots, the arm in closed loop, and its two ends without a wire."""
+"""Suites for robots, and tests of the arm in closed loop and of its two ends without a wire."""
 
 import sys
 from collections.abc import Callable
@@ -74,11 +74,11 @@ def test_a_client_that_looks_at_the_stop_passes(hil_conform: Callable[..., Any])
 
 def test_orders_are_told_to_a_judge() -> None:
     arm = Arm(FollowedProfile(), START, 0.0)
-    heard: list[ReceivedOrder] = []
-    arm.orders.listener = heard.append
+    received: list[ReceivedOrder] = []
+    arm.orders.listener = received.append
     arm.receive([TARGET.pack(b"AT", 0, *START.position, *START.quaternion)], 0.001)
     arm.receive([TARGET.pack(b"AT", 0, *START.position, float("nan"), 0.0, 0.0, 0.0)], 0.002)
-    assert [(order.act, order.taken) for order in heard] == [(Act.MOTION, True), (Act.UNREADABLE, False)]
+    assert [(order.act, order.taken) for order in received] == [(Act.MOTION, True), (Act.UNREADABLE, False)]
     assert arm.hindrance(0.003) is None
 
 

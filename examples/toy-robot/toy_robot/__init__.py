@@ -1,1 +1,1 @@
-"""A toy arm that knows hil-bridge by its seams alone."""
+"""Toy arm that uses only hil-bridge's public interfaces."""

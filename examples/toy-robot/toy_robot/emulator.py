@@ -1,4 +1,4 @@
-"""The arm itself: it streams its pose, and follows the set points that it is answered with."""
+"""Emulated arm: it streams its pose, and follows the set points in the answers."""
 
 import math
 from collections.abc import Sequence
@@ -14,17 +14,15 @@ from toy_robot.wire import CYCLE_S, HELLO, REPORT, TARGET
 ARM_FAULTS = {
     "robot": {
         "mute": Fault("the arm sends nothing", {}, FOREVER),
-        "emergency-stop": Fault("the arm stands still, and says so", {}, FOREVER),
+        "emergency-stop": Fault("the arm stops, and reports the stop", {}, FOREVER),
     }
 }
 REACH = Reach(CYCLE_S, speed_m_s=0.25, turn_rad_s=1.5)
-"""How fast the arm goes: a set point that is farther from the one before leaps."""
+"""Speed of the arm; a set point farther from the previous one is a leap."""
 
 
 class Arm:
-    """An arm that reports each cycle, and follows the set point that it is answered with: an `EmulatedRobot` and a
-    `ReportingRobot`.
-    """
+    """Arm that reports each cycle and follows the set point in each answer: `EmulatedRobot` and `ReportingRobot`."""
 
     def __init__(self, profile: FollowedProfile, start: StartPose, now: float) -> None:
         self._arm = FollowedArm(profile, Pose(start.position, start.quaternion), now)
@@ -45,7 +43,7 @@ class Arm:
         return self._arm.path.begun_at(target)
 
     def hindrance(self, now: float) -> Hindrance | None:
-        """Why set points do not move it, for `hil-bridge conform` and the panel."""
+        """Return why set points do not move it, for `hil-bridge conform` and the panel."""
         stopped = self._faults.holds("emergency-stop", now)
         return Hindrance("the emergency stop is pressed", by_order=False) if stopped else None
 

@@ -1,4 +1,4 @@
-"""The arm's face: what hil-bridge finds by the name of the entry point."""
+"""Robot kind: the object that hil-bridge finds by the name of the entry point."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +18,7 @@ from toy_robot.wire import CYCLE_S, ArmClient
 
 @dataclass(frozen=True, slots=True)
 class NoSettings:
-    """The arm's client has none."""
+    """Empty settings: the arm's client has none."""
 
 
 FACTS = RobotFacts("toy arm", Pacing.STREAMED, cycle_s=CYCLE_S)

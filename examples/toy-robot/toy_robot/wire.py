@@ -19,11 +19,11 @@ REPORT, TARGET = struct.Struct("<2sI3d4dB"), struct.Struct("<2sI3d4d")
 HELLO = b"AH"
 CYCLE_S = 0.004
 HELLO_AGAIN_S = 0.25
-"""After which the client says hello again when nothing has come. That none came at all is told by its link."""
+"""Time without reports after which the client says hello again, s. If none come at all, the link reports it."""
 
 
 class ArmClient:
-    """The arm's client: an answer to each report."""
+    """Client of the arm: it answers each report."""
 
     def __init__(self, now: float) -> None:
         self._events: deque[StreamEvent] = deque()
@@ -59,13 +59,13 @@ class ArmClient:
             self._hello_at = now + HELLO_AGAIN_S
 
     def begin(self, pose: Pose) -> None:
-        """The arm needs no beginning."""
+        """Do nothing: the arm needs no start."""
 
     def target(self, pose: Pose, now: float) -> None:
         self._out.append(TARGET.pack(b"AT", self._newest, *pose.position, *pose.quaternion))
 
     def hold(self, now: float) -> None:
-        """An arm that gets no answer stays where it is."""
+        """Do nothing: an arm without an answer stays where it is."""
 
     def end(self) -> None:
-        """The arm needs no end."""
+        """Do nothing: the arm needs no end."""

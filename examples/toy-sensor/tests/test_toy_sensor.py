@@ -1,4 +1,4 @@
-"""The suites for sensors, the load cell in closed loop, and its client without a wire."""
+"""Suites for sensors, and tests of the load cell in closed loop and of its client without a wire."""
 
 import pytest
 from toy_sensor.room import SENSOR

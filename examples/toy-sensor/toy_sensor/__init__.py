@@ -1,1 +1,1 @@
-"""A toy load cell that knows hil-bridge by its seams alone."""
+"""Toy load cell that uses only hil-bridge's public interfaces."""

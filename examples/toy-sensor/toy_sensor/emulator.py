@@ -1,4 +1,4 @@
-"""The load cell itself: it samples while it is asked to."""
+"""Emulated load cell: it samples while a client requests it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from toy_sensor.wire import BYE, HELLO, PERIOD_S, RANGE_COUNTS, SAMPLE, SCALES
 
 @dataclass(frozen=True, slots=True)
 class LoadProfile:
-    """Differences between one load cell and the next."""
+    """Properties that differ between load cells of this kind."""
 
     noise_n: float = setting(
         0.02, Mark.CHOSEN, "noise of the forces, root mean square", at_least(0.0), unit="N"
@@ -23,13 +23,13 @@ class LoadProfile:
 
 
 class LoadCell:
-    """A load cell that samples while it is asked to: an `EmulatedSensor`."""
+    """Load cell that samples while a client requests it: an `EmulatedSensor`."""
 
     def __init__(self, profile: LoadProfile, source: WrenchSource, seed: int) -> None:
         noise: Wrench = (*(profile.noise_n,) * 3, *(profile.noise_n / 10.0,) * 3)
         self._wrench = NoisyWrench(source, 1.0 / PERIOD_S, noise, seed)
         self._first: int | None = None
-        """Number of the sample that had the counter 0."""
+        """Number of the sample with the counter 0."""
         self._next = 0
         self._out: list[bytes] = []
         self.endpoint = self

@@ -1,4 +1,4 @@
-"""The load cell's face: what hil-bridge finds by the name of the entry point."""
+"""Sensor kind: the object that hil-bridge finds by the name of the entry point."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +13,7 @@ from toy_sensor.wire import LoadClient
 
 @dataclass(frozen=True, slots=True)
 class NoSettings:
-    """The load cell's client has none."""
+    """Empty settings: the load cell's client has none."""
 
 
 async def connect_load(

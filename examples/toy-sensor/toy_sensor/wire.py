@@ -28,12 +28,12 @@ SAMPLE = struct.Struct("<2sI6iB")
 HELLO, BYE = b"LH", b"LB"
 PERIOD_S = 0.002
 HELLO_AGAIN_S = 0.25
-"""After which the client says hello again when nothing has come."""
+"""Time without samples after which the client says hello again, s."""
 HELLOS = 40
-"""After which it gives up."""
+"""Number of hellos after which the client gives up."""
 RANGE_COUNTS = 200_000
 SCALES: Wrench = (1e-3, 1e-3, 1e-3, 1e-4, 1e-4, 1e-4)
-"""N and N·m for one count."""
+"""N and N·m per count."""
 FACTS = SensorFacts(
     model="toy load cell",
     scales=SCALES,
@@ -46,7 +46,7 @@ FACTS = SensorFacts(
 
 
 class LoadClient:
-    """The load cell's client: it keeps the zero that the load cell has not."""
+    """Client of the load cell: it keeps the zero, which the load cell does not have."""
 
     stop_patience = 0.0
 

@@ -1,4 +1,4 @@
-"""The suite for surfaces; the plate pushes as a spring, and the loop closes over it."""
+"""Suite for surfaces, and tests that the plate acts as a spring and that the loop closes over it."""
 
 import numpy as np
 import pytest

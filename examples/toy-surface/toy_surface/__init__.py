@@ -1,1 +1,1 @@
-"""A toy surface that knows hil-bridge by its seams alone."""
+"""Toy surface that uses only hil-bridge's public interfaces."""

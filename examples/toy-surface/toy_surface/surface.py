@@ -1,4 +1,4 @@
-"""A level plate on springs: the shortest surface that a tool can press on."""
+"""Level plate on springs: the shortest surface that a tool can press on."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,17 +13,17 @@ from protocol.marks import Mark, above, check_settings, setting
 
 @dataclass(frozen=True, slots=True)
 class SpringProfile:
-    """A level plate on springs."""
+    """Settings of a level plate on springs."""
 
     height_mm: float = setting(590.0, Mark.CHOSEN, "height of the plate", unit="mm")
-    stiffness_n_mm: float = setting(5.0, Mark.CHOSEN, "its stiffness", above(0.0), unit="N/mm")
+    stiffness_n_mm: float = setting(5.0, Mark.CHOSEN, "stiffness of the springs", above(0.0), unit="N/mm")
 
     def __post_init__(self) -> None:
         check_settings(self)
 
 
 class Spring:
-    """The plate: a contact model without memory."""
+    """Plate on springs: a contact model without memory."""
 
     remembered_until = None
 
@@ -40,7 +40,7 @@ class Spring:
         return self
 
     def rewind(self, time: float) -> None:
-        """Nothing is remembered."""
+        """Do nothing: there is no memory."""
 
 
 def make_spring(settings: SpringProfile) -> SurfaceFactory:
